@@ -24,6 +24,7 @@ _COPY_CODECS = {
 _ENCODERS = {"mp4": "aac", "webm": "libopus", "mov": "aac"}
 _LAYOUTS = {1: "mono", 6: "5.1", 8: "7.1"}
 _OPUS = "webm"
+_MP4_MIN_MP3_HZ = 16_000
 _USUAL_HZ = 48_000
 
 
@@ -52,7 +53,7 @@ class AudioOutput:
         self._last_s = Fraction(-1)
         self._resampler: av.AudioResampler | None = None
         self._resampled: tuple[str, str, int] | None = None
-        self._is_copied = source.codec_context.name in _COPY_CODECS[name]
+        self._is_copied = _can_copy(name, source)
         if self._is_copied:
             self._stream = output.add_stream_from_template(source)
             return
@@ -151,6 +152,15 @@ class AudioOutput:
 def damage_text(error: Exception) -> str:
     """What is wrong with audio, by an error of FFmpeg's or PyAV's."""
     return getattr(error, "strerror", None) or str(error)
+
+
+def _can_copy(container: str, source: AudioStream) -> bool:
+    """Whether a container takes audio as it is."""
+    context = source.codec_context
+    codec = context.codec.canonical_name  # the context's name is the decoder's, such as mp3float
+    if (container, codec) == ("mp4", "mp3") and context.sample_rate < _MP4_MIN_MP3_HZ:
+        return False  # MPEG-4 knows the rates of MPEG-1 and MPEG-2 only
+    return codec in _COPY_CODECS[container]
 
 
 def _supported_hz(container: str, wanted_hz: int) -> int:

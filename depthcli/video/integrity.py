@@ -10,7 +10,8 @@ from depthcli.video.container import open_video
 from depthcli.video.pipes import InputPipe
 from depthcli.video.truncation import HEAD_BYTES, ends_within_packet, is_truncated
 
-_EBML = b"\x1aE\xdf\xa3"
+EBML = b"\x1aE\xdf\xa3"
+"""The first bytes of every Matroska and WebM."""
 _SEGMENT = b"\x18S\x80g"
 _CHECKED_BY_DEMUXING = (b"OggS", b"\x30\x26\xb2\x75")
 _SLICE_FOOTER_BYTES = 8  # bytes: three of the slice's size, one of its state, four of its checksum
@@ -35,15 +36,15 @@ def is_incomplete(source: Path | InputPipe) -> bool:
         head = file.read(HEAD_BYTES)
         if is_truncated(file, head):
             return True
-    if head.startswith(_EBML) and matroska_end(head) > path.stat().st_size:
+    if head.startswith(EBML) and matroska_end(head) > path.stat().st_size:
         return True
-    return head.startswith((_EBML, *_CHECKED_BY_DEMUXING)) and _has_demuxing_errors(path)
+    return head.startswith((EBML, *_CHECKED_BY_DEMUXING)) and _has_demuxing_errors(path)
 
 
 def matroska_end(head: bytes) -> int:
     """The size that Matroska or WebM states, by its first bytes; 0 if it states none."""
     before, _, segment = head.partition(_SEGMENT)
-    if not (before.startswith(_EBML) and segment):
+    if not (before.startswith(EBML) and segment):
         return 0
     length = 9 - segment[0].bit_length()  # of the number, by its leading zeros
     unknown = (1 << 7 * length) - 1

@@ -9,6 +9,7 @@ from av.video.stream import VideoStream
 
 from depthcli.video.rates import FALLBACK_RATE, exact_rate
 from depthcli.video.time_code import TimeCode, header_time_code
+from depthcli.video.truncation import AVI_UNKNOWN_FRAMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +36,13 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
         length_s = stream.duration * time_base
     elif container.duration:
         length_s = Fraction(container.duration, av.time_base)
+    is_unknown = container.format.name == "avi" and stream.frames == AVI_UNKNOWN_FRAMES
     return StreamInfo(
         rate=rate,
         is_rate_stated=stated is not None,
         is_constant=is_constant,
         time_base=time_base,
         tick_s=Fraction(1, rate.numerator) if is_constant else time_base,
-        frames=stream.frames or round(length_s * rate) or None,
+        frames=None if is_unknown else stream.frames or round(length_s * rate) or None,
         time_code=header_time_code(container, stream, rate),
     )

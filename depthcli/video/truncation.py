@@ -14,6 +14,10 @@ _ASF_FILE_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 _ASF_SIZE = slice(40, 48)  # bytes of the properties
 _OGG, _OGG_END, _OGG_HEADER, _OGG_PAGE = b"OggS", 4, 27, 65_307
 _GIF_FLAGS = 10
+AVI_UNKNOWN_FRAMES = 1 << 30
+"""The length that FFmpeg states in an AVI that it writes into a pipe."""
+_AVI_UNKNOWN_SIZE = b"\xff" * 4
+_AVI_LENGTH = slice(36, 40)  # bytes after "strh", which begins the header of a stream
 _TS_PACKETS = ((0, 188), (4, 192))
 """Of transport streams: offset of the sync byte and length of a packet."""
 _TS_SYNC_BYTE = 0x47
@@ -35,7 +39,7 @@ def is_truncated(file: BinaryIO, head: bytes) -> bool:
     if head[4:8] in _MP4_FIRST_BOXES:
         return _mp4_end(file, size) > size
     if head.startswith(b"RIFF"):
-        return int.from_bytes(head[4:8], "little") + 8 > size
+        return int.from_bytes(head[4:8], "little") + 8 > size and not _has_unstated_size(head)
     if head.startswith(_ASF):
         properties = head[head.find(_ASF_FILE_PROPERTIES) :]
         return (
@@ -54,6 +58,15 @@ def ends_within_packet(head: bytes, size: int) -> bool:
     """Whether a transport stream, by its first bytes and its size, ends within a packet."""
     lengths = (n for at, n in _TS_PACKETS if head[at::n].strip(bytes([_TS_SYNC_BYTE])) == b"")
     return bool(head) and any(size % length for length in lengths)
+
+
+def _has_unstated_size(head: bytes) -> bool:
+    """Whether an AVI was written where its size could not be filled in, such as into a pipe.
+
+    If the writing was interrupted instead, its streams have a length of 0.
+    """
+    _, _, stream = head.partition(b"strh")
+    return head[4:8] == _AVI_UNKNOWN_SIZE and any(stream[_AVI_LENGTH])
 
 
 def _has_gif_trailer(file: BinaryIO) -> bool:

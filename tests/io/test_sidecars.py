@@ -145,6 +145,27 @@ def test_the_scale_of_a_frame_is_that_of_its_video_s_sidecar(tmp_path: Path) -> 
     assert read_stored_depth(path).scale == (1000, "assumed")
 
 
+@pytest.mark.parametrize(
+    ("name", "sidecar", "numbers", "is_of_it"),
+    [
+        ("a.0001.v003.npy", "a.json", {"1": 0.5}, True),
+        ("a.0001.v003.npy", "a.json", {"3": 0.5}, False),
+        ("a.0001.v003.npy", "a.json", None, False),  # of one picture
+        ("a.0001.v003.npy", "a.0001.v.json", {"3": 0.5}, True),
+        ("a.0001.v003.npy", "sequence.json", {"1": 0.5}, False),
+        ("a.0001.000003.npy", "a.json", {"1": 0.5}, True),
+    ],
+)
+def test_the_number_of_a_frame_can_be_before_another_one(
+    name: str, sidecar: str, numbers: dict[str, float] | None, is_of_it: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    np.save(path, DEPTH_M)
+    facts = {"software": "depthcli 0.10.0", "frames": 9, "kind": "inverse", "times_s": numbers}
+    (tmp_path / sidecar).write_text(json.dumps(facts))
+    assert (read_depth(path).kind is DepthKind.INVERSE) is is_of_it
+
+
 def test_a_png_s_own_scale_comes_before_that_of_its_sidecar(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     Png16Writer().write(DEPTH, path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import json
 import os
@@ -173,6 +174,60 @@ def test_videos_and_numbered_pictures_go_from_bucket_to_bucket(
         bucket.put(f"plates/p.{number:04}.png", write_picture(tmp_path / "p.png").read_bytes())
     assert list(video(plates).numbers) == [1, 2]
     assert len(results_in(bucket, "p/")) == 2
+
+
+class Stop:
+    """A Progress that ends the run after some frames, not bytes."""
+
+    def __init__(self, last: int) -> None:
+        self._left = last
+
+    def begin(self, _what: str, _total: int | None, unit: str = "") -> Callable[[int], None]:
+        return self._advance if unit == "frames" else lambda _count: None
+
+    def _advance(self, count: int) -> None:
+        self._left -= count
+        if self._left <= 0:
+            raise KeyboardInterrupt
+
+
+def test_a_video_from_a_bucket_goes_on_where_it_was_stopped(
+    tmp_path: Path, loader: SessionLoader, bucket: Bucket
+) -> None:
+    clip = write_video(tmp_path / "clip.avi", flat_frames(range(24)))
+    uri = bucket.put("in/clip.avi", clip.read_bytes())
+    out = tmp_path / "out"
+    formats = (VideoFormat.NPY, VideoFormat.MP4)
+    request = VideoRequest(uri, f"{out}/", formats, model=loader, workers=2)
+    with pytest.raises(KeyboardInterrupt):
+        video(request, Stop(9))
+    # Not the first frames, which are predicted while the report waits for one.
+    names = [f"clip.depth.{number:06}.npy" for number in range(6, 9)]
+    written_ns = [(out / name).stat().st_mtime_ns for name in names]
+    with pytest.raises(KeyboardInterrupt):
+        video(request, Stop(12))
+    assert [(out / name).stat().st_mtime_ns for name in names] == written_ns
+    # Other content is another video.
+    bucket.put("in/clip.avi", write_video(clip, flat_frames(range(9, 33))).read_bytes())
+    assert video(request).frames == 24
+    assert video(dataclasses.replace(request, output=f"{tmp_path}/whole/")).frames == 24
+    assert outputs(out) == outputs(tmp_path / "whole")
+
+
+def test_an_unfinished_depth_video_is_that_of_the_same_download(
+    tmp_path: Path, loader: SessionLoader, bucket: Bucket
+) -> None:
+    clip = write_video(tmp_path / "clip.avi", flat_frames(range(24)))
+    request = VideoRequest(
+        bucket.put("clip.avi", clip.read_bytes()), f"{tmp_path}/out/", model=loader
+    )
+    found = set()
+    for last in (9, 12):
+        with pytest.raises(KeyboardInterrupt):
+            video(request, Stop(last))
+        (unfinished,) = (tmp_path / "out").iterdir()
+        found.add(unfinished.name.rpartition("-")[0])
+    assert len(found) == 1
 
 
 def batch(folder: Path, source: str, out: str, shard: Shard = WHOLE) -> BatchRequest:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from tiny import write_model
+from tiny import write_model, write_picture
 from videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
 
 import depthcli
@@ -356,6 +356,20 @@ def test_a_folder_in_the_place_of_an_output_is_an_error(
     (clip.parent / name).mkdir()
     with pytest.raises(OutputError, match="is a folder"):
         video(VideoRequest(str(clip), model=loader))
+
+
+def test_empty_names_are_not_the_working_directory(
+    clip: Path, tmp_path: Path, loader: SessionLoader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(3):
+        write_picture(tmp_path / "shot" / f"{number:04}.png")
+    monkeypatch.chdir(tmp_path / "shot")
+    with pytest.raises(InputError, match="name is empty; is a variable of the command not set"):
+        video(VideoRequest("", model=loader))
+    for formats in ((), (VideoFormat.MKV,), (VideoFormat.PNG16,)):
+        with pytest.raises(UsageError, match="-o is empty; name a file or a folder, or omit -o"):
+            video(VideoRequest(str(clip), "", formats, model=loader))
+    assert files(tmp_path / "shot") == {"0000.png", "0001.png", "0002.png"}
 
 
 @pytest.mark.parametrize("which", [VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16])
@@ -764,6 +778,9 @@ def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smoot
     [
         ("d.%04d.npy", "d.json"),
         ("left_#####_depth.npy", "left.json"),
+        ("d.%04d.v003.npy", "d.json"),
+        ("2_%04d_of_9.v1.npy", "2.json"),
+        ("%04d.v003.npy", "sequence.json"),
         ("%d.npy", "sequence.json"),
     ],
 )

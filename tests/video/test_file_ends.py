@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from av.container import OutputContainer
+
 
 def write_at(path: Path, places: Sequence[int]) -> Path:
     """Motion JPEG at multiples of 1/25 s; AVI has a chunk without data for each of the others."""
@@ -57,6 +59,55 @@ def test_dropped_frames_of_an_avi_are_no_missing_end(tmp_path: Path) -> None:
         assert source.frames_stated == 46
         assert len(list(source.frames())) == 40
         assert source.problem is None
+
+
+def write_avi(file: OneWay | str, count: int) -> OutputContainer:
+    """Motion JPEG in a file that is not closed yet."""
+    output = av.open(file, "w", format="avi")
+    stream = output.add_stream("mjpeg", rate=25)
+    stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
+    noise = np.random.default_rng(0)
+    for index in range(count):
+        pixels = noise.integers(0, 256, (48, 64, 3), np.uint8)
+        frame = av.VideoFrame.from_ndarray(pixels, "rgb24")
+        frame.pts, frame.time_base = index, Fraction(1, 25)
+        output.mux(stream.encode(frame))
+    output.mux(stream.encode(None))
+    return output
+
+
+class OneWay:
+    """A pipe to write into."""
+
+    def __init__(self) -> None:
+        self.data = b""
+
+    def write(self, data: bytes) -> int:
+        self.data += data
+        return len(data)
+
+
+def test_an_avi_from_a_pipe_states_no_end(tmp_path: Path) -> None:
+    pipe, path = OneWay(), tmp_path / "a.avi"
+    write_avi(pipe, 12).close()
+    assert pipe.data[4:8] == b"\xff" * 4
+    path.write_bytes(pipe.data)
+    with VideoSource(path) as source:
+        assert source.frames_stated is None
+        assert len(list(source.frames())) == 12
+        assert source.problem is None
+
+
+def test_an_avi_whose_writing_was_interrupted_is_incomplete(tmp_path: Path) -> None:
+    path = tmp_path / "a.avi"
+    output = write_avi(str(path), 300)
+    path.with_name("cut.avi").write_bytes(path.read_bytes())
+    output.close()
+    assert not is_incomplete(path)
+    with VideoSource(path.with_name("cut.avi")) as source:
+        assert 0 < len(list(source.frames())) < 300
+        assert source.problem is not None
+        assert "it is truncated or damaged: it ends after" in source.problem
 
 
 @pytest.mark.parametrize("trailer", [b"CAMERA TRAILER, MODEL 1", b"\xff" * 40, b"abc"])

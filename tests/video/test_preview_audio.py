@@ -89,6 +89,20 @@ def test_rates_that_an_encoder_does_not_take_are_resampled(
     assert end_s == pytest.approx(4, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("suffix", "rate", "expected"),
+    [(".mp4", 22_050, "mp3float"), (".mp4", 11_025, "aac"), (".mov", 11_025, "mp3float")],
+)
+def test_mp3_is_copied_where_the_container_knows_its_rate(
+    suffix: str, rate: int, expected: str, tmp_path: Path
+) -> None:
+    source = with_sound(tmp_path / "a.avi", "mp3", rate=rate)
+    assert write_preview(tmp_path / f"p{suffix}", source) == ()
+    count, name, found, end_s = pictures_and_sound(tmp_path / f"p{suffix}")
+    assert (count, name, found) == (100, expected, rate)
+    assert end_s == pytest.approx(4, abs=0.15)
+
+
 def test_a_full_disk_is_no_damage_of_the_audio(tmp_path: Path) -> None:
     if not os.path.exists("/dev/full"):  # noqa: PTH110 - a device
         pytest.skip("no /dev/full here")

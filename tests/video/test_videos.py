@@ -810,6 +810,9 @@ def heard(path: Path) -> tuple[str, float, float]:
         ("a.mkv", "libopus", "p.webm", "opus"),
         ("a.mp4", "aac", "p.webm", "opus"),
         ("a.mkv", "pcm_s16le", "p.mov", "pcm_s16le"),
+        ("a.avi", "mp3", "p.mp4", "mp3float"),  # the decoder of MP3
+        ("a.mkv", "mp3", "p.mov", "mp3float"),
+        ("a.mkv", "mp3", "p.webm", "opus"),
     ],
 )
 @pytest.mark.parametrize("begin_s", [0, 7])

@@ -17,8 +17,8 @@ from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.metadata import ORIGIN_FIELDS
 
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
-_FRAME_NAME = re.compile(r"(.*?)([._\- ]*)(\d+)(\D*)", re.ASCII | re.DOTALL)
-_MIN_DIGITS = 6  # of the names that depthcli chooses
+_NUMBER = re.compile(r"[._\- ]*(\d+)", re.ASCII)
+_DEFAULT_NUMBER = re.compile(r"\.\d{6,}", re.ASCII)  # the end of a name that depthcli chose
 _SHARED = (
     *("software", "kind", "orientation", "time_s", "network_size_px", "anchors"),
     *ORIGIN_FIELDS,
@@ -67,19 +67,19 @@ def _find_sidecar(path: Path) -> _Sidecar | None:
     own = path.with_suffix(".json")
     if fields := _read_sidecar(own):
         return _Sidecar(own, fields)
-    name = _FRAME_NAME.fullmatch(own.stem)
-    if name is None:
-        return None
-    base, separator, digits, end = name.groups()
-    shared = own.with_stem(base or "sequence")
-    fields = _read_sidecar(shared)
-    times_s = fields.pop("times_s", None)
-    if isinstance(times_s, dict):
-        time_s = times_s.get(str(int(digits)))
-        return None if time_s is None else _Sidecar(shared, fields | {"time_s": time_s})
-    # of version 0.6 and before
-    is_default = separator == "." and len(digits) >= _MIN_DIGITS and not end
-    return _Sidecar(shared, fields) if fields and is_default else None
+    # The frame's number is not always the last one: d.0001.v003.npy.
+    for found in reversed(list(_NUMBER.finditer(own.stem))):
+        shared = own.with_stem(own.stem[: found.start()] or "sequence")
+        fields = _read_sidecar(shared)
+        times_s = fields.pop("times_s", None)
+        if isinstance(times_s, dict):
+            time_s = times_s.get(str(int(found[1])))
+            if time_s is not None:
+                return _Sidecar(shared, fields | {"time_s": time_s})
+        # Of version 0.6 and before:
+        elif fields and _DEFAULT_NUMBER.fullmatch(own.stem, found.start()):
+            return _Sidecar(shared, fields)
+    return None
 
 
 def _read_sidecar(path: Path) -> dict[str, object]:

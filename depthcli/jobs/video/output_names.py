@@ -26,8 +26,11 @@ def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[Vid
     """The formats to write: the requested ones, else that of the output's suffix, else the default.
 
     Raises:
-        UsageError: the output is a file whose suffix is of no format, or JSON is the only format.
+        UsageError: the output is empty, or a file whose suffix is of no format, or JSON is the only
+            format.
     """
+    if output == "":
+        raise UsageError("-o is empty; name a file or a folder, or omit -o")
     if output is not None and is_pattern(path_of(output).name) and not is_folder(output):
         chosen: tuple[VideoFormat, ...] = (_format_of_pattern(output, asked),)
     elif asked:

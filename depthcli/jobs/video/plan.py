@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import RemotePath, check_writable, path_of, safe_name
 from depthcli.jobs.video.base_names import video_base
@@ -30,6 +30,10 @@ class VideoPlan:
     codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)  #: of the previews
     has_audio: bool = True  #: whether previews include the audio
     stdout: BinaryIO | None = None  #: the stream for ``-``
+    #: whether the depth video may replace one of another program: its name is not depthcli's choice
+    may_replace: bool = True
+    #: SHA-256 of a source that is a temporary copy, which its path and its time do not identify
+    sha256: str | None = None
 
     def path(self, which: VideoFormat) -> Path:
         """The output path of a format."""
@@ -46,13 +50,17 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     """Name every output before anything is read.
 
     Raises:
-        UsageError: the output's suffix is of no format, a sequence is to go into one file or a
-            pipe, an output is the video itself, or a codec is for another container.
+        InputError: the video's name is empty.
+        UsageError: the output is empty, its suffix is of no format, a sequence is to go into one
+            file or a pipe, an output is the video itself, or a codec is for another container.
     """
     name, output = request.video, request.output
+    if not name:  # as a path, it would be the working directory
+        raise InputError("the input's name is empty; is a variable of the command not set?")
     formats = video_formats(output, request.formats)
     source, file = _source(name, request.stdin), None if name == STDIO else path_of(name)
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if request.sidecar else formats))
+    may_replace = output == STDIO
     if output == STDIO:
         folder, names = Path(), _stdout_name(wanted, request.stdout)
     elif output is None or is_output_folder(output):
@@ -62,11 +70,14 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     else:
         folder = path_of(output).parent
         names = file_names(path_of(output), formats, wanted)
+        may_replace = names.get(VideoFormat.MKV) == path_of(output).name
     asked = None if request.codec is None else Codec(request.codec)
     previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
     codecs = {which: preview_codec(f".{which}", asked) for which in previews}
     stdout = request.stdout if output == STDIO else None
-    plan = VideoPlan(safe_name(name), source, folder, names, codecs, request.has_audio, stdout)
+    plan = VideoPlan(
+        safe_name(name), source, folder, names, codecs, request.has_audio, stdout, may_replace
+    )
     for which in names:
         check_writable(plan.path(which))
         if _is_the_video(plan.path(which), file, request.stdin):

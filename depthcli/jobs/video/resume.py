@@ -157,7 +157,7 @@ def _origin(
     card = pipeline.card
     return fingerprint(
         __version__,
-        [(path, state.st_size, state.st_mtime_ns) for path, state in states],
+        plan.sha256 or [(path, state.st_size, state.st_mtime_ns) for path, state in states],
         plan.names,
         pipeline.session.model.sha256,
         pipeline.session.provider,

@@ -1,5 +1,6 @@
 """Predicting the depth of a video, as ``depthcli video`` does."""
 
+import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -54,4 +55,6 @@ def _local_plan(plan: VideoPlan, progress: Progress) -> Iterator[VideoPlan]:
         yield plan
         return
     with local_copy(plan.source, progress) as copy:
-        yield replace(plan, source=copy)
+        with copy.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        yield replace(plan, source=copy, sha256=sha256)

@@ -27,6 +27,7 @@ from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_source import open_frames
 from depthcli.video.frames import FrameSource
 from depthcli.video.output import DepthFrame, VideoOutput
+from depthcli.video.own_videos import check_replaceable_video
 
 _ON_GRID = 1e-6
 
@@ -49,7 +50,7 @@ def write_video(
         UsageError: the options do not fit the model.
     """
     start_s = time.perf_counter()
-    _refuse_folders(plan)
+    _check_replaceable(plan)
     limit = PictureLimit(settings.max_pixels, settings.detail)
     with (
         open_frames(
@@ -90,12 +91,14 @@ def write_video(
     return dataclasses.replace(done, seconds=seconds, warnings=(*done.warnings, *warnings))
 
 
-def _refuse_folders(plan: VideoPlan) -> None:
+def _check_replaceable(plan: VideoPlan) -> None:
     for which in plan.names:
         if plan.path(which).is_dir():
             raise OutputError(
                 f"{plan.path(which)} is a folder; move it away or choose another --out"
             )
+        if which is VideoFormat.MKV and not plan.may_replace:
+            check_replaceable_video(plan.path(which))
 
 
 def _sidecar(plan: VideoPlan, inputs: Sequence[Path], stack: ExitStack) -> Path | None:

@@ -1,0 +1,113 @@
+"""Depth videos of other programs, at names that depthcli chose for its own."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import pytest
+from tiny import write_model
+from videos import flat_frames, write_mp4, write_video
+
+from depthcli.errors import OutputError
+from depthcli.inference.loading import SessionLoader
+from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.run import video
+from depthcli.video.depth import DepthVideo
+from depthcli.video.formats import VideoFormat
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from stores import Bucket, Faults
+
+BOTH = (VideoFormat.MKV, VideoFormat.MP4)
+
+
+@pytest.fixture
+def loader(tmp_path: Path) -> SessionLoader:
+    return SessionLoader(write_model(tmp_path / "model"), "cpu")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with a clip and a video of another program."""
+    write_mp4(tmp_path / "in" / "clip.mp4", flat_frames(range(3)))
+    write_video(tmp_path / "in" / "clip.depth.mkv", flat_frames(range(9)))
+    return tmp_path / "in"
+
+
+@pytest.mark.parametrize(
+    ("output", "formats"),
+    [(None, ()), ("", (VideoFormat.MKV,)), ("clip.mkv", BOTH), ("clip.preview.mp4", BOTH)],
+)
+def test_it_is_not_replaced(
+    output: str | None, formats: tuple[VideoFormat, ...], folder: Path, loader: SessionLoader
+) -> None:
+    place = folder / "clip.depth.mkv"
+    before = place.read_bytes()
+    asked = None if output is None else f"{folder}/{output}"
+    request = VideoRequest(str(folder / "clip.mp4"), asked, formats, model=loader)
+    with pytest.raises(OutputError) as caught:
+        video(request)
+    assert str(caught.value) == (
+        f"{place} exists and was not written by depthcli; remove it or choose another output"
+    )
+    assert {path.name for path in folder.iterdir()} == {"clip.mp4", "clip.depth.mkv"}
+    assert place.read_bytes() == before
+    # Neither Matroska, nor whole, nor new: what is replaced as before.
+    for damaged in (b"no video", b"", bytes(9000)):
+        place.write_bytes(damaged)
+        assert video(request).frames == 3
+        whole = place.read_bytes()
+        place.write_bytes(whole[: len(whole) // 2])
+        assert video(request).frames == 3
+        assert place.read_bytes() == whole
+
+
+@pytest.mark.parametrize("formats", [(), (VideoFormat.MKV,), BOTH])
+def test_it_is_replaced_if_the_user_names_it(
+    formats: tuple[VideoFormat, ...], folder: Path, loader: SessionLoader
+) -> None:
+    place = folder / "clip.depth.mkv"
+    video(VideoRequest(str(folder / "clip.mp4"), str(place), formats, model=loader))
+    assert DepthVideo(place).labels["unit"] == "mm"
+
+
+def test_it_is_not_replaced_in_a_bucket(
+    folder: Path, loader: SessionLoader, bucket: Bucket
+) -> None:
+    sensor = (folder / "clip.depth.mkv").read_bytes()
+    name = bucket.put("clip.depth.mkv", sensor)
+    request = VideoRequest(str(folder / "clip.mp4"), bucket.uri(), model=loader)
+    with pytest.raises(OutputError, match=f"^{name} exists and was not written by depthcli"):
+        video(request)
+    assert bucket.objects() == {"clip.depth.mkv": sensor}
+    bucket.client.delete_object(Bucket=bucket.name, Key="clip.depth.mkv")
+    for _ in range(2):  # its own is replaced
+        assert video(request).frames == 3
+    assert len(bucket.names()) == 2
+
+
+def test_a_store_that_does_not_answer_gets_no_video(
+    folder: Path, loader: SessionLoader, bucket: Bucket, faults: Faults
+) -> None:
+    request = VideoRequest(str(folder / "clip.mp4"), bucket.uri(), (VideoFormat.MKV,), model=loader)
+    for answer, is_written in (("500 InternalError", False), ("403 AccessDenied", True)):
+        faults.fault = lambda method, path, _, answer=answer: (
+            answer if method == "GET" and path.endswith(".mkv") else None
+        )
+        if is_written:
+            assert video(request).frames == 3
+        else:
+            with pytest.raises(OutputError, match=r"cannot write .*clip\.depth\.mkv"):
+                video(request)
+        assert bool(bucket.names()) is is_written
+
+
+def test_a_pipe_is_refused_without_reading_it(folder: Path, loader: SessionLoader) -> None:
+    place = folder / "clip.depth.mkv"
+    place.unlink()
+    os.mkfifo(place)
+    with pytest.raises(OutputError, match="is a device or a pipe and is not replaced"):
+        video(VideoRequest(str(folder / "clip.mp4"), model=loader))
