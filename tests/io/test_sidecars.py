@@ -163,7 +163,7 @@ def test_the_number_of_a_frame_can_be_before_another_one(
     np.save(path, DEPTH_M)
     facts = {"software": "depthcli 0.10.0", "frames": 9, "kind": "inverse", "times_s": numbers}
     (tmp_path / sidecar).write_text(json.dumps(facts))
-    assert (read_depth(path).kind is DepthKind.INVERSE) is is_of_it
+    assert (read_stored_depth(path).depth.kind is DepthKind.INVERSE) is is_of_it
 
 
 def test_a_png_s_own_scale_comes_before_that_of_its_sidecar(tmp_path: Path) -> None:

@@ -64,7 +64,9 @@ class VideoWorker:
         options, out = self.pictures.options, self.pictures.out
         name = task.input.name
         names = {which: path.name for which, path in task.outputs.items()}
-        plan = VideoPlan(name, source, (out / name).parent, names)
+        may_replace = task.earlier is not None and task.has_names
+        folder = (out / name).parent
+        plan = VideoPlan(name, source, folder, names, may_replace=may_replace, sha256=sha256)
         settings = VideoSettings(
             writing=options.writing,
             camera=options.camera.with_lens(task.lens),
