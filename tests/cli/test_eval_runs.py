@@ -7,7 +7,6 @@ import json
 import math
 import shutil
 import statistics
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +15,6 @@ import cv2
 import numpy as np
 import pytest
 from lightning_fabric import Fabric
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import Rooms, rooms, write_rooms
 
 from depthcli.cli.app import main

@@ -7,12 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from command_line import unmeasured
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 from runs import ENVIRONMENT, inside
 
@@ -20,6 +18,9 @@ from depthcli.cli.app import main
 from depthcli.cli.commands.train_all import _forwarded_options, _queue_request
 from depthcli.cli.loading import plain_command
 from depthcli.training.checkpoint import Checkpoint
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 TINY = """
 [generator]

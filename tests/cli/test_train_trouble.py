@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -16,14 +15,14 @@ import numpy as np
 import pytest
 import torch
 from command_line import unmeasured
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 from runs import ENVIRONMENT, finished, inside, same, saved
 
 from depthcli.training.callbacks import Callback
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from depthcli.training.checkpoint import RunProgress
 
 SMALL = """

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import pytest
 import torch
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import EFFICIENT, write_rooms
 
 from depthcli.errors import CheckpointError
@@ -21,6 +17,7 @@ from depthcli.training.callbacks import Callback
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 CAMERAS = "id,focal_px\n" + "".join(f"room{i:04d},60\n" for i in range(6))
 

@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING
 import cv2
 import pytest
 import torch
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 
 from depthcli.datasets.training_data import open_training_data
