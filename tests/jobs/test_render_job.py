@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from command_line import Cli
+from watched import Watched
 
 from depthcli.cli.shell import run
 from depthcli.core.camera import Lens
@@ -71,16 +72,10 @@ def test_a_folder_holds_a_hundred_rooms_and_those_that_are_missing_are_told(
         for path in (f"rgb/0000/{number:06}.jpg", f"depth/0000/{number:06}.png"):
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / path).touch()
-    told: list[object] = []
-
-    class Told:
-        def begin(self, *what: object) -> object:
-            told.append(what)
-            return told.append
-
+    watched = Watched()
     (tmp_path / "rooms.json").write_text(json.dumps({"version": VERSION, **SETTINGS._asdict()}))
-    rendered = render(RenderRequest(tmp_path, 102, SETTINGS), Told())  # type: ignore[arg-type]
-    assert (rendered, told) == (2, [("", 2, "rooms"), 1, 1])
+    rendered = render(RenderRequest(tmp_path, 102, SETTINGS), watched)
+    assert (rendered, watched.begun, watched.counts) == (2, [("", 2, "rooms")], [[1, 1]])
     assert {path.stem for path in tmp_path.glob("*/0001/*")} == {"000100", "000101"}
 
 
