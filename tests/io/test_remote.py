@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from stores import KEYS
+from stores import KEYS, remote
 from watched import Watched
 
 from depthcli.core.types import DepthMap
@@ -38,12 +38,6 @@ if TYPE_CHECKING:
     from stores import Bucket, Faults
 
 SIGNED = "https://user:word@host/a/b.jpg?X-Signature=secret/x&y=z"
-
-
-def remote(uri: str) -> RemotePath:
-    path = path_of(uri)
-    assert isinstance(path, RemotePath)
-    return path
 
 
 @pytest.mark.parametrize(

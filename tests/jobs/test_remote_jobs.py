@@ -54,11 +54,6 @@ if TYPE_CHECKING:
 FORMATS = (Format.PNG16, Format.EXR, Format.NPY, Format.PREVIEW, Format.JSON)
 
 
-@pytest.fixture
-def loader(tmp_path: Path) -> SessionLoader:
-    return SessionLoader(write_model(tmp_path / "model"), "cpu", threads=1)
-
-
 def test_a_table_of_cameras_comes_from_a_bucket(bucket: Bucket) -> None:
     uri = bucket.put("cameras.csv", b"id,focal_px\nhall/b,40\n")
     assert read_cameras(uri).lens("hall/b.png") == Lens(40.0)

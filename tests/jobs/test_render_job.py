@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from command_line import Cli
+from file_trees import contents
 from watched import Watched
 
 from depthcli.cli.shell import run
@@ -37,11 +38,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("rendered") / "rooms"
     render(RenderRequest(out, COUNT, SETTINGS))
     return out
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def test_workers_count_and_interruptions_change_no_byte(folder: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from file_trees import contents
 from tiny import write_model
 from videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
 from watched import Watched
@@ -47,11 +48,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.jobs.video.result import VideoResult
-
-
-@pytest.fixture
-def loader(tmp_path: Path) -> SessionLoader:
-    return SessionLoader(write_model(tmp_path / "model"), "cpu")
 
 
 @pytest.fixture
@@ -387,10 +383,6 @@ RESUMED = [
     (VideoFormat.MP4, VideoFormat.NPY),
     (VideoFormat.EXR,),
 ]
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def hidden(folder: Path) -> list[Path]:
