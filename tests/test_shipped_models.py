@@ -43,7 +43,7 @@ def model(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def true_m() -> np.ndarray:
     """The depth of the rendered room."""
     return render()[1]
