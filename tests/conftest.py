@@ -48,6 +48,14 @@ def model_folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
+def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A catalog whose default model is the tiny one."""
+    write_model(tmp_path / "models" / "default")
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "models"))
+    return tmp_path / "models"
+
+
+@pytest.fixture
 def picture(tmp_path: Path) -> Path:
     """The synthetic picture as a PNG in a folder of its own."""
     return write_picture(tmp_path / "pictures" / "room.png")

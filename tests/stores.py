@@ -13,12 +13,21 @@ from typing import TYPE_CHECKING, Any
 import boto3
 from moto.server import ThreadedMotoServer
 
+from depthcli.io.storage.remote import RemotePath, path_of
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 KEYS = {"AWS_ACCESS_KEY_ID": "tester", "AWS_SECRET_ACCESS_KEY": "not-to-be-seen"}
 REGION = "us-east-1"
 _HOP = {"connection", "transfer-encoding", "content-length", "date", "server"}
+
+
+def remote(uri: str) -> RemotePath:
+    """A URI that names an object or a folder of a store."""
+    path = path_of(uri)
+    assert isinstance(path, RemotePath)
+    return path
 
 
 class Bucket:

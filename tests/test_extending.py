@@ -14,8 +14,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent / "training"))
 from rooms import Rooms, rooms, write_rooms
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -6,7 +6,6 @@ import hashlib
 import json
 import platform
 import re
-import sys
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 import onnx
 import pytest
+from render_room import render
 
 import depthcli
 from depthcli.core.anchor_fit import fit_anchors
@@ -23,9 +23,6 @@ from depthcli.datasets import id_ranges
 from depthcli.models.card import ModelCard
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "docs"))
-from render_room import render  # noqa: E402
-
 REFERENCE = Path(__file__).parent / "reference"
 MODELS = ("default", "fast", "float")
 REFERENCES = {
@@ -46,7 +43,7 @@ def model(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def true_m() -> np.ndarray:
     """The depth of the rendered room."""
     return render()[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+import file_trees
 from tiny import synthetic_picture, write_picture
 
 if TYPE_CHECKING:
@@ -32,12 +33,12 @@ def tree(cli: Cli, *names: str) -> None:
 
 def contents(cli: Cli, folder: str) -> dict[str, bytes]:
     """Every file below a folder of the command's, hidden ones too."""
-    root = cli.folder / folder
-    return {
-        path.relative_to(root).as_posix(): path.read_bytes()
-        for path in root.rglob("*")
-        if path.is_file()
-    }
+    return file_trees.contents(cli.folder / folder)
+
+
+def here(cli: Cli) -> set[str]:
+    """Every file in the command's folder."""
+    return {str(p.relative_to(cli.folder)) for p in cli.folder.rglob("*") if p.is_file()}
 
 
 def rows(cli: Cli, out: str) -> dict[str, dict[str, Any]]:

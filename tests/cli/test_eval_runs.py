@@ -7,7 +7,6 @@ import json
 import math
 import shutil
 import statistics
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +15,8 @@ import cv2
 import numpy as np
 import pytest
 from lightning_fabric import Fabric
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import Rooms, rooms, write_rooms
+from watched import Watched
 
 from depthcli.cli.app import main
 from depthcli.core.choices import Detail, Upsampling
@@ -334,23 +332,18 @@ def test_a_run_that_cannot_be_exported_is_named_and_the_others_are_compared(
             raise ModelError("no room")
         return export_run(run, *rest)
 
-    told: list[Any] = []
-
-    class Told:
-        def begin(self, *what: object) -> object:
-            told.append(what)
-            return lambda count: told.append(count) if told[0] is what else None
-
+    watched = Watched()
     monkeypatch.setattr("depthcli.jobs.evaluate.runs.export_run", export)
     asked = RunsRequest(trained, data, options=replace(HEADLINE_TABLE, trivial=False))
     unable = {"fastcut-seed0", "proposed-seed0"}
-    done = compare_runs(replace(asked, published=False, shown_ids=()), Told())  # type: ignore[arg-type]
+    done = compare_runs(replace(asked, published=False, shown_ids=()), watched)
     assert done.failed == ("fastcut-seed0 (no room)", "proposed-seed0 (no room)")
     assert [[run.name for run in row.runs] for row in done.report.rows] == [["fastcut-seed1"]]
-    assert told[:4] == [("exporting runs", 3), 1, 1, 1]
+    assert watched.begun[0] == ("exporting runs", 3, "")
+    assert watched.counts[0] == [1, 1, 1]
+    assert list(watched.stages)[1:] == ["comparing images", "drawing pictures"]
     with pytest.raises(DepthcliError, match=r"no run of proposed can be exported: .* \(no room\)"):
         compare_runs(replace(asked, against="proposed"))
-    assert [what[0] for what in told[4:]] == ["comparing images", "drawing pictures"]
     unable.add("fastcut-seed1")
     with pytest.raises(DepthcliError, match="no run can be exported: fastcut-seed0 "):
         compare_runs(asked)

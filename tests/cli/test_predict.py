@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from command_line import unmeasured
+from folders import here
 from tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.io.depth.read import read_stored_depth
@@ -31,11 +32,6 @@ EXPECTED_M = 1 + 8 / 255 * synthetic_picture().max(axis=-1).astype(np.float32)
 def room(cli: Cli, name: str = "room.png") -> Path:
     """The synthetic picture in the command's folder."""
     return write_picture(cli.folder / name)
-
-
-def here(cli: Cli) -> set[str]:
-    """Every file in the command's folder."""
-    return {str(p.relative_to(cli.folder)) for p in cli.folder.rglob("*") if p.is_file()}
 
 
 def decode(path: Path) -> np.ndarray[Any, Any]:

@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 
 
 class Home:
-    """The command line with a settings folder of its own."""
+    """The command line with a settings folder of its own, whose model learned a camera."""
 
     def __init__(self, cli: Cli) -> None:
+        write_model(cli.models / "default", camera={"hfov_deg": 90.0})
         self.cli = cli
         self.folder = cli.folder / "config" / "depthcli" / "profiles"
 
@@ -43,10 +44,9 @@ class Home:
 
 
 @pytest.fixture
-def home(cli: Cli) -> Home:
-    """The installed command line, whose model learned a camera."""
-    write_model(cli.models / "default", camera={"hfov_deg": 90.0})
-    return Home(cli)
+def home(inside: Cli) -> Home:
+    """The source's command line."""
+    return Home(inside)
 
 
 def told(stdout: str) -> dict[str, object]:
@@ -56,7 +56,9 @@ def told(stdout: str) -> dict[str, object]:
     return found
 
 
-def test_saved_options_are_used(home: Home, picture: Path) -> None:
+def test_saved_options_are_used(cli: Cli, picture: Path) -> None:
+    """By processes of their own, as a user runs them."""
+    home = Home(cli)
     options = ("--hfov", "60", "--format", "npy", "--format", "exr", "--anchor", "3,4,2.5")
     code, out, _ = home.run("profile", "save", "kitti", *options, "--model", "default", "--half")
     assert (code, out.startswith("saved ")) == (0, True)
@@ -269,18 +271,17 @@ def test_what_no_command_would_take_is_not_saved(
     assert home.run("profile", "list", "--json")[1] == ""
 
 
-def test_a_profile_for_sequences_serves_videos_too(inside: Cli) -> None:
-    home = Home(inside)
-    write_video(inside.folder / "clip.avi", flat_frames(range(3)))
+def test_a_profile_for_sequences_serves_videos_too(home: Home) -> None:
+    write_video(home.cli.folder / "clip.avi", flat_frames(range(3)))
     options = ("--fps", "24", "--codec", "prores", "--white-level", "4095", "--format", "mp4")
     assert home.run("profile", "save", "vfx", *options)[0] == 0
     code, out, err = home.run("video", "clip.avi", "--profile", "vfx", "--json")
     assert (code, told(out)["fps"], err) == (0, "25/1", "")
-    with av.open(str(inside.folder / "clip.preview.mp4")) as preview:
+    with av.open(str(home.cli.folder / "clip.preview.mp4")) as preview:
         assert preview.streams.video[0].codec_context.name == "h264"
     words = ("video", "clip.avi", "--profile", "vfx", "--out", "a.mov")
     assert home.run(*words)[0] == 0
-    with av.open(str(inside.folder / "a.mov")) as preview:
+    with av.open(str(home.cli.folder / "a.mov")) as preview:
         assert preview.streams.video[0].codec_context.name == "prores"
     for option, value in (("--fps", "24"), ("--codec", "prores"), ("--white-level", "4095")):
         code, _, err = home.run("video", "clip.avi", "--profile", "vfx", option, value)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
+from file_trees import contents
 from videos import flat_frames, write_video
 
 from depthcli.cli.arguments.span import parse_fps
@@ -350,10 +351,6 @@ def stopped(cli: Cli, *words: str, files: int) -> None:
     running.send_signal(signal.SIGTERM)
     running.communicate(timeout=60)
     assert running.returncode == 143
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def test_a_stopped_sequence_keeps_its_frames_and_goes_on(inside: Cli) -> None:

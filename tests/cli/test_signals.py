@@ -6,8 +6,9 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
+from typing import TYPE_CHECKING
 
+import killed
 import pytest
 from command_line import ROOT, Cli, unmeasured
 from onnx import TensorProto, helper
@@ -15,8 +16,8 @@ from tiny import write_model, write_picture
 
 from depthcli.cli.signals import ending_signals, graceful_shutdown
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "robustness"))
-import killed
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def endless_onnx() -> bytes:

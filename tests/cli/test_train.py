@@ -6,12 +6,9 @@ import json
 import os
 import sys
 import tomllib
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 from runs import finished, inside
 
@@ -20,6 +17,7 @@ from depthcli.training.checkpoint import Checkpoint
 
 if TYPE_CHECKING:
     import subprocess
+    from pathlib import Path
 
 TINY = """
 [generator]

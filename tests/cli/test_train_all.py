@@ -7,19 +7,20 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from command_line import unmeasured
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 from runs import ENVIRONMENT, inside
 
 from depthcli.cli.app import main
-from depthcli.cli.commands.train_all import _forwarded_options
+from depthcli.cli.commands.train_all import _forwarded_options, _queue_request
 from depthcli.cli.loading import plain_command
 from depthcli.training.checkpoint import Checkpoint
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 TINY = """
 [generator]
@@ -69,23 +70,39 @@ def test_each_run_gets_the_options_as_they_were_given() -> None:
     assert "--init" not in _forwarded_options(command.make_context("train", common))
 
 
-def test_methods_and_seeds_are_trained_and_then_skipped(folder: Path) -> None:
-    done = _train(folder, "--methods", "cyclegan, fastcut", "--seeds", "0,2", "--set", "seed=5")
+def test_every_signal_that_ends_a_command_ends_the_run_at_hand() -> None:
+    words = ["--all", "--data", "d", "--out", "o"]
+    request = _queue_request(plain_command("train").make_context("train", words))
+    assert request.signals == (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def test_runs_are_trained_and_then_skipped(folder: Path) -> None:
+    arguments = ("--methods", "cyclegan", "--seeds", "0,2")
+    done = _train(folder, *arguments, "--set", "seed=5")
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
-    for run in ("cyclegan-seed0", "cyclegan-seed2", "fastcut-seed0", "fastcut-seed2"):
-        method, seed = run.split("-seed")
-        assert _progress(folder, run) == (method, int(seed), 1)
+    for seed in (0, 2):
+        run = f"cyclegan-seed{seed}"
+        assert _progress(folder, run) == ("cyclegan", seed, 1)
         assert f"{run}: finished, epoch 1 of 1" in done.stderr
-    assert done.stderr.splitlines()[-1] == "4 of 4 runs finished"
+    assert done.stderr.splitlines()[-1] == "2 of 2 runs finished"
     before = {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/*")}
     (folder / "tiny.toml").write_text("")  # each run knows its own settings
-    again = _train(folder, "--methods", "cyclegan,fastcut", "--seeds", "0,2", "--json")
+    again = _train(folder, *arguments, "--json")
     assert again.returncode == 0, again.stderr
     assert again.stderr == ""
     lines = [json.loads(line) for line in again.stdout.splitlines()]
-    assert [line["state"] for line in lines] == ["finished"] * 4
+    assert [line["state"] for line in lines] == ["finished"] * 2
     assert {path: path.stat().st_mtime_ns for path in folder.glob("runs/*/*")} == before
+
+
+def test_each_method_is_trained_with_each_seed(folder: Path) -> None:
+    done = _train(
+        folder, "--methods", "cyclegan, fastcut", "--seeds", "0,2", "--max-minutes", "0", "--json"
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    runs = [json.loads(line)["run"] for line in done.stdout.splitlines()]
+    assert runs == ["cyclegan-seed0", "cyclegan-seed2", "fastcut-seed0", "fastcut-seed2"]
 
 
 def test_a_failing_method_stops_no_other(folder: Path) -> None:
@@ -107,26 +124,19 @@ def test_a_failing_method_stops_no_other(folder: Path) -> None:
     assert (broken / "last.ckpt").read_bytes() == b"no checkpoint"
 
 
-def test_a_budget_is_shared_and_those_behind_go_first(folder: Path) -> None:
+def test_a_budget_ends_a_run_that_can_be_continued(folder: Path) -> None:
+    """How several runs share a long one is tested with the queue itself."""
     long = ("--set", "optim.epochs_constant=100000", "--set", "validate_every=100000")
-    arguments = ("--methods", "fastcut,cut", *long)
-    first = _train(folder, *arguments, "--max-minutes", "0.02")
-    assert first.returncode == 0, first.stderr
-    names = [line.split(":")[0] for line in first.stderr.splitlines() if ": training" in line]
-    assert names[0] == "fastcut-seed0"  # 1.2 s are over before the second one starts, or nearly
-    assert first.stderr.splitlines()[-1].startswith("0 of 2 runs finished, 2 to continue")
-    if len(names) == 1:
-        second = _train(folder, *arguments, "--max-minutes", "0.02")
-        names += [line.split(":")[0] for line in second.stderr.splitlines() if "training" in line]
-    assert names[:2] == ["fastcut-seed0", "cut-seed0"]
-    seconds = [
-        Checkpoint.load(folder / "runs" / run / "last.ckpt").progress.seconds for run in names[:2]
-    ]
-    assert min(seconds) > 0
+    done = _train(folder, "--methods", "fastcut,cut", *long, "--max-minutes", "0.01")
+    assert done.returncode == 0, done.stderr
+    *_, waiting, last = done.stderr.splitlines()
+    assert waiting.startswith("cut-seed0: waiting (no time of")  # the start of the first took it
+    assert last.startswith("0 of 2 runs finished, 2 to continue")
+    saved = Checkpoint.load(folder / "runs" / "fastcut-seed0" / "last.ckpt")
+    assert saved.progress.seconds > 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path, number: int) -> None:
+def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path) -> None:
     arguments = ("--methods", "fastcut,cut", "--set", "optim.epochs_constant=100000", "--json")
     with subprocess.Popen(
         _command(*arguments),
@@ -138,9 +148,9 @@ def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path, numb
     ) as process:
         assert process.stdout is not None
         assert json.loads(process.stdout.readline())["run"] == "fastcut-seed0"
-        process.send_signal(number)
+        process.send_signal(signal.SIGTERM)
         out, err = process.communicate(timeout=60)
-    assert process.returncode == 128 + number, err
+    assert process.returncode == 128 + signal.SIGTERM, err
     assert json.loads(out.splitlines()[-1])["state"] == "stopped"
     assert not (folder / "runs" / "cut-seed0").exists()
     step = Checkpoint.load(folder / "runs" / "fastcut-seed0" / "last.ckpt").progress.step

@@ -5,17 +5,15 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
-from runs import ENVIRONMENT, same, saved
+from runs import ENVIRONMENT, inside, same, saved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
 SMALL = """
 validate_every = 9
@@ -45,29 +43,31 @@ NOTHING_BY_CHANCE = (
 )
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A data set and a file of settings."""
-    write_rooms(tmp_path / "data")
-    (tmp_path / "small.toml").write_text(SMALL)
-    return tmp_path
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data set and a file of settings; each test makes runs of its own names."""
+    folder = tmp_path_factory.mktemp("devices")
+    write_rooms(folder / "data")
+    (folder / "small.toml").write_text(SMALL)
+    return folder
+
+
+def _words(out: str, devices: int, *settings: str) -> list[str]:
+    words = ["train", "proposed", "--data", "data", "--quiet", "--config", "small.toml"]
+    words += ["--accelerator", "cpu", "--threads", "1", "--devices", str(devices), "--out", out]
+    return words + [word for setting in settings for word in ("--set", setting)]
 
 
 def _start(
     folder: Path,
     out: str,
-    devices: int,
     *settings: str,
     more: tuple[str, ...] = (),
     starter: Sequence[str] = (sys.executable,),
 ) -> subprocess.Popen[str]:
-    command = [*starter, "-m", "depthcli", "train", "proposed", "--data", "data", "--quiet"]
-    command += ["--config", "small.toml", "--accelerator", "cpu", "--threads", "1", "--out", out]
-    command += ["--devices", str(devices), *more]
-    for setting in settings:
-        command += ["--set", setting]
+    """Start a run on two devices."""
     return subprocess.Popen(
-        command,
+        [*starter, "-m", "depthcli", *_words(out, 2, *settings), *more],
         cwd=folder,
         env=ENVIRONMENT,
         stdout=subprocess.PIPE,
@@ -81,58 +81,56 @@ def _end(process: subprocess.Popen[str]) -> tuple[int, str]:
     return process.returncode, out + errors
 
 
+@pytest.fixture(scope="module")
+def whole(folder: Path) -> Path:
+    """An unbroken run on two devices."""
+    assert _end(_start(folder, "whole")) == (0, "")
+    return folder / "whole"
+
+
 def _losses(folder: Path) -> list[dict[str, float]]:
     lines = (folder / "metrics.jsonl").read_text().splitlines()
     return [json.loads(line)["losses"] for line in lines]
 
 
 def test_two_processes_learn_what_one_does(folder: Path) -> None:
-    runs = [_start(folder, f"on{n}", n, *NOTHING_BY_CHANCE) for n in (1, 2)]
-    assert [_end(run) for run in runs] == [(0, ""), (0, "")]
+    both = _start(folder, "on2", *NOTHING_BY_CHANCE)
+    one = inside(folder, *_words("on1", 1, *NOTHING_BY_CHANCE))
+    assert (one.returncode, one.stdout, one.stderr) == (0, "", "")
+    assert _end(both) == (0, "")
     alone, together = _losses(folder / "on1"), _losses(folder / "on2")
     assert len(alone) == len(together) == 3
-    for one, two in zip(alone, together, strict=True):
-        assert two == pytest.approx(one, rel=1e-3)
+    for apart, shared in zip(alone, together, strict=True):
+        assert shared == pytest.approx(apart, rel=1e-3)
     first, last = alone[0], alone[-1]
     assert last["l1"] < 0.95 * first["l1"]  # far more than the two runs differ
 
 
-def test_torchrun_starts_the_same_run(folder: Path) -> None:
+def test_torchrun_starts_the_same_run(folder: Path, whole: Path) -> None:
     """Its processes are those of ``--devices 2``, to the last bit."""
-    own = _start(folder, "own", 2)
-    torchrun = [
-        sys.executable,
-        "-m",
-        "torch.distributed.run",
-        "--nproc-per-node",
-        "2",
-        "--standalone",
-    ]
-    process = _start(folder, "other", 2, starter=torchrun)
-    assert _end(own) == (0, "")
-    code, text = _end(process)
+    torchrun = [sys.executable, "-m", "torch.distributed.run"]
+    torchrun += ["--nproc-per-node", "2", "--standalone"]
+    code, text = _end(_start(folder, "other", starter=torchrun))
     assert code == 0, text
-    a, b = saved(folder / "own"), saved(folder / "other")
+    a, b = saved(whole), saved(folder / "other")
     for name in ("method", "optimizers", "extra", "rng", "others"):
         assert same(a[name], b[name]), name
 
 
-def test_stopped_run_on_two_processes_is_continued_exactly(folder: Path) -> None:
-    whole = _start(folder, "whole", 2)
-    assert _end(_start(folder, "parts", 2, more=("--max-minutes", "0"))) == (0, "")
+def test_stopped_run_on_two_processes_is_continued_exactly(folder: Path, whole: Path) -> None:
+    assert _end(_start(folder, "parts", more=("--max-minutes", "0"))) == (0, "")
     assert saved(folder / "parts")["progress"]["step"] == 1
-    assert _end(_start(folder, "parts", 2)) == (0, "")
-    assert _end(whole) == (0, "")
-    a, b = saved(folder / "whole"), saved(folder / "parts")
+    assert _end(_start(folder, "parts")) == (0, "")
+    a, b = saved(whole), saved(folder / "parts")
     for name in ("method", "optimizers", "extra", "rng", "others"):
         assert same(a[name], b[name]), name
     assert len(a["others"]) == 1
     assert not same(a["others"][0]["rng"], a["rng"])  # each process has a chance of its own
     assert not same(a["others"][0]["extra"], a["extra"])  # and pictures of its own
-    assert _losses(folder / "whole") == _losses(folder / "parts")
-    code, text = _end(_start(folder, "whole", 1))
-    assert code == 3
-    assert "belongs to a run on 2 devices: give --devices 2" in text
+    assert _losses(whole) == _losses(folder / "parts")
+    done = inside(folder, *_words("parts", 1))
+    assert done.returncode == 3
+    assert "belongs to a run on 2 devices: give --devices 2" in done.stderr
 
 
 def test_errors_of_two_processes_are_one_line(folder: Path) -> None:
@@ -142,7 +140,7 @@ def test_errors_of_two_processes_are_one_line(folder: Path) -> None:
         ("wild", "optim.learning_rate=1e30"): (3, "loss term '"),
         ("taken", "seed=1"): (3, "cannot write to taken"),
     }
-    runs = {case: _start(folder, case[0], 2, case[1]) for case in cases}
+    runs = {case: _start(folder, *case) for case in cases}
     for case, (code, reason) in cases.items():
         found, text = _end(runs[case])
         assert (found, text.count("\n")) == (code, 1), text

@@ -8,18 +8,22 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import pytest
 import torch
 from command_line import unmeasured
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 from runs import ENVIRONMENT, finished, inside, same, saved
+
+from depthcli.training.callbacks import Callback
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.training.checkpoint import RunProgress
 
 SMALL = """
 validate_every = 999
@@ -64,22 +68,10 @@ def folder(tmp_path: Path) -> Path:
 
 
 LONGER = ("optim.epochs_constant=4", "optim.epochs_decay=4")
+"""Forty steps."""
 
 
-@pytest.fixture(scope="module")
-def unbroken(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """The last checkpoint of an unbroken run of forty steps."""
-    folder = tmp_path_factory.mktemp("unbroken")
-    write_rooms(folder / "data")
-    (folder / "small.toml").write_text(SMALL)
-    assert _run(folder, *LONGER).returncode == 0
-    return saved(folder / "run")
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signal_saves_the_step_and_the_run_goes_on_exactly(
-    folder: Path, unbroken: dict[str, Any], number: int
-) -> None:
+def test_signal_saves_the_step_and_the_run_goes_on_exactly(folder: Path) -> None:
     log = folder / "run" / "metrics.jsonl"
     environment = unmeasured(ENVIRONMENT)
     process = subprocess.Popen(
@@ -88,16 +80,35 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(
     deadline = time.monotonic() + 60
     while not log.exists() and time.monotonic() < deadline:
         time.sleep(0.002)
-    process.send_signal(number)
+    process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
-    assert (process.returncode, errors) == (128 + number, "")
+    assert (process.returncode, errors) == (128 + signal.SIGINT, "")
     assert sorted(p.name for p in (folder / "run").iterdir()) == ["last.ckpt", "metrics.jsonl"]
     stopped = saved(folder / "run")["progress"]["step"]
     assert 5 <= stopped < 40
-    assert _run(folder, *LONGER).returncode == 0
-    whole = saved(folder / "run")
+    assert [_run(folder, *LONGER, out=out).returncode for out in ("run", "unbroken")] == [0, 0]
+    whole, unbroken = saved(folder / "run"), saved(folder / "unbroken")
     for name in ("method", "optimizers", "extra", "rng"):
         assert same(whole[name], unbroken[name]), name
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_every_signal_saves_the_step(
+    folder: Path, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def signalled(_self: Callback, progress: RunProgress, *_: object) -> None:
+        if progress.step == 7:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(Callback, "on_step_end", signalled)
+    before = signal.signal(number, lambda *_: pytest.fail("not handled"))
+    try:
+        done = _run(folder)
+    finally:
+        signal.signal(number, before)
+    assert (done.returncode, done.stderr) == (128 + number, "")
+    assert sorted(p.name for p in (folder / "run").iterdir()) == ["last.ckpt", "metrics.jsonl"]
+    assert saved(folder / "run")["progress"]["step"] == 7
 
 
 _FULL = """

@@ -11,13 +11,10 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from command_line import ROOT
+from rooms import Rooms, rooms, write_rooms
 from stores import KEYS, credentials_checked
 from tiny import card_with, tiny_onnx, write_model, write_picture
 from videos import flat_frames, write_mp4
-
-sys.path.insert(0, str(ROOT / "tests" / "training"))
-from rooms import Rooms, rooms, write_rooms
 
 if TYPE_CHECKING:
     from pathlib import Path

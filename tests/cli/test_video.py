@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from command_line import unmeasured
+from folders import here
 from tiny import write_model
 from videos import NTSC, encode, flat_frames, write_mp4, write_video
 
@@ -31,11 +32,6 @@ if TYPE_CHECKING:
 
 
 CAMERA = {"hfov_deg": 60.0}
-
-
-def here(cli: Cli) -> set[str]:
-    """Every file in the command's folder."""
-    return {str(p.relative_to(cli.folder)) for p in cli.folder.rglob("*") if p.is_file()}
 
 
 def ramp(cli: Cli, frames: int = 24) -> Path:

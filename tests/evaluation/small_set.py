@@ -11,25 +11,11 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.evaluation.choices import Source
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy.typing as npt
 
     from depthcli.evaluation.predictors.base import Sample
 
 HEIGHT, WIDTH = 12, 16
-
-
-@dataclass
-class Watched:
-    """A progress that counts, of each stage, the units announced and done."""
-
-    stages: dict[str, list[int]] = field(default_factory=dict)
-
-    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
-        del unit
-        counts = self.stages[what] = [total or 0, 0]
-        return lambda count: counts.__setitem__(1, counts[1] + count)
 
 
 @dataclass

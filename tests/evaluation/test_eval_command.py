@@ -53,14 +53,6 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-@pytest.fixture
-def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A catalog whose default model is the tiny one."""
-    write_model(tmp_path / "models" / "default")
-    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "models"))
-    return tmp_path / "models"
-
-
 def _run(data: Path, *arguments: str) -> int:
     return main(["eval", "nyu", "--data", str(data), *arguments])
 

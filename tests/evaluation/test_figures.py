@@ -7,7 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from small_set import Playback, SmallSet, Watched, noisy, small_set
+from small_set import Playback, SmallSet, noisy, small_set
+from watched import Watched
 
 from depthcli._version import __version__
 from depthcli.core.types import DepthKind, DepthMap
@@ -139,7 +140,7 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
     gray, coloured = draw_figures(
         replace(task, dataset=dataset), (1, 0), [metric, other], ["a", "b"], progress=watched
     )
-    assert watched.stages == {"drawing pictures": [2, 2]}
+    assert watched.stages == {"drawing pictures": (2, 2)}
     for row, i in enumerate((1, 0)):
         truth_m = dataset.depths_m[i]
         known = truth_m > 0

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import plain_evaluator as plain
 import pytest
-from small_set import HEIGHT, WIDTH, Playback, SmallSet, Watched, noisy, small_set
+from small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
 from tiny import write_model
+from watched import Watched
 
 from depthcli.core.types import DepthKind
 from depthcli.datasets.splits import ALL_PAIRS, Split, SplitName
@@ -124,7 +125,7 @@ def test_progress_is_told_after_each_image() -> None:
         EvalProtocol(full_size_px=SMALL),
         progress=watched,
     )
-    assert watched.stages == {"comparing images": [4, 4]}
+    assert watched.stages == {"comparing images": (4, 4)}
 
 
 def test_error_about_the_truth_names_the_pair() -> None:
@@ -222,7 +223,7 @@ def test_an_error_ends_all_workers() -> None:
             progress=watched,
             workers=3,
         )
-    assert watched.stages == {"comparing images": [30, 7]}
+    assert watched.stages == {"comparing images": (30, 7)}
     assert threading.active_count() == before
 
 

@@ -6,7 +6,8 @@ import json
 import math
 
 import pytest
-from small_set import HEIGHT, WIDTH, Playback, Watched, noisy, small_set
+from small_set import HEIGHT, WIDTH, Playback, noisy, small_set
+from watched import Watched
 
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.choices import Source
@@ -167,7 +168,7 @@ def test_progress_has_two_stages() -> None:
     watched = Watched()
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
     evaluate_models(task, [], EvalOptions(ANY_SIZE), watched)
-    assert watched.stages == {"mean of training images": [5, 5], "comparing images": [3, 3]}
+    assert watched.stages == {"mean of training images": (5, 5), "comparing images": (3, 3)}
 
 
 @pytest.mark.parametrize("name", SplitName)

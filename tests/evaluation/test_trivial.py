@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import plain_evaluator as plain
 import pytest
-from small_set import HEIGHT, WIDTH, Watched, small_set
+from small_set import HEIGHT, WIDTH, small_set
+from watched import Watched
 
 from depthcli.errors import DatasetError
 from depthcli.evaluation.predictors.trivial import fit_trivial
@@ -40,7 +41,7 @@ def test_only_training_pairs_are_read() -> None:
     fit_trivial(dataset, (1, 3), progress=watched)
     assert dataset.depth_reads == {1: 1, 3: 1}
     assert dataset.image_reads == {}
-    assert watched.stages == {"mean of training images": [2, 2]}
+    assert watched.stages == {"mean of training images": (2, 2)}
 
 
 def test_no_training_pair() -> None:

@@ -24,14 +24,6 @@ from depthcli.models.onnx_file import versions
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that takes models."""
-    folder = tmp_path / "own"
-    monkeypatch.setenv("DEPTHCLI_MODELS", str(folder))
-    return folder
-
-
-@pytest.fixture
 def file(tmp_path: Path) -> Path:
     """An ONNX file without a card."""
     path = tmp_path / "download.onnx"

@@ -25,6 +25,8 @@ from depthcli.models.ready_cards import ready_card, ready_names
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.usefixtures("own")
+
 IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 
 
@@ -65,6 +67,8 @@ CASES = [
     for name in ready_names()
     for signature in SIGNATURES.get(name, [ANYTHING, ANYTHING_FIXED, HUB])
 ]
+INPUTS = {(signature, ready_card(name).input): (name, signature) for name, signature in CASES}
+"""One of the cases for all that give networks of one signature the same input."""
 
 
 def write_network(path: Path, signature: Signature, mean: float = 0.0) -> Path:
@@ -97,14 +101,6 @@ def write_network(path: Path, signature: Signature, mean: float = 0.0) -> Path:
     return path
 
 
-@pytest.fixture(autouse=True)
-def own_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Models are added to a folder of the test's own."""
-    folder = tmp_path / "own"
-    monkeypatch.setenv("DEPTHCLI_MODELS", str(folder))
-    return folder
-
-
 def ramp(height: int, width: int) -> np.ndarray:
     """(H, W, 3) uint8: bright to the right."""
     row = np.linspace(0, 255, width).astype(np.uint8)
@@ -126,7 +122,7 @@ def test_a_network_of_its_signature_runs(tmp_path: Path, name: str, signature: S
     assert left < right
 
 
-@pytest.mark.parametrize(("name", "signature"), CASES)
+@pytest.mark.parametrize(("name", "signature"), INPUTS.values())
 def test_several_pictures_at_once_are_the_same(
     tmp_path: Path, name: str, signature: Signature
 ) -> None:
@@ -251,7 +247,7 @@ def test_a_long_strip_does_not_fill_the_memory(size: tuple[int, int]) -> None:
     assert place.width % 14 == place.height % 14 == 0
 
 
-def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, own_models: Path) -> None:
+def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, own: Path) -> None:
     """TensorFlow's converters write (N, H, W, C) in and (N, H, W, 1) out."""
     nodes = [helper.make_node("ReduceMean", ["image"], ["depth"], axes=[3], keepdims=1)]
     shape = [1, 256, 256, 3]
@@ -266,7 +262,7 @@ def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, own_models: Path)
     onnx.save(model, file)
     with pytest.raises(Exception, match=r"set input\.layout to nhwc"):
         add_model(file, "midas-small")
-    assert not list(own_models.glob("*"))
+    assert not list(own.glob("*"))
     card = tmp_path / "card.json"
     text = ready_card("midas-small").to_json()
     card.write_text(text.replace('"resize"', '"layout": "nhwc", "resize"'))

@@ -123,19 +123,20 @@ def jpeg(blocks: Sequence[Sequence[int]], adobe: int | None = None) -> bytes:
         adobe: colour transform that an Adobe marker states: 0 none (CMYK), 2 YCCK.
     """
     count = len(blocks[0])
-    app14 = b"" if adobe is None else _segment(0xEE, b"Adobe\0\x64" + bytes(4) + bytes([adobe]))
+    app14 = b"" if adobe is None else segment(0xEE, b"Adobe\0\x64" + bytes(4) + bytes([adobe]))
     parts = b"".join(bytes([i + 1, 0x11, 0]) for i in range(count))
     frame = struct.pack(">BHHB", 8, 8, 8 * len(blocks), count) + parts
     # Twelve DC lengths with a code of four bits each; AC knows only the end of the block.
     huffman = bytes([0, 0, 0, 0, 12]) + bytes(12) + bytes(range(12))
     huffman += bytes([0x10, 1]) + bytes(15) + bytes([0])
     scan = bytes([count]) + b"".join(bytes([i + 1, 0]) for i in range(count)) + bytes([0, 63, 0])
-    head = app14 + _segment(0xDB, bytes([0]) + bytes([1] * 64)) + _segment(0xC0, frame)
-    head += _segment(0xC4, huffman) + _segment(0xDA, scan)
+    head = app14 + segment(0xDB, bytes([0]) + bytes([1] * 64)) + segment(0xC0, frame)
+    head += segment(0xC4, huffman) + segment(0xDA, scan)
     return b"\xff\xd8" + head + _entropy_coded(blocks) + b"\xff\xd9"
 
 
-def _segment(marker: int, body: bytes) -> bytes:
+def segment(marker: int, body: bytes) -> bytes:
+    """A part of a JPEG file."""
     return bytes([0xFF, marker]) + struct.pack(">H", len(body) + 2) + body
 
 

@@ -134,18 +134,16 @@ def test_every_part_is_there_and_whole(parts: tuple[int, int], coding: int) -> N
         assert ("cannot be inflated" in found) is (coding != 1)
 
 
-def segment(marker: int, body: bytes) -> bytes:
-    return bytes([0xFF, marker]) + struct.pack(">H", len(body) + 2) + body
-
-
 SIZED = bytes([8]) + struct.pack(">HH", HEIGHT, WIDTH)
 STARTS = sorted({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 BEFORE = {
     "nothing": b"",
-    "a long segment": segment(0xE2, bytes(0x301)),
-    "an empty segment": segment(0xFE, b""),
+    "a long segment": made.segment(0xE2, bytes(0x301)),
+    "an empty segment": made.segment(0xFE, b""),
     "fill": b"\xff" * 5,
-    "tables": segment(0xC4, SIZED[::-1]) + segment(0xCC, SIZED[::-1]) + segment(0xC8, SIZED[::-1]),
+    "tables": made.segment(0xC4, SIZED[::-1])
+    + made.segment(0xCC, SIZED[::-1])
+    + made.segment(0xC8, SIZED[::-1]),
     **{f"marker {m:x}": bytes([0xFF, m]) for m in (0x01, *range(0xD0, 0xD8))},
 }
 
@@ -153,7 +151,7 @@ BEFORE = {
 @pytest.mark.parametrize("before", BEFORE)
 @pytest.mark.parametrize("start", STARTS)
 def test_size_of_a_jpeg(start: int, before: str) -> None:
-    data = b"\xff\xd8" + BEFORE[before] + segment(start, SIZED + b"\1")
+    data = b"\xff\xd8" + BEFORE[before] + made.segment(start, SIZED + b"\1")
     assert picture_size(data) == (WIDTH, HEIGHT)
     assert picture_size(data[:-5]) is None
 
@@ -161,11 +159,11 @@ def test_size_of_a_jpeg(start: int, before: str) -> None:
 @pytest.mark.parametrize("before", BEFORE)
 def test_exif_of_a_jpeg(before: str) -> None:
     block = made.exif(6, 28)
-    found = segment(0xE1, b"Exif\0\0" + block)
-    other = segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + block)
-    other += segment(0xE2, b"Exif\0\0" + made.exif(3))
+    found = made.segment(0xE1, b"Exif\0\0" + block)
+    other = made.segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + block)
+    other += made.segment(0xE2, b"Exif\0\0" + made.exif(3))
     assert tuple(read_exif(b"\xff\xd8" + BEFORE[before] + other + found)) == (6, 28)
-    pixels = segment(0xDA, b"")
+    pixels = made.segment(0xDA, b"")
     assert tuple(read_exif(b"\xff\xd8" + BEFORE[before] + pixels + found)) == (1, None)
     assert tuple(read_exif(b"\xff\xd8" + BEFORE[before] + found[:-1])) in [(6, 28), (6, None)]
 

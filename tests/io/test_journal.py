@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from file_trees import names
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -188,33 +189,29 @@ def _finished(folder: Path, names: str, shard: Shard = WHOLE) -> None:
     journal.finish(names)
 
 
-def _files(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
-
-
 def test_what_shards_left_becomes_part_of_the_whole(tmp_path: Path) -> None:
-    names = "abcdefgh"
+    inputs = "abcdefgh"
     for number in (1, 2):
         shard = Shard(number, 2)
-        _finished(tmp_path, "".join(filter(shard.holds, names)), shard)
+        _finished(tmp_path, "".join(filter(shard.holds, inputs)), shard)
     manifests = ["manifest-1-of-2.jsonl", "manifest-2-of-2.jsonl"]
-    assert _files(tmp_path) == manifests
+    assert names(tmp_path) == manifests
     second = known_rows(tmp_path, Shard(2, 2))
-    assert [found.input for found in second] == list(filter(Shard(2, 2).holds, names))
+    assert [found.input for found in second] == list(filter(Shard(2, 2).holds, inputs))
     _finished(tmp_path, "", Shard(1, 2))
-    assert _files(tmp_path) == manifests  # those of another shard stay
+    assert names(tmp_path) == manifests  # those of another shard stay
     whole = Journal(tmp_path)
     assert whole.has_files
     assert not whole.was_interrupted
     assert [found.input for found in known_rows(tmp_path)] != []
     whole.add(Row("bad", FAILED, ORIGIN))
     whole.finish(None)
-    assert _files(tmp_path) == [MANIFEST_NAME]
+    assert names(tmp_path) == [MANIFEST_NAME]
     assert [found.input for found in known_rows(tmp_path)] == [
-        *names[:1],
-        *names[1:2],
+        *inputs[:1],
+        *inputs[1:2],
         "bad",
-        *names[2:],
+        *inputs[2:],
     ]
 
 
@@ -281,6 +278,6 @@ def test_a_manifest_keeps_its_form_until_another_is_asked_for(tmp_path: Path) ->
         journal = Journal(tmp_path, form=form)
         journal.add(row(f"{form}"))
         journal.finish([f"{form}"])
-        assert _files(tmp_path) == [kept]
-    names = [found.input for found in known_rows(tmp_path)]
-    assert names == ["None", "jsonl", "parquet"]
+        assert names(tmp_path) == [kept]
+    known = [found.input for found in known_rows(tmp_path)]
+    assert known == ["None", "jsonl", "parquet"]

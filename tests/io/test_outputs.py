@@ -13,6 +13,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from command_line import unmeasured
+from file_trees import names
 from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
@@ -26,10 +27,6 @@ from depthcli.io.writers.preview import PreviewWriter
 from depthcli.jobs.naming import plan_outputs
 
 PNG = {"png16": ".depth.png"}
-
-
-def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from stores import KEYS
+from stores import KEYS, remote
+from watched import Watched
 
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
@@ -37,12 +38,6 @@ if TYPE_CHECKING:
     from stores import Bucket, Faults
 
 SIGNED = "https://user:word@host/a/b.jpg?X-Signature=secret/x&y=z"
-
-
-def remote(uri: str) -> RemotePath:
-    path = path_of(uri)
-    assert isinstance(path, RemotePath)
-    return path
 
 
 @pytest.mark.parametrize(
@@ -396,16 +391,10 @@ def test_credentials_are_those_of_the_usual_chain(
 
 
 def test_a_copy_is_of_a_size_and_is_told_of(bucket: Bucket) -> None:
-    path, told = remote(bucket.put("a.bin", b"12345")), []
-
-    class Watched:
-        def begin(self, *what: object) -> Callable[[int], None]:
-            told.append(what)
-            return told.append
-
-    with local_copy(path, Watched(), max_bytes=5) as copy:
+    path, watched = remote(bucket.put("a.bin", b"12345")), Watched()
+    with local_copy(path, watched, max_bytes=5) as copy:
         assert copy.read_bytes() == b"12345"
-    assert told == [("a.bin", 5, "bytes"), 5]
+    assert (watched.begun, watched.counts) == ([("a.bin", 5, "bytes")], [[5]])
     with pytest.raises(InputError, match="more than 4 bytes"), local_copy(path, max_bytes=4):
         pass
 

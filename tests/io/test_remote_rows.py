@@ -8,30 +8,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from file_trees import contents
+from stores import remote
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.skipped import Skipped
 from depthcli.io.listing.store import list_objects, walk_sort_key
 from depthcli.io.manifest.rows_folder import RemoteRows, RowsFolder, rows_folder
-from depthcli.io.storage.remote import RemotePath, path_of
 
 if TYPE_CHECKING:
     from stores import Bucket, Faults
 
+    from depthcli.io.storage.remote import RemotePath
+
 PART = r"out/\.depthcli-batch\.jsonl\.\d{20}-[0-9a-f]{8}"
 JOURNAL = ".depthcli-batch.jsonl"
-
-
-def remote(uri: str) -> RemotePath:
-    path = path_of(uri)
-    assert isinstance(path, RemotePath)
-    return path
-
-
-def _content(folder: Path) -> dict[str, bytes]:
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 @pytest.fixture
@@ -66,7 +58,7 @@ def test_rows_are_fetched_and_parts_put_together(bucket: Bucket) -> None:
     before = bucket.objects()
     rows = rows_folder(out)
     assert isinstance(rows, RemoteRows)
-    assert _content(rows.path) == {
+    assert contents(rows.path) == {
         "manifest.jsonl": b"whole\n",
         "manifest-1-of-2.jsonl": b"shard\n",
         "manifest.parquet/part-00000.parquet": b"PAR1",
@@ -110,7 +102,7 @@ def test_new_rows_are_sent_now_and_then_as_parts(
         file.write(b"e\n")
     rows.finish()  # as of a batch that was stopped: its journal stays
     again = RemoteRows(remote(bucket.uri("out")))
-    assert _content(again.path) == {JOURNAL: b"a\nb\nc\nd\ne\n"}
+    assert contents(again.path) == {JOURNAL: b"a\nb\nc\nd\ne\n"}
     again.finish()
 
 

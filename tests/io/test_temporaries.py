@@ -8,6 +8,8 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from file_trees import names
+
 from depthcli.io.storage import temporaries
 from depthcli.io.storage.temporaries import remove_stale, temporary_beside
 
@@ -45,10 +47,6 @@ def writer(folder: Path, *names: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         text=True,
     )
-
-
-def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
 
 
 def test_of_a_live_process_nothing_is_removed_and_of_a_killed_one_all(tmp_path: Path) -> None:

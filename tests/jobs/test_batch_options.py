@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from batches import NAMES, outputs, pictures, request
 from videos import flat_frames, with_sound, write_mp4
+from watched import Watched
 
 from depthcli.core.camera import Camera
 from depthcli.core.choices import GPU_BATCH, Detail, Upsampling
@@ -98,12 +99,7 @@ def test_a_gpu_takes_several_pictures_at_a_time(
 
 def test_the_frames_of_a_batch_s_videos_are_told(tmp_path: Path) -> None:
     write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99, 200]))
-    told: list[object] = []
-
-    class Told:
-        def begin(self, *what: object) -> object:
-            told.append(what)
-            return told.append
-
-    list(Batch(request(tmp_path), progress=Told()))  # type: ignore[arg-type]
-    assert told == [("clip.mp4", 3, "frames"), 1, 1, 1]
+    watched = Watched()
+    list(Batch(request(tmp_path), progress=watched))
+    assert watched.begun == [("clip.mp4", 3, "frames")]
+    assert watched.counts == [[1, 1, 1]]

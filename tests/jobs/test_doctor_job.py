@@ -26,14 +26,6 @@ if TYPE_CHECKING:
     from depthcli.inference.session import Session
 
 
-@pytest.fixture
-def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A catalog whose default model is the tiny one."""
-    write_model(tmp_path / "models" / "default")
-    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "models"))
-    return tmp_path / "models"
-
-
 def by_name(checks: Iterator[Check]) -> dict[str, Check]:
     return {check.name: check for check in checks}
 

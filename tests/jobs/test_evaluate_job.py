@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from tiny import write_model
+from watched import Watched
 
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DatasetError, UsageError
@@ -23,7 +24,6 @@ from depthcli.jobs.evaluate.models import ModelsRequest, compare_models
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 COUNT = 8
@@ -54,15 +54,9 @@ def request_of_val(tmp_path: Path) -> ModelsRequest:
 def test_a_program_gets_the_table_and_the_figures(
     request_of_val: ModelsRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told: list[str] = []
-
-    class Told:
-        def begin(self, what: str, _total: int | None, _unit: str = "") -> Callable[[int], object]:
-            told.append(what)
-            return lambda _count: None
-
-    done = compare_models(request_of_val, Told())
-    assert told == ["comparing images", "drawing pictures"]
+    watched = Watched()
+    done = compare_models(request_of_val, watched)
+    assert list(watched.stages) == ["comparing images", "drawing pictures"]
     (row,) = done.report.rows
     assert (row.image_count, len(done.figures)) == (1, 2)
     files = EvaluationFiles(tmp_path / "t.csv", tmp_path / "sheets", tmp_path / "t.html")
@@ -108,10 +102,8 @@ def test_nothing_to_compare(request_of_val: ModelsRequest) -> None:
 def test_raw_depth_that_is_missing_is_told_before_anything_is_computed(
     request_of_val: ModelsRequest,
 ) -> None:
-    class Never:
-        def begin(self, what: str, _total: int | None, _unit: str = "") -> Callable[[int], object]:
-            raise AssertionError(what)
-
+    watched = Watched()
     raw = replace(request_of_val.options, protocol=EvalProtocol(mask=Mask.RAW))
     with pytest.raises(DatasetError, match="no raw depth"):
-        compare_models(replace(request_of_val, options=raw), Never())
+        compare_models(replace(request_of_val, options=raw), watched)
+    assert watched.begun == []

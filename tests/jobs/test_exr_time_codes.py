@@ -7,11 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import OpenEXR
-import pytest
 from plates import CROP, DISPLAY, time_code_of, write_plate
-from tiny import write_model
 
-from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.exr import read_exr_header
 from depthcli.io.depth.exr_part import ExrPart
 from depthcli.io.depth.time_code import time_code_attribute
@@ -31,12 +28,9 @@ from depthcli.video.spans import Point, Span
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from depthcli.inference.loading import SessionLoader
+
 FILM = Fraction(24)
-
-
-@pytest.fixture
-def loader(tmp_path: Path) -> SessionLoader:
-    return SessionLoader(write_model(tmp_path / "model"), "cpu")
 
 
 def stated(path: Path) -> tuple[Fraction | None, tuple[int, ...] | None]:

@@ -13,6 +13,7 @@ import pytest
 from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, inside, size_of, write_plate, written
 from tiny import write_model
 from videos import flat_frames
+from watched import Watched
 
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
@@ -144,14 +145,6 @@ def test_overscan_is_smoothed_over_time(
     assert (smoothed < plain).all()
 
 
-class _Stop:
-    """A Progress that ends the run after three frames."""
-
-    def begin(self, *_: object) -> Callable[[int], None]:
-        count = iter(range(3))
-        return lambda _: None if next(count) < 2 else (_ for _ in ()).throw(KeyboardInterrupt)
-
-
 @pytest.mark.parametrize(
     "formats",
     [
@@ -170,7 +163,7 @@ def test_a_run_with_overscan_that_was_stopped_goes_on_to_the_same_bytes(
         f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out/", formats, sidecar=True, model=loader
     )
     with pytest.raises(KeyboardInterrupt):
-        video(request, _Stop())
+        video(request, Watched(last=3))
     video(request)
     video(dataclasses.replace(request, output=f"{tmp_path}/whole/"))
     resumed, whole = (

@@ -30,11 +30,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-@pytest.fixture
-def loader(tmp_path: Path) -> SessionLoader:
-    return SessionLoader(write_model(tmp_path / "model"), "cpu", threads=1)
-
-
 def test_every_picture_has_its_result_in_its_turn(
     tmp_path: Path, loader: SessionLoader, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,6 +17,7 @@ import pytest
 from batches import outputs, pictures
 from tiny import write_model, write_picture
 from videos import flat_frames, write_video
+from watched import Watched
 
 from depthcli.core.camera import Lens
 from depthcli.core.exit_hooks import run_exit_hooks
@@ -52,11 +53,6 @@ if TYPE_CHECKING:
     from stores import Bucket, Faults
 
 FORMATS = (Format.PNG16, Format.EXR, Format.NPY, Format.PREVIEW, Format.JSON)
-
-
-@pytest.fixture
-def loader(tmp_path: Path) -> SessionLoader:
-    return SessionLoader(write_model(tmp_path / "model"), "cpu", threads=1)
 
 
 def test_a_table_of_cameras_comes_from_a_bucket(bucket: Bucket) -> None:
@@ -357,15 +353,9 @@ def test_a_model_is_fetched_from_a_bucket(
     made = write_model(tmp_path / "made")
     data, card = (made / "model.onnx").read_bytes(), str(made / "card.json")
     source = path_of(bucket.put("model.onnx", data))
-    told: list[int] = []
-
-    class Told:
-        def begin(self, _what: str, total: int | None, _unit: str = "") -> Callable[[int], None]:
-            assert total == len(data)
-            return told.append
-
-    assert add_model(source, card, progress=Told()).sha256 == find_model(made).sha256
-    assert sum(told) == len(data)
+    watched = Watched()
+    assert add_model(source, card, progress=watched).sha256 == find_model(made).sha256
+    assert list(watched.stages.values()) == [(len(data), len(data))]
     with pytest.raises(ModelError, match=r"none\.onnx cannot be read: no such object"):
         add_model(path_of(bucket.uri("none.onnx")), card, name="other")
     monkeypatch.setattr("depthcli.models.catalog.MAX_BYTES", len(data) - 1)

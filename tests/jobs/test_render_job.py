@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 from command_line import Cli
+from file_trees import contents
+from watched import Watched
 
 from depthcli.cli.shell import run
 from depthcli.core.camera import Lens
@@ -36,11 +38,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("rendered") / "rooms"
     render(RenderRequest(out, COUNT, SETTINGS))
     return out
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def test_workers_count_and_interruptions_change_no_byte(folder: Path, tmp_path: Path) -> None:
@@ -71,16 +68,10 @@ def test_a_folder_holds_a_hundred_rooms_and_those_that_are_missing_are_told(
         for path in (f"rgb/0000/{number:06}.jpg", f"depth/0000/{number:06}.png"):
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
             (tmp_path / path).touch()
-    told: list[object] = []
-
-    class Told:
-        def begin(self, *what: object) -> object:
-            told.append(what)
-            return told.append
-
+    watched = Watched()
     (tmp_path / "rooms.json").write_text(json.dumps({"version": VERSION, **SETTINGS._asdict()}))
-    rendered = render(RenderRequest(tmp_path, 102, SETTINGS), Told())  # type: ignore[arg-type]
-    assert (rendered, told) == (2, [("", 2, "rooms"), 1, 1])
+    rendered = render(RenderRequest(tmp_path, 102, SETTINGS), watched)
+    assert (rendered, watched.begun, watched.counts) == (2, [("", 2, "rooms")], [[1, 1]])
     assert {path.stem for path in tmp_path.glob("*/0001/*")} == {"000100", "000101"}
 
 

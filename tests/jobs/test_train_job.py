@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import EFFICIENT, write_rooms
 
 from depthcli.errors import DatasetError, ModelError

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import pytest
 import torch
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import EFFICIENT, write_rooms
 
 from depthcli.errors import CheckpointError
-from depthcli.jobs.train.queue import QueueRequest, TrainingQueue
 from depthcli.jobs.train.run import TrainRequest, train
 from depthcli.training.callbacks import Callback
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 CAMERAS = "id,focal_px\n" + "".join(f"room{i:04d},60\n" for i in range(6))
 
@@ -95,22 +91,3 @@ def test_the_folder_may_have_moved_unless_an_older_checkpoint_knows_its_name_alo
         train(moved, Callback())
     back = replace(request_of, data=moved.data.rename(request_of.data))
     assert len(train(back, Callback()).progress.fingerprints) == 1
-
-
-def test_a_finished_queue_is_not_that_of_other_data(tmp_path: Path) -> None:
-    settings = ("generator.width=4", "generator.blocks=1", "data.width=32", "data.height=32")
-    settings += ("optim.width_discriminator=2", "optim.epochs_constant=1", "optim.epochs_decay=0")
-    queue = QueueRequest(
-        data=write_rooms(tmp_path / "data"),
-        out=tmp_path / "runs",
-        methods=("fastcut",),
-        settings=settings,
-        options=("--accelerator", "cpu", "--threads", "1", "--quiet"),
-    )
-    assert [status.state for status in [*TrainingQueue(queue)][1:]] == ["finished"]
-    assert [status.state for status in TrainingQueue(queue)] == ["finished"]
-    other = shutil.copytree(queue.data, tmp_path / "other")
-    _paint(other)
-    (status,) = TrainingQueue(replace(queue, data=other))
-    assert status.state == "failed"
-    assert "the data set has other files" in status.reason

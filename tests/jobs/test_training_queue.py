@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,10 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import cv2
 import pytest
 import torch
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))
 from rooms import write_rooms
 
 from depthcli.datasets.training_data import open_training_data
@@ -178,6 +178,18 @@ def test_a_signal_ends_the_queue(request_of: QueueRequest) -> None:
     assert isinstance(status, RunStatus)
     assert (started.share_s, status.state, status.reason) == (math.inf, "stopped", "")
     assert [one.state for one in queue.statuses] == ["stopped", "waiting"]
+
+
+def test_a_finished_queue_is_not_that_of_other_data(request_of: QueueRequest) -> None:
+    (known,) = TrainingQueue(request_of).statuses
+    save(known.run, 7, 100_100)
+    assert [status.state for status in TrainingQueue(request_of)] == ["finished"]
+    other = shutil.copytree(request_of.data, request_of.data.with_name("other"))
+    file = str(next(other.glob("rgb/*0000.png")))
+    assert cv2.imwrite(file, cv2.imread(file) // 2)
+    (status,) = TrainingQueue(replace(request_of, data=other))
+    assert status.state == "failed"
+    assert "the data set has other files" in status.reason
 
 
 def test_a_run_is_a_command_of_its_own() -> None:

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from file_trees import contents
 from tiny import write_model, write_picture
 from videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
+from watched import Watched
 
 import depthcli
 from depthcli._version import __version__
@@ -43,15 +45,9 @@ from depthcli.video.source import VideoSource
 from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from depthcli.jobs.video.result import VideoResult
-
-
-@pytest.fixture
-def loader(tmp_path: Path) -> SessionLoader:
-    return SessionLoader(write_model(tmp_path / "model"), "cpu")
 
 
 @pytest.fixture
@@ -76,28 +72,10 @@ def files(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-class Watch:
-    """A Progress that remembers, and may end the run after some frames."""
-
-    def __init__(self, last: int | None = None) -> None:
-        self.begun: list[tuple[str, int | None, str]] = []
-        self.done = 0
-        self._last = last
-
-    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
-        self.begun.append((what, total, unit))
-        return self._advance
-
-    def _advance(self, count: int) -> None:
-        self.done += count
-        if self.done == self._last:
-            raise KeyboardInterrupt
-
-
 def test_a_video_has_one_result_and_its_frames_are_told(
     clip: Path, tmp_path: Path, loader: SessionLoader, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    watch = Watch()
+    watch = Watched()
     every = VideoSettings(span=Span(every=frame_number(2)))
     request = VideoRequest(str(clip), str(tmp_path / "d.mkv"), model=loader, settings=every)
     done = video(request, watch)
@@ -395,13 +373,13 @@ def test_numbered_files_of_a_run_that_was_stopped_are_kept(
         str(clip), f"{tmp_path}/out/", (VideoFormat.PNG16,), sidecar=True, model=loader
     )
     with pytest.raises(KeyboardInterrupt):
-        video(request, Watch(last=9))
+        video(request, Watched(last=9))
     out = tmp_path / "out"
     assert not (out / "clip.depth.json").exists()
     written_ns = {path.name: path.stat().st_mtime_ns for path in sorted(out.glob("*.png"))[6:9]}
     (out / "clip.depth.000002.png").write_bytes(b"damaged")
     (out / "clip.depth.000003.png").unlink()
-    watch = Watch()
+    watch = Watched()
     assert (video(request, watch).frames, watch.done) == (24, 24)
     for name, at_ns in written_ns.items():
         assert (out / name).stat().st_mtime_ns == at_ns
@@ -421,10 +399,6 @@ RESUMED = [
 ]
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
 def hidden(folder: Path) -> list[Path]:
     return [path for path in folder.iterdir() if path.name.startswith(".")]
 
@@ -436,7 +410,7 @@ def test_a_video_that_was_stopped_twice_goes_on_to_the_same_bytes(
     request = VideoRequest(str(clip), f"{tmp_path}/out/", formats, sidecar=True, model=loader)
     for last in (15, 6):
         with pytest.raises(KeyboardInterrupt):
-            video(request, Watch(last=last))
+            video(request, Watched(last=last))
     assert not list((tmp_path / "out").glob("clip.*.m*"))
     assert len(hidden(tmp_path / "out")) == 1
     done = video(request)
@@ -461,7 +435,7 @@ def test_frames_that_keep_less_than_their_depth_tell_no_other_figures(
     for folder, sidecar in (("alone", False), ("described", True)):
         again = dataclasses.replace(asked, output=f"{tmp_path}/{folder}/", sidecar=sidecar)
         with pytest.raises(KeyboardInterrupt):
-            video(again, Watch(last=5))
+            video(again, Watched(last=5))
         assert video(again).flicker == pytest.approx(whole.flicker, rel=1e-2)
     frames = {n: d for n, d in contents(tmp_path / "whole").items() if not n.endswith(".json")}
     assert contents(tmp_path / "alone") == frames
@@ -475,7 +449,7 @@ def test_depth_of_an_unfinished_video_is_not_predicted_again(
     """What a killed process or a power cut leaves: a file without an end."""
     request = VideoRequest(str(clip), f"{tmp_path}/out/", model=loader, workers=1)
     with pytest.raises(KeyboardInterrupt):
-        video(request, Watch(last=23))
+        video(request, Watched(last=23))
     (part,) = hidden(tmp_path / "out")
     with depth_video(tmp_path / "other.mkv", Timing(NTSC), 1000, ()) as output:
         for index in range(22):
@@ -500,7 +474,7 @@ def test_an_unfinished_video_of_another_request_is_removed(
 ) -> None:
     request = VideoRequest(str(clip), f"{tmp_path}/out/", model=loader)
     with pytest.raises(KeyboardInterrupt):
-        video(request, Watch(last=9))
+        video(request, Watched(last=9))
     other = VideoSettings(writing=WriterOptions(png_scale=256))
     for folder in ("out", "whole"):
         video(dataclasses.replace(request, output=f"{tmp_path}/{folder}/", settings=other))
@@ -512,7 +486,7 @@ def test_what_is_in_the_way_of_an_unfinished_video_is_named(
 ) -> None:
     request = VideoRequest(str(clip), f"{tmp_path}/out/", model=loader)
     with pytest.raises(KeyboardInterrupt):
-        video(request, Watch(last=9))
+        video(request, Watched(last=9))
     (unfinished,) = (tmp_path / "out").glob(".depthcli-*.mkv")
     unfinished.rename(tmp_path / "elsewhere")
     unfinished.symlink_to(tmp_path / "elsewhere")
@@ -543,7 +517,7 @@ def test_frames_of_another_request_are_done_again(
 ) -> None:
     request = VideoRequest(str(clip), f"{tmp_path}/out/", (VideoFormat.PNG16,), model=loader)
     with pytest.raises(KeyboardInterrupt):
-        video(request, Watch(last=9))
+        video(request, Watched(last=9))
     for folder in ("out", "whole"):
         output = f"{tmp_path}/{folder}/"
         video(dataclasses.replace(request, output=output, settings=settings))
@@ -557,7 +531,7 @@ def test_a_run_that_cannot_be_resumed_ends_the_record_of_an_earlier_one(
 ) -> None:
     request = VideoRequest(str(clip), f"{tmp_path}/out/", formats, model=loader)
     with pytest.raises(KeyboardInterrupt):
-        video(request, Watch(last=12))
+        video(request, Watched(last=12))
     assert hidden(tmp_path / "out")
     video(dataclasses.replace(request, settings=VideoSettings(smooth_s=0.2)))
     assert not hidden(tmp_path / "out")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from seeded import seeded
 from torch import Tensor
 
 from depthcli.training.config.ranges import check_range
@@ -17,10 +18,6 @@ PLAIN = DataConfig(width=32, height=24)
 FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)
 
 
-def _random(seed: int = 0) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
-
-
 def _pairs(count: int, *, noise: bool = True) -> tuple[Tensor, Tensor]:
     """Pairs whose depth, 1 to 5 m, is 1 + 4 V, so that each tells what the other must be."""
     rows, columns = torch.meshgrid(
@@ -28,7 +25,7 @@ def _pairs(count: int, *, noise: bool = True) -> tuple[Tensor, Tensor]:
     )
     value = (0.2 * rows + 0.5 * columns).expand(count, 1, -1, -1).clone()
     if noise:
-        value = value + 0.3 * torch.rand(value.shape, generator=_random(9))
+        value = value + 0.3 * torch.rand(value.shape, generator=seeded(9))
     return value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
 
 
@@ -40,7 +37,7 @@ def _flipped(gray: Tensor) -> Tensor:
 def test_without_strengths_there_are_whole_pictures_and_mirrored_ones() -> None:
     rgb, depth_m = _pairs(1)
     rgb, depth_m = rgb.expand(64, -1, -1, -1), depth_m.expand(64, -1, -1, -1)
-    gray, seen_m, _ = augment(rgb, depth_m, PLAIN, _random())
+    gray, seen_m, _ = augment(rgb, depth_m, PLAIN, seeded())
     halves = torch.nn.functional.avg_pool2d(depth_m[:1], 2)
     mirrored = _flipped(gray)
     assert 20 < int(mirrored.sum()) < 44
@@ -52,7 +49,7 @@ def test_without_strengths_there_are_whole_pictures_and_mirrored_ones() -> None:
 
 def test_picture_and_depth_keep_the_same_geometry() -> None:
     rgb, depth_m = _pairs(40)
-    gray, seen_m, _ = augment(rgb, depth_m, FREE_OF_LIGHT, _random(1))
+    gray, seen_m, _ = augment(rgb, depth_m, FREE_OF_LIGHT, seeded(1))
     zoom = (1 + 4 * (gray + 1) / 2) / seen_m
     spread = zoom.amax((1, 2, 3)) - zoom.amin((1, 2, 3))
     assert float(spread.max()) < 1e-4  # one zoom everywhere in a picture
@@ -64,7 +61,7 @@ def test_picture_and_depth_keep_the_same_geometry() -> None:
 
 def test_zoom_by_s_magnifies_by_s_and_divides_depth_by_s() -> None:
     rgb, depth_m = _pairs(60, noise=False)
-    gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, zoom=2.0), _random(2))
+    gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, zoom=2.0), seeded(2))
     zoom = ((1 + 4 * (gray + 1) / 2) / seen_m).mean((1, 2, 3))
     across = (gray[..., 1:] - gray[..., :-1])[:, 0, 12, 16].abs()
     whole = network_input(torch.nn.functional.avg_pool2d(rgb[:1], 2), PLAIN)
@@ -80,7 +77,7 @@ def test_plane_seen_through_the_zoom_is_the_plane_a_longer_lens_would_see() -> N
     rgb[:, :, 16:32, 24:40] = 1  # a square of side_px in the middle: 1 m at 4 m
     depth_m = torch.full((30, 1, 48, 64), wall_m)
     data = replace(PLAIN, width=64, height=48, zoom=1.25)
-    gray, seen_m, _ = augment(rgb, depth_m, data, _random(3))
+    gray, seen_m, _ = augment(rgb, depth_m, data, seeded(3))
     true_m = side_px * wall_m / focal_px
     for i in range(30):
         area_px = float(((gray[i] + 1) / 2).sum())
@@ -93,7 +90,7 @@ def test_rotation_turns_pixels_by_degrees_at_any_aspect() -> None:
     columns = torch.linspace(-1, 1, 128).expand(96, -1)
     rgb = (0.5 + 0.4 * columns).expand(80, 3, -1, -1).contiguous()
     data = replace(PLAIN, width=64, height=48, zoom=2.0, rotate_deg=10)
-    gray, _, _ = augment(rgb, torch.ones(80, 1, 96, 128), data, _random(4))
+    gray, _, _ = augment(rgb, torch.ones(80, 1, 96, 128), data, seeded(4))
     along_x = (gray[..., 20, 32] - gray[..., 20, 31])[:, 0]
     along_y = (gray[..., 21, 32] - gray[..., 20, 32])[:, 0]
     degrees = torch.rad2deg(torch.atan(along_y / along_x)).abs()
@@ -114,7 +111,7 @@ def _corners(data: DataConfig, count: int, seed: int) -> Tensor:
     depth_m = torch.ones(count, 1, height, width)
     places = []
     for picture in (across, down):
-        gray = augment(picture, depth_m.clone(), data, _random(seed)).gray[:, 0]
+        gray = augment(picture, depth_m.clone(), data, seeded(seed)).gray[:, 0]
         y, x = data.height // 2, data.width // 2
         middle, along_x, along_y = gray[:, y, x], gray[:, y, x + 1], gray[:, y + 1, x]
         right = (along_x - middle)[:, None] * torch.tensor([-x - 0.5, data.width - x - 0.5])
@@ -139,9 +136,9 @@ def test_views_reach_every_edge_and_never_leave_the_picture(width: int, height: 
 
 def test_crop_of_the_originals_is_untrue_to_metres() -> None:
     rgb, depth_m = _pairs(50)
-    gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, crop_286=True), _random(6))
+    gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, crop_286=True), seeded(6))
     torch.testing.assert_close(1 + 4 * (gray + 1) / 2, seen_m)
-    _, plane_m, _ = augment(rgb, torch.full_like(depth_m, 3.0), PLAIN, _random(6))
+    _, plane_m, _ = augment(rgb, torch.full_like(depth_m, 3.0), PLAIN, seeded(6))
     torch.testing.assert_close(plane_m, torch.full_like(plane_m, 3.0))
     means = seen_m.mean((1, 2, 3))
     assert float(means.max() - means.min()) > 0.05  # crops at random places
@@ -160,8 +157,8 @@ def test_crop_of_the_originals_is_untrue_to_metres() -> None:
 def test_light_changes_the_picture_and_never_the_depth(strengths: dict[str, float]) -> None:
     rgb, depth_m = _pairs(8)
     lit = replace(PLAIN, **strengths)
-    gray, seen_m, _ = augment(rgb, depth_m, PLAIN, _random(7))
-    relit, same_m, _ = augment(rgb, depth_m, lit, _random(7))
+    gray, seen_m, _ = augment(rgb, depth_m, PLAIN, seeded(7))
+    relit, same_m, _ = augment(rgb, depth_m, lit, seeded(7))
     torch.testing.assert_close(seen_m, same_m)
     assert float((gray - relit).abs().mean((1, 2, 3)).mean()) > 0.01
     assert float(relit.min()) >= -1
@@ -173,7 +170,7 @@ def _lit(level: float, **strengths: float) -> Tensor:
     rgb = torch.zeros(1000, 3, 24, 32)
     rgb[:, 0] = level
     data = replace(PLAIN, **strengths)
-    return (augment(rgb, torch.ones(1000, 1, 24, 32), data, _random(7)).gray[:, 0] + 1) / 2
+    return (augment(rgb, torch.ones(1000, 1, 24, 32), data, seeded(7)).gray[:, 0] + 1) / 2
 
 
 def test_strengths_are_standard_deviations() -> None:
@@ -203,7 +200,7 @@ def test_the_generator_is_the_only_source_of_chance() -> None:
         found = []
         for other in (0, 1):
             torch.manual_seed(other)
-            found.append(augment(rgb, depth_m, data, _random(seed)))
+            found.append(augment(rgb, depth_m, data, seeded(seed)))
         torch.testing.assert_close(*found, rtol=0, atol=0)
         assert found[0].known is not None
 

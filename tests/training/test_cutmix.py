@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from seeded import seeded
 from torch import Tensor
 
 from depthcli.errors import UsageError
@@ -16,10 +17,6 @@ from depthcli.training.data.augment import augment
 from depthcli.training.data.cutmix import cutmix
 
 COUNT, HEIGHT, WIDTH = 50, 24, 32
-
-
-def _random(seed: int = 0) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
 
 
 def _numbered(count: int = COUNT) -> Tensor:
@@ -39,7 +36,7 @@ def _rectangle(inside: Tensor) -> tuple[int, int]:
 
 
 def test_each_view_gets_one_rectangle_of_the_view_before_it() -> None:
-    (mixed,) = cutmix([_numbered()], 0.999999, _random())
+    (mixed,) = cutmix([_numbered()], 0.999999, seeded())
     sides = set()
     for number in range(COUNT):
         view = mixed[number, 0]
@@ -53,7 +50,7 @@ def test_each_view_gets_one_rectangle_of_the_view_before_it() -> None:
 
 
 def test_the_rectangles_lie_everywhere() -> None:
-    (mixed,) = cutmix([_numbered(2000)], 0.999999, _random(1))
+    (mixed,) = cutmix([_numbered(2000)], 0.999999, seeded(1))
     pasted = (mixed != _numbered(2000)).float().mean((0, 1))
     assert float(pasted.min()) > 0
     assert float(pasted[HEIGHT // 2, WIDTH // 2]) > 0.4
@@ -61,9 +58,9 @@ def test_the_rectangles_lie_everywhere() -> None:
 
 
 def test_all_maps_get_the_same_rectangles_and_keep_their_type() -> None:
-    gray = torch.rand(COUNT, 1, HEIGHT, WIDTH, generator=_random(2))
+    gray = torch.rand(COUNT, 1, HEIGHT, WIDTH, generator=seeded(2))
     maps = [gray, 3 * gray, gray < 0.5]
-    first, second, third = cutmix(maps, 0.5, _random(3))
+    first, second, third = cutmix(maps, 0.5, seeded(3))
     assert not torch.equal(first, gray)
     assert torch.equal(second, 3 * first)
     assert third.dtype == torch.bool
@@ -72,22 +69,22 @@ def test_all_maps_get_the_same_rectangles_and_keep_their_type() -> None:
 
 def test_the_share_is_that_of_the_views() -> None:
     numbered = _numbered(2000)
-    (mixed,) = cutmix([numbered], 0.3, _random(4))
+    (mixed,) = cutmix([numbered], 0.3, seeded(4))
     changed = (mixed != numbered).any(3).any(2).float().mean()
     assert 0.26 < float(changed) < 0.34
 
 
 def test_no_share_changes_nothing() -> None:
-    (mixed,) = cutmix([_numbered()], 0.0, _random())
+    (mixed,) = cutmix([_numbered()], 0.0, seeded())
     assert torch.equal(mixed, _numbered())
 
 
 def test_augmentation_mixes_picture_and_depth_alike() -> None:
-    value = torch.rand(8, 1, 48, 64, generator=_random(5))
+    value = torch.rand(8, 1, 48, 64, generator=seeded(5))
     rgb, depth_m = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
     plain = DataConfig(width=WIDTH, height=HEIGHT)
-    gray, seen_m, _ = augment(rgb, depth_m.clone(), plain, _random(6))
-    mixed, mixed_m, known = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), _random(6))
+    gray, seen_m, _ = augment(rgb, depth_m.clone(), plain, seeded(6))
+    mixed, mixed_m, known = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), seeded(6))
     torch.testing.assert_close(mixed_m, 1 + 4 * (mixed + 1) / 2)
     assert known is None
     assert not torch.equal(mixed, gray)
@@ -97,11 +94,11 @@ def test_augmentation_mixes_picture_and_depth_alike() -> None:
 
 def test_a_pasted_piece_brings_its_holes_along() -> None:
     """What is known is where the picture is bright, before and after pieces are pasted."""
-    value = torch.rand(8, 1, HEIGHT, WIDTH, generator=_random(5))
+    value = torch.rand(8, 1, HEIGHT, WIDTH, generator=seeded(5))
     rgb, depth_m, known = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value, value > 0.4
     plain = DataConfig(width=WIDTH, height=HEIGHT)
-    whole = augment(rgb, depth_m.clone(), plain, _random(6), known)
-    mixed = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), _random(6), known)
+    whole = augment(rgb, depth_m.clone(), plain, seeded(6), known)
+    mixed = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), seeded(6), known)
     for views in (whole, mixed):
         assert views.known is not None
         assert torch.equal(views.known, views.gray > 2 * 0.4 - 1)

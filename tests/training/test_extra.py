@@ -15,7 +15,7 @@ from supervised_runs import BARE, SUPERVISED, train_two_steps, write_extra
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
-from depthcli.training.checkpoint import Checkpoint, load_generator
+from depthcli.training.checkpoint import Checkpoint, RunProgress, load_generator
 from depthcli.training.config.overrides import updated
 from depthcli.training.config.schema import OutputConfig
 from depthcli.training.data.batches import Batches, TrainingBatch
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from torch import Tensor
 
+    from depthcli.training.config.schema import TrainConfig
 
 CPU = torch.device("cpu")
 
@@ -181,6 +182,22 @@ def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
         torch.testing.assert_close(weights.double(), expected, atol=1e-6, rtol=0)
 
 
+def _untrained(config: TrainConfig, folder: Path) -> Path:
+    """A folder with a checkpoint before the first step, and its model."""
+    weights = build_generator(config.generator).state_dict()
+    named = {f"generator.{name}": value for name, value in weights.items()}
+    checkpoint = Checkpoint(config, RunProgress(), named, None, {}, {}, torch.get_rng_state())
+    checkpoint.save(folder / "last.ckpt")
+    export_checkpoint(folder / "last.ckpt", folder / "last.onnx", ExportOptions("model"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files of ``BARE``."""
+    return _untrained(BARE, tmp_path_factory.mktemp("bare"))
+
+
 OTHER_CODINGS = [
     ({"output": {"max_m": 80.0}}, "output.max_m is 80.0 there, 10.0 here"),
     ({"output": {"coding": "linear"}}, 'output.coding is "linear" there, "log" here'),
@@ -189,20 +206,19 @@ OTHER_CODINGS = [
 ]
 
 
-@pytest.mark.parametrize("suffix", [".ckpt", ".onnx"])
 @pytest.mark.parametrize(("other", "line"), OTHER_CODINGS)
 def test_weights_of_another_coding_have_no_mean_and_are_told(
-    tmp_path: Path, other: dict[str, dict[str, object]], line: str, suffix: str
+    tmp_path: Path, bare: Path, other: dict[str, dict[str, object]], line: str
 ) -> None:
-    files = [tmp_path / name / f"last{suffix}" for name in "ab"]
-    for config, file in zip((BARE, updated(BARE, other)), files, strict=True):
-        train_two_steps(config, file.parent)
-        if suffix == ".onnx":
-            export_checkpoint(file.with_suffix(".ckpt"), file, ExportOptions("model"))
-    with pytest.raises(CheckpointError, match=rf"b/last.* \({re.escape(line)}\), so their weigh"):
-        start_from(build_generator(BARE.generator), files, pytest.fail)
-    assert coding_differences(BARE, files[1:]) == (line,)
-    assert coding_differences(BARE, files[:1]) == coding_differences(BARE, []) == ()
+    another = _untrained(updated(BARE, other), tmp_path)
+    for name in ("last.ckpt", "last.onnx"):
+        files = [bare / name, another / name]
+        message = re.escape(f"{files[1]} encodes colour or depth in another way than {files[0]} ")
+        message += rf"\({re.escape(line)}\), so their weights have no mean"
+        with pytest.raises(CheckpointError, match=message):
+            start_from(build_generator(BARE.generator), files, pytest.fail)
+        assert coding_differences(BARE, files[1:]) == (line,)
+        assert coding_differences(BARE, files[:1]) == coding_differences(BARE, []) == ()
 
 
 def test_of_weights_without_depth_the_colour_alone_is_compared(tmp_path: Path) -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "io"))
 from made import exif, jpeg_with_exif
 from rooms import room_data
 from tiny import write_model, write_picture
@@ -17,6 +14,9 @@ from tiny import write_model, write_picture
 from depthcli.cli.app import main
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.errors import DatasetError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 GRAY, SEEN_M = 128, 5 + 4 * (2 * 128 / 255 - 1)
 """A picture of one brightness, and what the tiny model sees in it at any size."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from seeded import seeded
 from torch import Tensor
 
 from depthcli.training.config.schema import DataConfig
@@ -17,10 +18,6 @@ DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0)
 HALF_X = math.tan(math.radians(63.3 / 2))
 HALF_Y = HALF_X * 48 / 64
 NYU = (HALF_X, HALF_Y)
-
-
-def _random(seed: int = 0) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
 
 
 def _point(
@@ -53,7 +50,7 @@ def test_a_turned_view_is_what_a_turned_camera_sees(
     ``halves`` is half the width and height of the picture at depth 1.
     """
     fov = None if halves == NYU else torch.tensor([halves], dtype=torch.float64).expand(12, 2)
-    geometry = draw_views(12, size, replace(DATA, rotate_deg=rotate_deg), _random(1), fov)
+    geometry = draw_views(12, size, replace(DATA, rotate_deg=rotate_deg), seeded(1), fov)
     wide, high = size
     for i in range(12):
         corners = [(0, 0), (0, wide - 1), (high - 1, 0), (high // 2, wide // 3)]
@@ -103,7 +100,7 @@ def _zoom_for(
 
 
 def test_without_turning_a_view_is_a_plain_cut() -> None:
-    plain = draw_views(8, (64, 48), replace(DATA, turn=0.0), _random(2))
+    plain = draw_views(8, (64, 48), replace(DATA, turn=0.0), seeded(2))
     assert plain.inside is None
     assert plain.depth_scale.shape == (8, 1, 1, 1)
     steps = plain.grid[:, :, 1:, 0] - plain.grid[:, :, :-1, 0]
@@ -112,7 +109,7 @@ def test_without_turning_a_view_is_a_plain_cut() -> None:
 
 def test_views_of_other_shapes_fit_and_keep_the_focal_length() -> None:
     """A portrait view of a landscape picture is zoomed in until it fits, and metres follow."""
-    geometry = draw_views(40, (48, 64), replace(DATA, turn=0.0), _random(3))
+    geometry = draw_views(40, (48, 64), replace(DATA, turn=0.0), seeded(3))
     assert float(geometry.grid.abs().max()) <= 1
     step_y = (geometry.grid[:, 1, 0, 1] - geometry.grid[:, 0, 0, 1]) * HALF_Y
     focal = 1 / step_y / (48 / (2 * HALF_Y))  # in units of the network's
@@ -121,20 +118,20 @@ def test_views_of_other_shapes_fit_and_keep_the_focal_length() -> None:
 
 
 def test_what_lies_outside_of_the_picture_is_not_known() -> None:
-    geometry = draw_views(60, (64, 48), DATA, _random(4))
+    geometry = draw_views(60, (64, 48), DATA, seeded(4))
     assert geometry.inside is not None
     outside = (geometry.grid.abs() > 1).any(-1)[:, None]
     assert torch.equal(geometry.inside, ~outside)
     assert 0 < int(outside.sum()) < 0.05 * outside.numel()
     rgb, depth_m = torch.rand(60, 3, 96, 128), torch.full((60, 1, 96, 128), 2.0)
-    known = augment(rgb, depth_m, DATA, _random(4)).known
+    known = augment(rgb, depth_m, DATA, seeded(4)).known
     assert known is not None
     assert not known.all()
 
 
 def test_sizes_of_views_keep_the_number_of_pixels() -> None:
     data = DataConfig(width=192, height=144, aspects=(16 / 9, 1.0, 0.75))
-    random = _random(5)
+    random = seeded(5)
     sizes = [view_size(data, random) for _ in range(300)]
     assert set(sizes) == {(192, 144), (224, 128), (160, 160), (144, 192)}
     assert 110 < sizes.count((192, 144)) < 190
@@ -146,7 +143,7 @@ def _border_levels(**changes: float) -> Tensor:
     rgb = torch.full((200, 3, 96, 128), 0.5)
     rgb[..., 0], rgb[..., -1], rgb[..., 0, :], rgb[..., -1, :] = 1, 1, 1, 1
     data = replace(DATA, zoom=1.0, turn=0.0, **changes)  # type: ignore[arg-type]
-    gray = augment(rgb, torch.ones(200, 1, 96, 128), data, _random(6)).gray
+    gray = augment(rgb, torch.ones(200, 1, 96, 128), data, seeded(6)).gray
     assert torch.all(gray[..., 4:-4, 4:-4] == 0)
     return (gray[:, 0, 20, 0] + 1) / 2
 
@@ -167,18 +164,18 @@ def test_beyond_its_edge_a_picture_goes_on_as_it_ends(border: float) -> None:
     """A gray room stays gray, and its flat wall flat, wherever a camera is turned."""
     data = replace(DATA, border=border)
     wall_m = torch.full((60, 1, 96, 128), 2.0)
-    seen = augment(torch.full((60, 3, 96, 128), 0.25), wall_m, data, _random(4))
+    seen = augment(torch.full((60, 3, 96, 128), 0.25), wall_m, data, seeded(4))
     assert seen.known is not None
     assert not seen.known.all()
     torch.testing.assert_close(seen.gray, torch.full_like(seen.gray, -0.5))
-    scale = draw_views(60, (64, 48), DATA, _random(4)).depth_scale
+    scale = draw_views(60, (64, 48), DATA, seeded(4)).depth_scale
     torch.testing.assert_close(seen.depth_m, 2 * scale)
 
 
 def test_blur_smooths_and_keeps_the_mean() -> None:
-    rgb = torch.rand(20, 1, 96, 128, generator=_random(7)).expand(-1, 3, -1, -1)
+    rgb = torch.rand(20, 1, 96, 128, generator=seeded(7)).expand(-1, 3, -1, -1)
     plain = replace(DATA, zoom=1.0, turn=0.0)
-    sharp = augment(rgb, torch.ones(20, 1, 96, 128), plain, _random(8)).gray
-    soft = augment(rgb, torch.ones(20, 1, 96, 128), replace(plain, blur=1.0), _random(8)).gray
+    sharp = augment(rgb, torch.ones(20, 1, 96, 128), plain, seeded(8)).gray
+    soft = augment(rgb, torch.ones(20, 1, 96, 128), replace(plain, blur=1.0), seeded(8)).gray
     assert float(soft.std()) < 0.9 * float(sharp.std())
     torch.testing.assert_close(soft.mean(), sharp.mean(), atol=2e-3, rtol=0)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+import tiny_methods
 import torch
 import torch.nn.functional as F  # noqa: N812
 from rooms import EFFICIENT, PAPER
@@ -30,12 +31,6 @@ ALONE = {
 }
 
 
-def _batch(seed: int = 0) -> TrainingBatch:
-    random = torch.Generator().manual_seed(seed)
-    gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
-    return TrainingBatch(gray, torch.rand(1, 1, 32, 32, generator=random) * 8 + 1)
-
-
 def _method(**loss: Any) -> Proposed:
     torch.manual_seed(1)
     return Proposed(replace(PAPER, loss=replace(NOTHING, **loss)))
@@ -48,7 +43,7 @@ def _terms(method: Proposed, batch: TrainingBatch) -> dict[str, Tensor]:
 @pytest.mark.parametrize("name", ALONE)
 def test_weight_of_zero_leaves_term_and_networks_out(name: str) -> None:
     method = _method(**{name: 1.0})
-    assert set(_terms(method, _batch())) == set(ALONE[name])
+    assert set(_terms(method, tiny_methods.batch())) == set(ALONE[name])
     assert (method.sampler is not None) == name.startswith("contrast")
     assert (method.depth_discriminator is not None) == (name == "adversarial")
     backward = name in {"adversarial", "identity", "cycle"}
@@ -61,12 +56,12 @@ def test_every_term_is_proportional_to_its_weight() -> None:
         values = []
         for method, _ in (once, thrice):
             torch.manual_seed(5)
-            values.append(float(method(_batch(), "generator")[terms[0]].detach()))
+            values.append(float(method(tiny_methods.batch(), "generator")[terms[0]].detach()))
         assert values[1] == pytest.approx(3 * values[0], rel=1e-5), name
 
 
 def test_cycle_and_identity_are_equations_2_and_3() -> None:
-    method, batch = _method(cycle=1.0, identity=1.0), _batch()
+    method, batch = _method(cycle=1.0, identity=1.0), tiny_methods.batch()
     forward, backward = method.generator, method.backward_generator
     assert backward is not None
     x, y = batch.gray, (batch.depth_m - 5) / 5
@@ -79,7 +74,7 @@ def test_cycle_and_identity_are_equations_2_and_3() -> None:
 
 @pytest.mark.parametrize("both", [False, True])
 def test_l1_is_equation_1_on_one_or_both_generators(both: bool) -> None:
-    method, batch = _method(l1=2.0, weight_penalty=0.01, l1_backward=both), _batch()
+    method, batch = _method(l1=2.0, weight_penalty=0.01, l1_backward=both), tiny_methods.batch()
     x, y = batch.gray, (batch.depth_m - 5) / 5
     terms = method(batch, "generator")
     assert set(terms) == {"l1", "l1_backward"} if both else {"l1"}
@@ -96,7 +91,7 @@ def test_l1_is_equation_1_on_one_or_both_generators(both: bool) -> None:
 @pytest.mark.parametrize("contrast", ["cut", "cfl"])
 def test_contrast_is_equation_4_over_taps_at_the_same_positions(contrast: str, name: str) -> None:
     """Of depth y, output is compared with input: the truth of G(y) is y itself."""
-    method, batch = _method(**{name: 0.5}, contrast=contrast), _batch()
+    method, batch = _method(**{name: 0.5}, contrast=contrast), tiny_methods.batch()
     torch.manual_seed(5)
     value = method(batch, "generator")[name]
     generator, sampler = method.generator, method.sampler
@@ -114,7 +109,7 @@ def test_contrast_is_equation_4_over_taps_at_the_same_positions(contrast: str, n
 
 
 def test_cfl_looks_at_the_paired_truth_and_cut_at_the_input() -> None:
-    batch, other = _batch(), _batch(1)
+    batch, other = tiny_methods.batch(), tiny_methods.batch(1)
     for contrast, changed in (("cut", batch._replace(depth_m=other.depth_m)), ("cfl", None)):
         values = []
         for seen in (batch, changed or batch._replace(depth_m=other.depth_m)):
@@ -126,7 +121,7 @@ def test_cfl_looks_at_the_paired_truth_and_cut_at_the_input() -> None:
 
 @pytest.mark.parametrize("gan", ["lsgan", "hinge", "ralsgan"])
 def test_phases_move_their_own_networks_only(gan: str) -> None:
-    method, batch = _method(adversarial=1.0, gan=gan), _batch()
+    method, batch = _method(adversarial=1.0, gan=gan), tiny_methods.batch()
     for phase, other in (("generator", "discriminator"), ("discriminator", "generator")):
         method.zero_grad()
         sum(method(batch, phase).values()).backward()  # type: ignore[union-attr]
@@ -138,8 +133,8 @@ def test_phases_move_their_own_networks_only(gan: str) -> None:
 @pytest.mark.parametrize("cycle", [0.0, 1.0])
 def test_one_direction_judges_depth_alone(cycle: float) -> None:
     method = _method(adversarial=2.0, adversarial_backward=False, cycle=cycle)
-    x, y = _batch().gray, (_batch().depth_m - 5) / 5
-    terms, discriminator = _terms(method, _batch()), method.depth_discriminator
+    x, y = tiny_methods.batch().gray, (tiny_methods.batch().depth_m - 5) / 5
+    terms, discriminator = _terms(method, tiny_methods.batch()), method.depth_discriminator
     assert discriminator is not None
     assert (method.backward_generator is None) == (not cycle)
     assert method.networks("discriminator") == [discriminator]
@@ -157,8 +152,8 @@ def test_one_direction_judges_depth_alone(cycle: float) -> None:
 def test_discriminators_see_pooled_fakes() -> None:
     method = _method(adversarial=1.0)
     for seed in range(3):
-        method(_batch(seed), "generator")
-        method(_batch(seed), "discriminator")
+        method(tiny_methods.batch(seed), "generator")
+        method(tiny_methods.batch(seed), "discriminator")
     state = method.extra_state()
     assert {name: len(images) for name, images in state.items()} == {
         "pool_gray": 2,
@@ -180,7 +175,7 @@ def test_depth_beyond_the_coding_is_clamped() -> None:
 
 def test_output_at_half_the_size_is_held_to_the_mean_of_the_truth() -> None:
     config = replace(EFFICIENT, loss=replace(NOTHING, l1=1.0))
-    method, batch = Proposed(config), _batch()
+    method, batch = Proposed(config), tiny_methods.batch()
     torch.nn.init.normal_(method.eval().generator.head.weight)
     raw, y = method.generator(batch.gray), method.encode(batch.depth_m)
     wanted = (raw - F.avg_pool2d(y, 2)).abs().mean()
@@ -191,7 +186,7 @@ def test_output_at_half_the_size_is_held_to_the_mean_of_the_truth() -> None:
 def test_what_stands_in_a_hole_is_not_learned(config: Any) -> None:
     """The terms against the truth are of measured pixels alone, at the output's size."""
     loss = replace(NOTHING, l1=1.0, gradient=1.0, l1_backward=True)
-    method, plain = Proposed(replace(config, loss=loss)).eval(), _batch()
+    method, plain = Proposed(replace(config, loss=loss)).eval(), tiny_methods.batch()
     for weight in method.generator.get_submodule("head").parameters():
         torch.nn.init.normal_(weight, std=0.1)
     known = torch.ones(1, 1, 32, 32, dtype=torch.bool)
@@ -216,7 +211,7 @@ def test_what_stands_in_a_hole_is_not_learned(config: Any) -> None:
 @pytest.mark.parametrize("config", [PAPER, EFFICIENT], ids=["resnet", "efficient"])
 def test_backward_l1_is_of_measured_pixels_alone(config: Any) -> None:
     loss = replace(NOTHING, l1=2.0, l1_backward=True)
-    method, plain = Proposed(replace(config, loss=loss)).eval(), _batch()
+    method, plain = Proposed(replace(config, loss=loss)).eval(), tiny_methods.batch()
     backward = method.backward_generator
     assert backward is not None
     for weight in backward.get_submodule("head").parameters():
@@ -231,7 +226,7 @@ def test_backward_l1_is_of_measured_pixels_alone(config: Any) -> None:
 def test_backward_l1_needs_a_weight() -> None:
     method = _method(l1=0.0, gradient=1.0, l1_backward=True)
     assert method.backward_generator is None
-    assert set(method(_batch(), "generator")) == {"gradient"}
+    assert set(method(tiny_methods.batch(), "generator")) == {"gradient"}
 
 
 def test_efficient_generator_takes_every_loss() -> None:

@@ -1,0 +1,19 @@
+"""The model of the tests of jobs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from tiny import write_model
+
+from depthcli.inference.loading import SessionLoader
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def loader(tmp_path: Path) -> SessionLoader:
+    """The tiny model; modules of plates have one that learned a camera."""
+    return SessionLoader(write_model(tmp_path / "model"), "cpu", threads=1)

@@ -1,0 +1,9 @@
+"""Chance that is the same each time."""
+
+from __future__ import annotations
+
+import torch
+
+
+def seeded(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)

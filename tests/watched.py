@@ -1,0 +1,42 @@
+"""A Progress that tests look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@dataclass
+class Watched:
+    """It remembers all that it is told, and may end the work once some units are done."""
+
+    last: int | None = None
+    begun: list[tuple[str, int | None, str]] = field(default_factory=list)
+    counts: list[list[int]] = field(default_factory=list)
+    """Of each stage, the units done each time."""
+
+    @property
+    def done(self) -> int:
+        """Units of all stages."""
+        return sum(map(sum, self.counts))
+
+    @property
+    def stages(self) -> dict[str, tuple[int | None, int]]:
+        """Of each stage, the units announced and done."""
+        stages = zip(self.begun, self.counts, strict=True)
+        return {what: (total, sum(counts)) for (what, total, _), counts in stages}
+
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
+        counts: list[int] = []
+        self.begun.append((what, total, unit))
+        self.counts.append(counts)
+
+        def advance(count: int) -> None:
+            counts.append(count)
+            if self.done == self.last:
+                raise KeyboardInterrupt
+
+        return advance
