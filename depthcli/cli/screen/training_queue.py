@@ -36,12 +36,13 @@ class QueueScreen:
         """Print how many runs are finished, and those that failed, even if quiet."""
         failed = [f"{s.run.name} ({s.reason})" for s in statuses if s.state == "failed"]
         finished = sum(s.state == "finished" for s in statuses)
+        all_runs = f"{len(statuses)} run{'s'[: len(statuses) - 1]}"
         if not self._quiet and not self._as_json:
             rest = len(statuses) - finished - len(failed)
             more = f", {rest} to continue: run the same command again" if rest else ""
-            console.note(f"{finished} of {len(statuses)} runs finished{more}")
+            console.note(f"{finished} of {all_runs} finished{more}")
         if failed:
-            console.error(f"{len(failed)} of {len(statuses)} runs failed: {'; '.join(failed)}")
+            console.error(f"{len(failed)} of {all_runs} failed: {'; '.join(failed)}")
 
 
 def _values(status: RunStatus) -> dict[str, object]:
