@@ -21,7 +21,7 @@ import depthcli
 from depthcli.io.depth.read import read_metadata
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 PIXELS = synthetic_picture()
 
@@ -147,14 +147,17 @@ def test_a_pil_picture_that_pillow_cannot_convert_is_refused(model: depthcli.Dep
         model.predict(Image.new("La", (16, 12)))
 
 
-def test_highlights_are_white_in_tiles_too(model: depthcli.DepthModel) -> None:
+@pytest.mark.parametrize("kind", [np.asarray, depthcli.Frame])
+def test_highlights_are_white_in_tiles_too(
+    kind: Callable[[np.ndarray], Any], model: depthcli.DepthModel
+) -> None:
     pixels = np.full((96, 128), 0.5, np.float32)
     pixels[:30] = 7.0
     folder = model.pipeline.session.model.path.parent
     detail = depthcli.Detail(tile_px=64)
     tiled = depthcli.load_model(folder, provider="cpu", detail=detail)
     np.testing.assert_array_equal(
-        tiled.predict(pixels).values, tiled.predict(pixels.clip(0, 1)).values
+        tiled.predict(kind(pixels)).values, tiled.predict(pixels.clip(0, 1)).values
     )
 
 
@@ -533,6 +536,14 @@ def test_pixels_that_a_fit_erases_give_a_warning() -> None:
         depth = relative.fit_anchors([(2, 0, 1.0), (3, 0, 4.0)])
     assert told[0].filename == __file__
     np.testing.assert_allclose(depth.values, [[math.nan, math.nan, 1, 4]], rtol=1e-6)
+
+
+def test_a_map_of_a_frame_with_wide_pixels_states_their_shape(tmp_path: Path) -> None:
+    frame = depthcli.Frame(np.zeros((3, 4), np.uint8), pixel_aspect=2.0)
+    depthcli.DepthMap(np.ones((3, 4), np.float32), frame=frame).save(tmp_path / "a.exr")
+    found = depthcli.read_depth(tmp_path / "a.exr").provenance
+    assert found is not None
+    assert found.pixel_aspect == 2
 
 
 def test_the_warning_about_inverse_maps_names_infinity() -> None:

@@ -5,9 +5,6 @@ from dataclasses import dataclass
 from depthcli.core import scaling
 from depthcli.errors import InputError
 
-_SQUARE = 0.01
-"""Largest difference of fx and fy that needs no warning, as a share."""
-
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
@@ -15,11 +12,11 @@ class Calibration:
 
     width: int  #: columns of the pictures it was calibrated with
     height: int  #: rows of these
-    focal_px: float  #: focal length in pixels of these
+    focal_px: float  #: focal length in pixels of these, in widths of them
     #: (cx, cy), principal point in pixels of these; (0, 0) is the middle of the first pixel
     centre_px: tuple[float, float]
     is_distorted: bool = False  #: whether its lens has a distortion, which a pinhole has not
-    pixel_aspect: float = 1.0  #: width of a pixel by its height, which is fy / fx
+    pixel_aspect: float = 1.0  #: width of a pixel by its height
 
     @property
     def hfov_deg(self) -> float:
@@ -28,19 +25,12 @@ class Calibration:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """How it differs from a pinhole camera with square pixels, one line each."""
-        found = []
-        if self.is_distorted:
-            found.append(
-                "the camera has lens distortion, which is not removed; rectify the pictures, and "
-                "then add --rectified"
-            )
-        if abs(self.pixel_aspect - 1) > _SQUARE:
-            found.append(
-                f"fy is {self.pixel_aspect:.3g} of fx, and depth and point clouds assume square "
-                "pixels; resize the pictures to square pixels and calibrate these"
-            )
-        return tuple(found)
+        """How it differs from a pinhole camera, one line each."""
+        distorted = (
+            "the camera has lens distortion, which is not removed; rectify the pictures, and then "
+            "add --rectified"
+        )
+        return (distorted,) if self.is_distorted else ()
 
     def centre_for(self, width: int, height: int) -> tuple[float, float]:
         """The principal point in pixels of a picture, which may be resized.

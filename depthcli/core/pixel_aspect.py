@@ -2,6 +2,9 @@
 
 from fractions import Fraction
 
+PIXEL_ASPECTS = 1e-6, 1e6
+"""Least and largest width of a pixel by its height."""
+
 _MOST = 1000
 
 

@@ -13,6 +13,7 @@ _RGB = 3
 _CHANNELS = (1, 3, 4)
 # Colours out of gamut and resampling make some negatives; a picture in [-1, 1] has many.
 _ROUNDING, _NEGATIVE_SHARE = 0.01, 0.1
+_LIT_SHARE = 0.01  # a few bright pixels on black are highlights
 
 
 def check_pixels(pixels: npt.NDArray[Any]) -> None:
@@ -40,16 +41,20 @@ def _check_floats(pixels: npt.NDArray[np.float32]) -> None:
         raise InputError(
             "some float pixels are NaN or infinite; replace them, for example with np.nan_to_num"
         )
-    negative = low < 0 and np.count_nonzero(pixels < -_ROUNDING) > pixels.size * _NEGATIVE_SHARE
-    if negative or exceeds_white(pixels):
+    if is_out_of_range(pixels):
         raise InputError(f"float pixels have to be in [0, 1], not {low:g} to {high:g}; scale them")
 
 
-def exceeds_white(pixels: npt.NDArray[np.float32]) -> bool:
-    """Whether most of a picture that is not black is above 1: it is in 0-255 or another unit.
+def is_out_of_range(pixels: npt.NDArray[np.float32]) -> bool:
+    """Whether a finite picture is in 0-255, in [-1, 1] or in another range than [0, 1].
 
-    Highlights may be above 1.
+    Highlights may be above 1, if they are less than half of what is not black.
     """
-    if pixels.max() <= 1:
+    low, high = pixels.min(), pixels.max()
+    negative = pixels.size * _NEGATIVE_SHARE
+    if low < -_ROUNDING and np.count_nonzero(pixels < -_ROUNDING) > negative:
+        return True
+    if high <= 1 + _ROUNDING:
         return False
-    return bool(np.count_nonzero(pixels > 1) * 2 > np.count_nonzero(pixels > 0))
+    lit = max(float(np.count_nonzero(pixels > 0)), pixels.size * _LIT_SHARE)
+    return bool(np.count_nonzero(pixels > 1 + _ROUNDING) * 2 > lit)

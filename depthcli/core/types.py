@@ -1,6 +1,6 @@
 """The central types: a picture (input) and a depth map (output)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import Anchor
+from depthcli.core.pixel_aspect import PIXEL_ASPECTS
 from depthcli.core.pixels import check_pixels
 from depthcli.core.windows import Windows
+from depthcli.errors import InputError
 
 if TYPE_CHECKING:  # pictures need not wait for it
     from fractions import Fraction
@@ -85,12 +87,24 @@ class Frame:
     time_code: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the pixels.
+        """Check the pixels and their shape.
 
         Raises:
-            InputError: another shape or type, or floats that are not in [0, 1].
+            InputError: another shape or type, or floats that are not in [0, 1]; or a pixel aspect
+                that is not from 1e-6 to 1e6.
         """
         check_pixels(self.pixels)
+        low, high = PIXEL_ASPECTS
+        if not low <= self.pixel_aspect <= high:
+            raise InputError(
+                f"a pixel aspect of {self.pixel_aspect:g} is not from {low:g} to {high:g}"
+            )
+
+    def with_pixel_aspect(self, pixel_aspect: float) -> "Frame":
+        """The frame with pixels of another shape."""
+        if pixel_aspect == self.pixel_aspect:
+            return self
+        return replace(self, pixel_aspect=pixel_aspect)
 
     @property
     def height(self) -> int:

@@ -40,9 +40,10 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
         return None
     finest_px = math.ceil(math.sqrt(cells / (_MAX_CELLS_A_PIXEL * width * frame.height)))
     if AUTO_TILE != detail.tile_px < min(finest_px, width):
+        wide_px = max(finest_px, least_px)
+        other = f"give --tile {wide_px} or more" if wide_px < width else "leave --tile out"
         raise InputError(
-            f"tiles of {detail.tile_px} pixels have less detail than the network's input; give "
-            f"--tile {max(finest_px, least_px)} or more"
+            f"tiles of {detail.tile_px} pixels have less detail than the network's input; {other}"
         )
     if detail.tile_px == AUTO_TILE:
         chosen = max(-(-3 * width // 4), spec.width, least_px)

@@ -130,7 +130,9 @@ def _cropped(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
             tile, (frame.height, frame.width), (grid.height, grid.width), strict=True
         )
     )
-    return replace(frame, pixels=frame.pixels[rows, columns])
+    pixels = frame.pixels[rows, columns]
+    # A frame may have highlights, a tile of nothing else may not.
+    return replace(frame, pixels=pixels.clip(0, 1) if pixels.dtype == np.float32 else pixels)
 
 
 def _pixels_of(part: slice, size: int, cells: int) -> slice:

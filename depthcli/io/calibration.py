@@ -25,6 +25,7 @@ _LAST_ROW = [0, 0, 1]
 _ADVICE = "name the calibration of a camera"
 _MAX_BYTES = 2**20
 _MAX_PX = 1e6
+_SQUARE = 0.01  # largest difference of fx and fy of square pixels, as a share
 _OTHERS = (b"<?xml", b"{")
 _ENDS = (b"---", b"...")
 """Lines at which a YAML document ends."""
@@ -34,7 +35,8 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
     """A calibration in ``camera_info`` YAML of ROS, or in YAML, XML or JSON of OpenCV.
 
     Of a ``CameraInfo`` with a region of interest, it is the camera of the pictures of that region.
-    Its focal length is the geometric mean of fx and fy. Its ``hfov_deg`` is for ``predict``, its
+    Its focal length is the geometric mean of fx and fy, or fx if they differ by more than 1 %. Its
+    ``hfov_deg`` is for ``predict``, its ``pixel_aspect`` for a ``Frame``, its
     ``centre_for(width, height)`` for the ``centre_px`` of point clouds.
 
     Args:
@@ -62,8 +64,10 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
             f"cy {cy:g}, which is not a valid camera matrix; calibrate the camera again"
         )
-    focal_px, is_distorted = math.sqrt(fx * fy), not rectified and _is_distorted(root)
-    return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted, fy / fx)
+    is_square = abs(fy / fx - 1) <= _SQUARE
+    focal_px, aspect = (math.sqrt(fx * fy), 1.0) if is_square else (fx, fy / fx)
+    is_distorted = not rectified and _is_distorted(root)
+    return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted, aspect)
 
 
 def _matrix_rows(root: cv2.FileStorage, path: Path, *, rectified: bool) -> list[list[float]]:

@@ -58,6 +58,11 @@ class Table:
         self._group: tuple[int, pa.Table] | None = None
         self._block: tuple[int, list[dict[str, Any]]] | None = None
 
+    def has_columns(self, names: Iterable[str]) -> bool:
+        """Whether all files have these columns."""
+        wanted = set(names)
+        return all(wanted <= set(file.schema_arrow.names) for file in self._files)
+
     def column(self, name: str) -> Iterator[Any]:
         """All values of a column; none if the files have no such column.
 

@@ -8,7 +8,7 @@ import numpy as np
 from depthcli.core.camera import Camera
 from depthcli.core.map_camera import with_centre, with_focal
 from depthcli.core.overscan import displayed_frame
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth
@@ -141,7 +141,12 @@ def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOpti
 def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
     """The same depth with the given camera instead of the stated one."""
     depth = with_centre(depth, camera.centre_for(depth.width, depth.height))
-    return with_focal(depth, camera.focal_px, camera.hfov_deg)
+    depth = with_focal(depth, camera.focal_px, camera.hfov_deg)
+    source = depth.provenance or Provenance()
+    aspect = camera.pixel_aspect_of(source.pixel_aspect)
+    if aspect == source.pixel_aspect:
+        return depth
+    return replace(depth, provenance=replace(source, pixel_aspect=aspect))
 
 
 def _colours(picture: str, depth: DepthMap) -> Frame:

@@ -61,10 +61,10 @@ def tick_value(nearness: float, near: float, far: float, kind: DepthKind) -> flo
 
 def label(value: float, kind: DepthKind) -> str:
     """Three significant digits, or whole thousands, with the unit where there is one."""
-    if _THOUSAND <= abs(value) < 10 * _THOUSAND:
-        digits = f"{value:.0f}"
+    if abs(value) < _THOUSAND - 0.5:
+        digits = f"{value:#.3g}".rstrip(".")
     else:
-        digits = f"{value:#.3g}".rstrip(".") if abs(value) < _THOUSAND else f"{value:.3g}"
+        digits = f"{value:.0f}" if abs(value) < 100 * _THOUSAND else f"{value:.2g}"
     return f"{digits} m" if kind is DepthKind.METRIC else digits
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import pickle
 
 import numpy as np
@@ -72,6 +73,20 @@ def test_highlights_and_negative_light_are_shown_as_white_and_black() -> None:
 def test_floats_in_another_range_are_refused(pixels: np.ndarray) -> None:
     with pytest.raises(InputError, match=r"have to be in \[0, 1\]"):
         Frame(pixels)
+
+
+@pytest.mark.parametrize("highlight", [np.nextafter(np.float32(1), np.float32(2)), 1.2])
+@pytest.mark.parametrize("share", [1, 40])
+def test_a_few_highlights_on_black_are_a_picture(highlight: float, share: int) -> None:
+    pixels = np.zeros((100, 100), np.float32)
+    pixels[: share if highlight < 1.01 else 1, :40] = highlight
+    assert Frame(pixels).width == 100
+
+
+@pytest.mark.parametrize("aspect", [0.0, -1.0, math.nan, math.inf])
+def test_a_pixel_has_a_width_and_a_height(aspect: float) -> None:
+    with pytest.raises(InputError, match="pixel aspect of"):
+        Frame(np.zeros((2, 2), np.uint8), pixel_aspect=aspect)
 
 
 @pytest.mark.parametrize("kind", DepthKind)

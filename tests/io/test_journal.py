@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from file_trees import names
+from file_trees import contents, names
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,6 +27,7 @@ from depthcli.io.manifest.row import (
     parse_row,
 )
 from depthcli.io.manifest.shard import WHOLE, Shard
+from depthcli.io.parquet import write_table
 
 JOURNAL_NAME = ".depthcli-batch.jsonl"
 MANIFEST_NAME = "manifest.jsonl"
@@ -241,6 +242,7 @@ def test_shards_share_a_folder_with_none_but_shards(tmp_path: Path) -> None:
         ("manifest.jsonl", b'{"audio": "x.wav"}\n'),
         ("manifest.parquet/precious.txt", b"mine"),
         ("manifest.parquet/data.parquet", b"mine"),
+        ("manifest.parquet/part-00000.parquet", b"mine"),
     ],
 )
 def test_a_manifest_of_another_program_is_left_alone(
@@ -249,9 +251,25 @@ def test_a_manifest_of_another_program_is_left_alone(
     file = tmp_path / name
     file.parent.mkdir(exist_ok=True)
     file.write_bytes(content)
-    with pytest.raises(UsageError, match=r"was not written by depthcli|not a complete Parquet"):
-        Journal(tmp_path, form=form)
-    assert file.read_bytes() == content
+    before = contents(tmp_path)
+    for opened in (lambda: Journal(tmp_path, form=form), lambda: known_rows(tmp_path)):
+        with pytest.raises(UsageError, match=r"was not written by depthcli|not a complete Parquet"):
+            opened()
+    assert contents(tmp_path) == before
+
+
+def test_a_table_of_other_columns_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "manifest.parquet").mkdir()
+    write_table(tmp_path / "manifest.parquet", {"audio": str}, [{"audio": "x.wav"}])
+    with pytest.raises(UsageError, match="was not written by depthcli"):
+        Journal(tmp_path)
+
+
+def test_hidden_files_in_a_table_are_ignored(tmp_path: Path) -> None:
+    Journal(tmp_path, form=ManifestFormat.PARQUET).finish([])
+    for name in (".DS_Store", "_SUCCESS"):
+        (tmp_path / "manifest.parquet" / name).touch()
+    Journal(tmp_path).finish([])
 
 
 def test_a_link_in_the_place_of_a_manifest_is_refused(tmp_path: Path) -> None:

@@ -102,7 +102,8 @@ def test_the_legend_says_what_the_colours_mean(kind: DepthKind, near: float, far
     ("value", "text"),
     [
         *((2.5, "2.50 m"), (0.0169, "0.0169 m"), (123.4, "123 m"), (10, "10.0 m"), (0, "0.00 m")),
-        *((1234.5, "1234 m"), (-9876, "-9876 m"), (12345, "1.23e+04 m")),
+        *((1234.5, "1234 m"), (-9876, "-9876 m"), (12345, "12345 m")),
+        *((999.7, "1000 m"), (999.4, "999 m"), (123456, "1.2e+05 m")),
     ],
 )
 def test_labels_have_three_digits(value: float, text: str) -> None:

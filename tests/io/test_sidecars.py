@@ -154,6 +154,8 @@ def test_the_scale_of_a_frame_is_that_of_its_video_s_sidecar(tmp_path: Path) -> 
         ("a.0001.v003.npy", "a.0001.v.json", {"3": 0.5}, True),
         ("a.0001.v003.npy", "sequence.json", {"1": 0.5}, False),
         ("a.0001.000003.npy", "a.json", {"1": 0.5}, True),
+        ("room2.000001.npy", "room.json", {"2": 0.5}, False),  # of another video
+        ("2.000001.npy", "sequence.json", {"2": 0.5}, True),
     ],
 )
 def test_the_number_of_a_frame_can_be_before_another_one(

@@ -210,8 +210,9 @@ def test_doubles_are_a_picture() -> None:
 
 
 def test_floats_in_another_unit_are_refused() -> None:
-    with pytest.raises(InputError, match="up to 255; scale them"):
-        pixels(made.tiff(np.array([[0, 128, 255]], np.float32)))
+    for values, found in (([0, 128, 255], "from 0 to 255"), ([-1, 0.5, 0.5], "from -1 to 0.5")):
+        with pytest.raises(InputError, match=f"{found}; scale them"):
+            pixels(made.tiff(np.array([values], np.float32)))
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -229,13 +230,25 @@ def test_alpha_of_a_gray_tiff_is_dropped(kind: int) -> None:
     np.testing.assert_array_equal(found.reshape(2, 3, -1)[..., 0], gray[..., 0])
 
 
-@pytest.mark.parametrize("channels", [2, 3])
+@pytest.mark.parametrize(
+    ("channels", "reason"), [(2, "gray with alpha"), (3, "3 channels that are declared gray")]
+)
 @pytest.mark.parametrize("photometric", [0, 1])
-def test_gray_tiffs_of_16_bits_with_alpha_are_refused(channels: int, photometric: int) -> None:
+def test_gray_tiffs_of_16_bits_with_alpha_are_refused(
+    channels: int, reason: str, photometric: int
+) -> None:
     """OpenCV reads them as 8-bit gray, or as colours."""
     gray = np.full((2, 3, channels), 4095, np.uint16)
-    with pytest.raises(InputError, match="gray with alpha"):
+    with pytest.raises(InputError, match=reason):
         pixels(made.tiff(gray, photometric=photometric, extra=(2, 0)[: channels - 1]))
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_colours_of_floats_may_be_declared_gray(channels: int) -> None:
+    """As GDAL does by default."""
+    colours = np.arange(6 * channels).reshape(2, 3, channels).astype(np.float32) / 30
+    found = pixels(made.tiff(colours, photometric=1, extra=(0,) * (channels - 1)))
+    np.testing.assert_array_equal(found, colours[..., :3])
 
 
 def test_five_channels_are_refused() -> None:

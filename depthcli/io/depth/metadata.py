@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 
+from depthcli.core.pixel_aspect import PIXEL_ASPECTS
 from depthcli.core.types import AnchorFit, CameraSource, DepthKind, Provenance
 from depthcli.io.listing.own_outputs import KEY_PREFIX
 
 _LEAST, _MOST = 1e-9, 1e12
-_ASPECTS = 1e-6, 1e6
 _ORIENTATIONS = frozenset("12345678")
 
 
@@ -55,7 +55,8 @@ def positive_number(text: str | None) -> float | None:
 def pixel_aspect_in(text: str | None) -> float:
     """Width by height of a pixel from an untrusted file; 1 for anything else."""
     value = number(text)
-    return value if value is not None and _ASPECTS[0] <= value <= _ASPECTS[1] else 1.0
+    low, high = PIXEL_ASPECTS
+    return value if value is not None and low <= value <= high else 1.0
 
 
 def number(text: str | None) -> float | None:

@@ -12,7 +12,7 @@ from depthcli.errors import UsageError
 UINT16_MAX = 65535
 
 
-def check_scale(scale: float) -> None:
+def check_units_per_metre(scale: float) -> None:
     """Check a number of units per metre.
 
     Raises:
@@ -36,7 +36,7 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
     Raises:
         UsageError: the scale is not a number above 0.
     """
-    check_scale(scale)
+    check_units_per_metre(scale)
     height, width = values.shape
     steps = np.empty((height, width), np.uint16)
     saturated = 0

@@ -67,8 +67,11 @@ def _find_sidecar(path: Path) -> _Sidecar | None:
     own = path.with_suffix(".json")
     if fields := _read_sidecar(own):
         return _Sidecar(own, fields)
-    # The frame's number is not always the last one: d.0001.v003.npy.
-    for found in reversed(list(_NUMBER.finditer(own.stem))):
+    numbers = list(_NUMBER.finditer(own.stem))
+    for found in reversed(numbers):
+        # The frame's number is not always the last one: d.0001.v003.npy. It stands by itself then.
+        if found is not numbers[-1] and found.start() and found[0].isdigit():
+            continue
         shared = own.with_stem(own.stem[: found.start()] or "sequence")
         fields = _read_sidecar(shared)
         times_s = fields.pop("times_s", None)

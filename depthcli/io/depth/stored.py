@@ -9,7 +9,7 @@ import numpy as np
 from depthcli.core.overscan import displayed_depth
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.metadata import positive_number
-from depthcli.io.depth.quantization import check_scale
+from depthcli.io.depth.quantization import check_units_per_metre
 from depthcli.io.writers.formats import MILLIMETRES
 
 
@@ -67,7 +67,7 @@ def step_scale(metadata: Mapping[str, str], option: float | None) -> StepScale |
         UsageError: the option is not a number above 0.
     """
     if option is not None:
-        check_scale(option)
+        check_units_per_metre(option)
         return StepScale(option, "option")
     if metadata.get("scale") == "normalized":
         return None

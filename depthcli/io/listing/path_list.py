@@ -4,6 +4,7 @@ import csv
 import os
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Iterator
+from io import TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
 
@@ -59,9 +60,9 @@ def _remote_list(source: str, column: str | None) -> Iterator[str]:
 
 
 def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
-    with path.open("rb") as start:
-        _check_encoding(start.read(2))
-    file = path.open(newline="", encoding="utf-8-sig", errors="surrogateescape")
+    data = path.open("rb")  # once: it may be a pipe
+    _check_encoding(data.peek(len(BOM_UTF8)))
+    file = TextIOWrapper(data, newline="", encoding="utf-8-sig", errors="surrogateescape")
     rows = csv.reader(file, delimiter=delimiter)
     header = next(rows, [])
     place = header.index(select_column(header, column, path))

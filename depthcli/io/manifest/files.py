@@ -91,6 +91,9 @@ class RowFile(Protocol):
     def row(self, position: int) -> Row | None:
         """The row at a position."""
 
+    def is_own(self) -> bool:
+        """Whether depthcli wrote it; it is not empty."""
+
     def close(self) -> None:
         """Close it."""
 
@@ -103,10 +106,13 @@ def check_written_here(path: Path, rows: RowFile) -> None:
     """
     if path.is_dir():
         names = [part.name for part in path.iterdir()]
-        is_foreign = not all(map(_PART_NAME.fullmatch, names))
+        # Such as .DS_Store and _SUCCESS, which hold no data.
+        parts = [name for name in names if not name.startswith((".", "_"))]
+        is_own = all(map(_PART_NAME.fullmatch, parts))
+        is_empty = not parts
     else:
-        is_foreign = path.stat().st_size > 0 and next(rows.rows(), None) is None
-    if is_foreign:
+        is_own, is_empty = True, not path.stat().st_size
+    if not (is_own and (is_empty or rows.is_own())):
         raise UsageError(
             f"{path.name} in the output folder was not written by depthcli; move it away, or "
             "choose another --out"
@@ -142,6 +148,10 @@ class TableRows:
         """The row at a position."""
         return parsed_table_row(self._table.row(position))
 
+    def is_own(self) -> bool:
+        """Whether its files have the columns of rows."""
+        return self._table.has_columns(("input", "status"))
+
     def close(self) -> None:
         """Close the files."""
         self._table.close()
@@ -170,6 +180,10 @@ class JsonRows:
         """The row at a position."""
         self._file.seek(position)
         return parse_row(self._file.readline())
+
+    def is_own(self) -> bool:
+        """Whether a line is a row."""
+        return next(self.rows(), None) is not None
 
     def append(self, data: bytes) -> int:
         """Append data, all or nothing; return its position in the file.

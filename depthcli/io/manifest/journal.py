@@ -90,10 +90,20 @@ def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
 
     Raises:
         OutputError: it cannot be read.
+        UsageError: a manifest there was not written by depthcli.
     """
     source = rows_folder(folder)
     with _as_output_error(folder):
-        return Rows([open_rows(path) for path in row_files(source.path, shard)], shard, source)
+        return Rows(_opened(row_files(source.path, shard)), shard, source)
+
+
+def _opened(paths: Iterable[Path]) -> list[RowFile]:
+    files = []
+    for path in paths:
+        files.append(open_rows(path))
+        if not is_journal(path):
+            check_written_here(path, files[-1])
+    return files
 
 
 class Journal(Rows):
@@ -138,14 +148,11 @@ class Journal(Rows):
             self.was_interrupted = shard == WHOLE and any(
                 map(is_journal, (*self._earlier, *([self._path] if self._path.exists() else [])))
             )
+            files = [opened.enter_context(closing(file)) for file in _opened(self._earlier)]
             handle = open_locked(self._path)
             if handle is None:
                 raise _busy_error(folder)
             end = opened.enter_context(os.fdopen(handle, "ab", buffering=0))
-            files = [opened.enter_context(closing(open_rows(path))) for path in self._earlier]
-            for path, rows in zip(self._earlier, files, strict=True):
-                if not is_journal(path):
-                    check_written_here(path, rows)
             self._own = JsonRows(opened.enter_context(open_row_file(self._path)), end)
             super().__init__([*files, self._own], shard)
             if not self._own.ends_whole:  # the batch was killed in the middle of a line

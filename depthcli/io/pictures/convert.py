@@ -72,8 +72,6 @@ def frame_of(picture: Picture, white_level: int | None = None) -> Frame:
         return read_image(None, bytes(picture), name=name, white_level=white_level)
     frame = _of_pil(picture) if hasattr(picture, "getexif") else Frame(_pixels(picture))
     pixels, warnings = full_range(frame.pixels, b"", white_level)
-    if pixels.dtype == np.float32:
-        pixels = pixels.clip(0, 1)
     return replace(frame, pixels=pixels, warnings=warnings)
 
 

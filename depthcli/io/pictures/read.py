@@ -10,7 +10,7 @@ import numpy.typing as npt
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.picture_options import PictureOptions
-from depthcli.core.pixels import exceeds_white
+from depthcli.core.pixels import is_out_of_range
 from depthcli.core.transfer import transfer_warning
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
@@ -125,8 +125,10 @@ def _as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     if not np.isfinite(pixels).any():
         raise InputError(f"{name} has no finite pixel; write it again")
     values = np.nan_to_num(pixels.astype(np.float32), posinf=0.0)
-    if exceeds_white(values):
-        raise InputError(f"{name} has float pixels up to {values.max():g}; scale them to 0-1")
+    if is_out_of_range(values):
+        raise InputError(
+            f"{name} has float pixels from {values.min():g} to {values.max():g}; scale them to 0-1"
+        )
     return np.clip(values, 0, 1)
 
 

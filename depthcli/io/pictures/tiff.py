@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 _SUBFILE_TYPE, _REDUCED_OR_MASK = 254, 0b101
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
-_PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES = 262, 277, 284, 338
+_PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS, _FLOAT = 262, 277, 284, 338, 339, 3
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _PLANAR, _EIGHT = (0,), (1,), (2,), 8
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
 _STRIPS, _TILES = (273, 279), (324, 325)
@@ -20,7 +20,11 @@ _SUPPORTED_COMPRESSIONS = frozenset(
     {1, 2, 3, 4, 5, 6, 7, 32773, 34676, 34677, 34887, 34925, 50000, 50001}
 )
 _SUPPORTED_COMPRESSIONS |= _DEFLATE
-_CHECKED_TAGS = (_BITS, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _PLANES, *_STRIPS, *_TILES)
+_CHECKED_TAGS = (
+    *(_BITS, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _PLANES, _FORMATS),
+    *_STRIPS,
+    *_TILES,
+)
 _PIECE_BYTES = 2**20
 
 
@@ -164,7 +168,11 @@ def _unsupported(tags: Mapping[int, tuple[int, ...]]) -> str | None:
         return "has a plane for each colour and more than 8 bits; save it with interleaved colours"
     photometric, samples = tags.get(_PHOTOMETRIC), tags.get(_SAMPLES, (1,))
     if photometric in (_WHITE_IS_ZERO, _BLACK_IS_ZERO) and samples > (1,):
-        return "has gray with alpha and more than 8 bits; save it without alpha"
+        is_float = tags.get(_FORMATS, (1,))[:1] == (_FLOAT,)
+        if samples[0] > 2 and not is_float:  # noqa: PLR2004 - those of gray with alpha
+            return f"has {samples[0]} channels that are declared gray; save it as RGB"
+        if samples == (2,):
+            return "has gray with alpha and more than 8 bits; save it without alpha"
     if photometric == _WHITE_IS_ZERO:
         return "has 0 for white and more than 8 bits; save it with 0 for black"
     return None

@@ -36,12 +36,18 @@ class ExrWriter:
             {self.exr_channel: values},
             own_texts(metadata_texts(shown)),
             frame.rate if frame else None,
-            pixel_aspect=(depth.provenance or Provenance()).pixel_aspect,
+            pixel_aspect=_pixel_aspect(depth, frame),
             windows=windows,
             time_code=frame.time_code if frame else None,
         )
         lost = np.count_nonzero(np.isinf(values) & np.isfinite(stored)) if self.half else 0
         return (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
+
+
+def _pixel_aspect(depth: DepthMap, frame: Frame | None) -> float:
+    if depth.provenance is None and frame is not None:
+        return frame.pixel_aspect
+    return (depth.provenance or Provenance()).pixel_aspect
 
 
 def _windowed(

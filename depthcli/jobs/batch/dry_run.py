@@ -46,6 +46,7 @@ def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
     outputs.check_conflicts()
     spec = WorkerSpec(request.model, session.model.sha256, options, plan.out)
     origin, rows = spec.origin(session), known_rows(plan.out, plan.shard)
+    outputs.check_earlier(rows)
     return (_dry_run_of(file, request, outputs, rows, origin) for file in plan.inputs)
 
 
@@ -59,6 +60,8 @@ def _dry_run_of(
             with local_copy(file.readable_path()) as source:
                 sha256 = video_checksum(video, source, request.options)
             kept = video.reusable_row(request.plan.out, sha256, origin)
+            if kept is None:
+                video.check_replaceable()
         else:
             picture = outputs.picture(file, rows)
             data = read_input(picture.input)

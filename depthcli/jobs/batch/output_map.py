@@ -16,6 +16,8 @@ from depthcli.jobs.batch.suspects import has_crashed
 from depthcli.jobs.batch.task import Task
 from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
 
+_MAX_SAME = 1000
+
 
 @dataclass(frozen=True, slots=True)
 class OutputMap:
@@ -46,11 +48,18 @@ class OutputMap:
     def check_earlier(self, rows: Rows) -> None:
         """Check as far as sizes tell that no earlier output is that of another file.
 
+        A batch of the same folder is known by its first rows; the others are not read twice.
+
         Raises:
             UsageError: one is, and that file is still there.
         """
+        same = 0
         for file in self.plan.inputs:
-            Task(file, {}, rows.row(file.name)).check_sizes(self.plan.out)
+            task: Task[Format] = Task(file, {}, rows.row(file.name))
+            task.check_sizes(self.plan.out)
+            same += task.earlier is not None and task.earlier.input_path == task.input_path
+            if same == _MAX_SAME:
+                return
 
     def of(self, file: InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
         """Paths of the outputs of an input."""

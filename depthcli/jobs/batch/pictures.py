@@ -86,6 +86,7 @@ class PictureWorker:
                 **self.options.camera.pictures._asdict(),
             )
             camera = self.options.camera.with_lens(task.lens)
+            frame = frame.with_pixel_aspect(camera.pixel_aspect_of(frame.pixel_aspect))
             centre_px = camera.centre_for(*frame.display_size_px)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)

@@ -18,7 +18,7 @@ from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.objects import masked
-from depthcli.io.storage.remote import path_of
+from depthcli.io.storage.remote import is_remote, path_of
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.failed import failure_reason
 from depthcli.video.formats import VideoFormat
@@ -91,7 +91,14 @@ class Task(Generic[_FormatT]):
             OutputError: one is.
         """
         if self.earlier is None or not self.has_names:  # else the files are those of the batch
-            for path in self.outputs.values():
+            for which, path in self.outputs.items():
+                if which is VideoFormat.MKV:
+                    # Batches of pictures need not wait for PyAV.
+                    from depthcli.video.own_videos import (  # noqa: PLC0415
+                        check_replaceable_video,
+                    )
+
+                    check_replaceable_video(path)
                 check_replaceable(path)
 
     def _check_same_input(self, row: Row, sha256: str, out: Path) -> None:
@@ -112,8 +119,10 @@ class Task(Generic[_FormatT]):
             UsageError: they are, and that file is still there.
         """
         row = self.earlier
-        if row is None or self.input.problem is not None:
+        if row is None or row.input_path is None or self.input.problem is not None:
             return
+        if is_remote(self.input.path) or is_remote(row.input_path):
+            return  # in a store, each size costs a request
         other = self._other_input(row)
         with suppress(OSError):  # of a file that cannot be read, which fails later
             if other and path_of(self.input.path).stat().st_size != other.stat().st_size:
@@ -121,7 +130,7 @@ class Task(Generic[_FormatT]):
 
     def _other_input(self, row: Row) -> Path | None:
         """The file that earlier outputs were made from, if it is another one and still there."""
-        if not row.outputs or row.input_path in {None, self.input_path}:
+        if row.input_path is None or not row.outputs or row.input_path == self.input_path:
             return None
         other = path_of(str(row.input_path))
         with suppress(OSError):

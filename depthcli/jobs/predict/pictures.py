@@ -68,8 +68,9 @@ def _predict_picture(
     points: AnchorPoints | None,
 ) -> PictureResult:
     start = time.perf_counter()
-    frame = _read_picture(request, plan)
     camera = request.camera
+    frame = _read_picture(request, plan)
+    frame = frame.with_pixel_aspect(camera.pixel_aspect_of(frame.pixel_aspect))
     centre_px = camera.centre_for(*frame.display_size_px)
     session = loading.result()
     pipeline = Pipeline(session, request.detail)

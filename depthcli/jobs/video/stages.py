@@ -78,6 +78,7 @@ class FrameStages:
     def predict(self, picture: Frame) -> PredictedFrame:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
+        picture = picture.with_pixel_aspect(camera.pixel_aspect_of(picture.pixel_aspect))
         kept = self._kept(picture.index)
         if self.first is None:
             kept = None  # the first frame is always predicted, for the report
