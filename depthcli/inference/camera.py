@@ -85,7 +85,7 @@ def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> PictureCamera
     """The camera that a model learned, for a picture of any shape.
 
     A picture with another aspect is assumed to be the largest crop of that camera's, in landscape
-    or portrait; docs/cameras.md has measurements of alternatives.
+    or portrait; docs/accuracy.md has measurements of alternatives.
     """
     aspect = spec.width / spec.height * spec.pixel_aspect
     width, height = frame.display_size_px

@@ -16,7 +16,7 @@ _PLANES = {Colour.VALUE: colour.value_channel, Colour.LUMA: colour.luma, Colour.
 _RESIZES = {Resize.AREA: resize_area, Resize.LINEAR: resize_bilinear, Resize.CUBIC: resize_cubic}
 _LARGE_PIXELS = 4_000_000  # larger pictures are converted to float in bands
 # Times the shorter side; longer pictures are padded to that. Chosen on held-out pairs, on which a
-# longer input of the same area is worse: docs/cameras.md.
+# longer input of the same area is worse: docs/accuracy.md.
 _MAX_ASPECT = 2
 _GRID_PX = 2  # pixels of the input for one of a smaller output
 _MAX_AREA_FACTOR = 16  # times the nominal pixel count, for a picture that is one long strip

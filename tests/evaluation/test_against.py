@@ -141,6 +141,7 @@ def test_one_scene_has_no_interval() -> None:
     assert not interval.is_significant
     page = report_page(report)
     assert page.differences is not None
+    assert page.differences[0] == "a minus each row: mean; 1 scene: no interval"
     column = [cells[3] for cells in page.differences[1][1:4]]
     assert column == [f"{interval.mean:+.4f} ", "- ", "- "]
     (entry, _) = json.loads(report.to_json())["differences"]

@@ -24,7 +24,9 @@ def differences_table(
         return None
     name, scenes = one_line(differences[0].name), differences[0].scene_count
     title = f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0"
-    if scenes < _FEW_SCENES:
+    if scenes == 1:
+        title = f"{name} minus each row: mean; 1 scene: no interval"
+    elif scenes < _FEW_SCENES:
         title += "; of so few, the intervals are too narrow"
     lines = [["minus", "align", "", *metrics]]
     for difference in differences:
