@@ -1,23 +1,30 @@
-"""Draw learning curves: a metric of held-out pictures over the epochs, one line a run.
+"""Draw learning curves: a metric of held-out pictures over the training, one line a run.
 
-Run ``python docs/draw_curves.py runs/table docs/table-curves.svg`` with the ``plot`` extra.
+Runs can have different numbers of epochs. Run ``python docs/draw_curves.py runs/table curves.svg``
+with the ``plot`` extra.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib import pyplot as plt
 
 
-def curve(log: Path, metric: str) -> tuple[list[int], list[float]]:
-    """Epochs that were validated, and the metric after each."""
+def curve(log: Path, metric: str) -> tuple[list[float], list[float]]:
+    """The metric after each epoch that was validated, and the share of the epochs then."""
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
     done = [line for line in lines if metric in line["scores"]]
-    return [line["epoch"] for line in done], [line["scores"][metric] for line in done]
+    # Some logs repeat the scores of the epoch that was validated last.
+    done = [
+        line for before, line in pairwise([{}, *done]) if line["scores"] != before.get("scores")
+    ]
+    last = lines[-1]["epoch"]
+    return [line["epoch"] / last for line in done], [line["scores"][metric] for line in done]
 
 
 def main() -> None:
@@ -32,9 +39,10 @@ def main() -> None:
     figure, axes = plt.subplots(figsize=(8, 4.5))
     for log in sorted(arguments.runs.glob("*/metrics.jsonl")):
         axes.plot(*curve(log, arguments.metric), marker=".", label=log.parent.name)
-    axes.set(xlabel="epoch", ylabel=f"{arguments.metric}, held-out scenes", ylim=(0, arguments.top))
+    axes.set(xlabel="share of the epochs", ylabel=f"{arguments.metric}, held-out scenes")
+    axes.set_ylim(top=arguments.top)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1))
     figure.savefig(arguments.picture, bbox_inches="tight", metadata={"Date": None})
 
 

@@ -94,10 +94,10 @@ def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
     """
     source = rows_folder(folder)
     with _as_output_error(folder):
-        return Rows(_opened(row_files(source.path, shard)), shard, source)
+        return Rows(_opened_rows(row_files(source.path, shard)), shard, source)
 
 
-def _opened(paths: Iterable[Path]) -> list[RowFile]:
+def _opened_rows(paths: Iterable[Path]) -> list[RowFile]:
     files = []
     for path in paths:
         files.append(open_rows(path))
@@ -148,7 +148,7 @@ class Journal(Rows):
             self.was_interrupted = shard == WHOLE and any(
                 map(is_journal, (*self._earlier, *([self._path] if self._path.exists() else [])))
             )
-            files = [opened.enter_context(closing(file)) for file in _opened(self._earlier)]
+            files = [opened.enter_context(closing(file)) for file in _opened_rows(self._earlier)]
             handle = open_locked(self._path)
             if handle is None:
                 raise _busy_error(folder)
