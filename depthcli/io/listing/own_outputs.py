@@ -43,18 +43,32 @@ def check_replaceable(path: Path) -> None:
     """
     if path.suffix.lower() not in _SUFFIXES:
         return
+    head = replaced_head(path)
+    if head.startswith((SIGNATURE, EXR_MAGIC)) and not _is_own(head):
+        raise foreign_error(path)
+
+
+def replaced_head(path: Path) -> bytes:
+    """First bytes of the file that an output would replace; empty if it cannot be read.
+
+    Raises:
+        OutputError: a store does not answer.
+    """
     try:
-        head = _head(path)
+        return _head(path)
     except (FileNotFoundError, PermissionError):
-        return  # without the right to list, S3 answers 403 for missing objects
+        return b""  # without the right to list, S3 answers 403 for missing objects
     except OSError as error:
         if isinstance(path, RemotePath):
             raise OutputError(f"cannot write {path}: {error.strerror}") from error
-        return  # writing it tells why
-    if head.startswith((SIGNATURE, EXR_MAGIC)) and not _is_own(head):
-        raise OutputError(
-            f"{path} exists and was not written by depthcli; remove it or choose another output"
-        )
+        return b""  # writing it tells why
+
+
+def foreign_error(path: Path) -> OutputError:
+    """That an output would replace a file of another program."""
+    return OutputError(
+        f"{path} exists and was not written by depthcli; remove it or choose another output"
+    )
 
 
 def is_own_exr(data: bytes) -> bool:
