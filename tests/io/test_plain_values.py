@@ -306,6 +306,7 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
         "focal_px": 3.0,
         "centre_px": None,
         "camera_source": "card",
+        "pixel_aspect": 1.0,
         "camera": f"hfov {hfov_deg:.1f}° (assumed, from the model's card)",
         "anchors": None,
     }

@@ -132,6 +132,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
         "focal_px": pytest.approx(32 / math.tan(math.radians(30))),
         "centre_px": None,
         "camera_source": "option",
+        "pixel_aspect": 1.0,
         "camera": "hfov 60.0° (given)",
     }
 

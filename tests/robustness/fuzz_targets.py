@@ -29,7 +29,7 @@ from videos import encode, flat_frames
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance
 from depthcli.core.windows import Window, Windows
 from depthcli.datasets.files import read_depth_m, read_image_rgb
-from depthcli.datasets.nyu import read_index
+from depthcli.datasets.nyu import PLAUSIBLE, read_index
 from depthcli.datasets.nyu_mat import open_mat
 from depthcli.errors import InputError
 from depthcli.inference.session import Session
@@ -352,7 +352,7 @@ def mats() -> list[bytes]:
 
 
 def _read_mat(path: Path) -> None:
-    pairs = open_mat(path, (0.8, 9.0))
+    pairs = open_mat(path, PLAUSIBLE)
     try:
         for i in range(min(2, len(pairs))):
             pairs.image(i), pairs.depth_m(i), pairs.raw_depth_m(i)

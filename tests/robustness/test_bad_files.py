@@ -6,6 +6,8 @@ import pytest
 from bad_files import FAMILIES, MANIFESTS, write
 from command_line import Cli
 
+from depthcli.io.manifest.row import OK, Origin, Row
+
 CASES = [(family, name) for family, one in FAMILIES.items() for name in one.table]
 
 
@@ -33,7 +35,8 @@ def test_bad_rows_are_passed_over(name: str, inside: Cli) -> None:
         (inside.folder / folder).mkdir()
     cv2.imwrite(str(inside.folder / "in" / "a.png"), np.full((8, 8, 3), 99, np.uint8))
     for content in MANIFESTS.values():
-        (inside.folder / "out" / name).write_text(content + "\n")
+        own = Row("other.png", OK, Origin("", "", "", "")).as_line().decode()
+        (inside.folder / "out" / name).write_text(f"{own}{content}\n")
         done = inside("batch", "in", "--out", "out", "--quiet")
         assert (done.returncode, done.stderr) == (0, b"")
         assert (inside.folder / "out" / "a.depth.png").is_file()
