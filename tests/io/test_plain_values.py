@@ -314,7 +314,7 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
     SidecarWriter().write(inverse, path, Frame(np.zeros((1, 2), np.uint8), orientation=3))
     document = json.loads(path.read_text())
     assert {name for name, value in document.items() if value is not None} == {
-        *("software", "kind", "width", "height", "orientation")
+        *("software", "kind", "width", "height", "orientation", "pixel_aspect")
     }
     assert document["orientation"] == 3
     SidecarWriter(png_normalize=True).write(DepthMap(values), path)
