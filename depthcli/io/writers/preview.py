@@ -118,5 +118,6 @@ def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32
     elif depth.kind is not DepthKind.INVERSE:
         values, ends = -values, -ends
     span = ends[0] - ends[1]
-    share = np.sign(values - ends[1]) + 0.5 if span <= 0 else (values - ends[1]) / span
+    with np.errstate(over="ignore"):  # of nearly equal ends
+        share = np.sign(values - ends[1]) + 0.5 if span <= 0 else (values - ends[1]) / span
     return np.where(depth.valid, np.clip(share, 0, 1), np.nan).astype(np.float32)
