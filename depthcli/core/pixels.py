@@ -41,16 +41,20 @@ def _check_floats(pixels: npt.NDArray[np.float32]) -> None:
         raise InputError(
             "some float pixels are NaN or infinite; replace them, for example with np.nan_to_num"
         )
-    if is_out_of_range(pixels):
+    if is_out_of_range(pixels, low, high):
         raise InputError(f"float pixels have to be in [0, 1], not {low:g} to {high:g}; scale them")
 
 
-def is_out_of_range(pixels: npt.NDArray[np.float32]) -> bool:
+def is_out_of_range(pixels: npt.NDArray[np.float32], low: float, high: float) -> bool:
     """Whether a finite picture is in 0-255, in [-1, 1] or in another range than [0, 1].
 
     Highlights may be above 1, if they are less than half of what is not black.
+
+    Args:
+        pixels: of any shape.
+        low: the least of them.
+        high: the largest.
     """
-    low, high = pixels.min(), pixels.max()
     negative = pixels.size * _NEGATIVE_SHARE
     if low < -_ROUNDING and np.count_nonzero(pixels < -_ROUNDING) > negative:
         return True

@@ -241,6 +241,7 @@ def test_shards_share_a_folder_with_none_but_shards(tmp_path: Path) -> None:
     [
         ("manifest.jsonl", b'{"audio": "x.wav"}\n'),
         ("manifest.parquet/precious.txt", b"mine"),
+        ("manifest.parquet/.precious", b"mine"),
         ("manifest.parquet/data.parquet", b"mine"),
         ("manifest.parquet/part-00000.parquet", b"mine"),
     ],

@@ -6,11 +6,14 @@ import os
 from typing import TYPE_CHECKING
 
 import pytest
+from batches import request
 from tiny import write_model
 from videos import flat_frames, write_mp4, write_video
 
 from depthcli.errors import OutputError
 from depthcli.inference.loading import SessionLoader
+from depthcli.jobs.batch.dry_run import dry_run
+from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.video.request import VideoRequest
 from depthcli.jobs.video.run import video
 from depthcli.video.depth import DepthVideo
@@ -103,6 +106,25 @@ def test_a_store_that_does_not_answer_gets_no_video(
             with pytest.raises(OutputError, match=r"cannot write .*clip\.depth\.mkv"):
                 video(request)
         assert bool(bucket.names()) is is_written
+
+
+def test_a_batch_does_not_replace_it_in_any_run(folder: Path) -> None:
+    place = folder.parent / "out" / "clip.depth.mkv"
+    place.parent.mkdir()
+    (folder / "clip.depth.mkv").rename(place)
+    before = place.read_bytes()
+    asked = request(folder.parent)
+    for _ in range(2):
+        (result,) = Batch(asked)
+        assert result.row.error is not None
+        assert "was not written by depthcli" in result.row.error
+        (would,) = dry_run(asked, asked.model.load())
+        assert (would.would, would.error) == ("fail", result.row.error)
+    assert place.read_bytes() == before
+    place.unlink()
+    for is_kept in (False, True):
+        (result,) = Batch(asked)
+        assert (result.row.error, result.is_kept) == (None, is_kept)
 
 
 def test_a_pipe_is_refused_without_reading_it(folder: Path, loader: SessionLoader) -> None:

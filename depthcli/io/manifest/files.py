@@ -15,6 +15,8 @@ from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.regular import regular_size
 
 _PART_NAME = re.compile(r"part-\d{5}\.parquet")
+_NO_DATA = {".DS_Store", "Thumbs.db", "desktop.ini", "_SUCCESS"}
+"""Files that other programs leave in folders."""
 _NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|parquet)")
 
 
@@ -105,9 +107,7 @@ def check_written_here(path: Path, rows: RowFile) -> None:
         UsageError: it was not.
     """
     if path.is_dir():
-        names = [part.name for part in path.iterdir()]
-        # Such as .DS_Store and _SUCCESS, which hold no data.
-        parts = [name for name in names if not name.startswith((".", "_"))]
+        parts = {part.name for part in path.iterdir()} - _NO_DATA
         is_own = all(map(_PART_NAME.fullmatch, parts))
         is_empty = not parts
     else:

@@ -125,10 +125,9 @@ def _as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     if not np.isfinite(pixels).any():
         raise InputError(f"{name} has no finite pixel; write it again")
     values = np.nan_to_num(pixels.astype(np.float32), posinf=0.0)
-    if is_out_of_range(values):
-        raise InputError(
-            f"{name} has float pixels from {values.min():g} to {values.max():g}; scale them to 0-1"
-        )
+    low, high = float(values.min()), float(values.max())
+    if is_out_of_range(values, low, high):
+        raise InputError(f"{name} has float pixels from {low:g} to {high:g}; scale them to 0-1")
     return np.clip(values, 0, 1)
 
 

@@ -81,7 +81,8 @@ class OutputMap:
         row = rows.row(file.name)
         # The number of frames is not known in advance.
         start = f"{self.plan.names.base(file.name)}."
-        has_names = row is not None and all(file.path.startswith(start) for file in row.outputs)
+        made = row.outputs if row else ()
+        has_names = bool(made) and all(file.path.startswith(start) for file in made)
         outputs = self._of_video(file)
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)

@@ -49,6 +49,7 @@ class VideoWorker:
                 row = task.reusable_row(self.pictures.out, sha256, origin)
                 if row is not None:
                     return Result(row, is_kept=True)
+                task.check_replaceable()
                 if task.is_suspect:
                     check_video(task.input.path, source)
                 done = self._row(task, source, sha256)
@@ -64,9 +65,7 @@ class VideoWorker:
         options, out = self.pictures.options, self.pictures.out
         name = task.input.name
         names = {which: path.name for which, path in task.outputs.items()}
-        may_replace = task.earlier is not None and task.has_names
-        folder = (out / name).parent
-        plan = VideoPlan(name, source, folder, names, may_replace=may_replace, sha256=sha256)
+        plan = VideoPlan(name, source, (out / name).parent, names, sha256=sha256)
         settings = VideoSettings(
             writing=options.writing,
             camera=options.camera.with_lens(task.lens),
