@@ -12,6 +12,7 @@ from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth
+from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
@@ -74,7 +75,8 @@ def convert(request: ConvertRequest) -> ConvertResult:
 
     Raises:
         InputError: the source or the picture cannot be used.
-        OutputError: the target cannot be written, or is an input.
+        OutputError: the target cannot be written, is an input, or is a file that depthcli did not
+            write at a name that was completed.
         UsageError: the target's suffix is of no format, or it is a pattern and the name of the
             source is none, or the request does not fit the source.
     """
@@ -95,9 +97,11 @@ def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResu
         depth = shown
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
     name = request.target
-    name += "" if format_of(name) else wanted.facts.suffix
+    check_writable(path_of(name))
+    if not format_of(name):
+        name += wanted.facts.suffix
+        check_replaceable(path_of(name))
     target = path_of(name)
-    check_writable(target)
     with atomic_path(target, inputs=inputs) as temporary:
         writing = _sidecar_options(request, stored) if wanted is Format.JSON else request.writing
         warnings = writing.writer(wanted).write(depth, temporary, picture)

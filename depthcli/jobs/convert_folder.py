@@ -13,7 +13,7 @@ from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.listing.folder import InputFile, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter
-from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.listing.own_outputs import check_replaceable, is_own_picture
 from depthcli.io.listing.skipped import HIDDEN, Skipped, skip_summary
 from depthcli.io.listing.store import list_objects, walk_sort_key
 from depthcli.io.opencv_log import silent_opencv
@@ -107,7 +107,7 @@ def convert_folder(
 ) -> Generator[ConvertResult | FailedInput, None, None]:
     """Convert the planned files, in their order; a bad one does not stop the others.
 
-    Existing outputs are replaced.
+    Existing outputs are replaced, but no PNG, EXR or PLY that depthcli did not write.
     """
 
     def convert_one(pair: tuple[InputFile, str]) -> ConvertResult | FailedInput:
@@ -165,6 +165,7 @@ def _convert_one(
     if file.problem is not None:
         return FailedInput(safe_name(file.path), InputError(file.problem))
     try:
+        check_replaceable(path_of(target))
         return convert(
             ConvertRequest(
                 source=file.path,

@@ -58,6 +58,21 @@ def tree(inside: Cli) -> Cli:
     return inside
 
 
+def test_a_foreign_file_in_the_output_folder_is_kept_and_own_ones_are_replaced(tree: Cli) -> None:
+    plate = tree.folder / "out/a.depth.exr"
+    plate.parent.mkdir()
+    plate.write_bytes(b"v/1\x01" + bytes(40))
+    for _ in range(2):
+        assert tree(*TO_EXR).returncode == 1
+        assert plate.read_bytes() == b"v/1\x01" + bytes(40)
+        assert read_stored_depth(tree.folder / "out/b.depth.exr").depth.values[0, 0] == 2
+    named = ("convert", "in/b.png", "out/a", "--format", "exr")
+    result = tree(*named)
+    assert result.returncode == 1
+    assert b"out/a.depth.exr exists and was not written by depthcli" in result.stderr
+    assert tree("convert", "in/b.png", "out/a.depth.exr").returncode == 0
+
+
 def names(folder: Path, wanted: Format = Format.EXR) -> dict[str, str]:
     """The output of each input of the folder ``in``."""
     request = ConvertFolderRequest(f"{folder}/in", f"{folder}/out", wanted)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from depthcli._version import __version__
 from depthcli.core.map_camera import with_centre
-from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
+from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.writers.ply import PlyWriter
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ def seen_by(focal_px: float | None) -> DepthMap:
 def points(path: Path) -> np.ndarray:
     """The vertices, read as the header describes them."""
     header, _, body = path.read_bytes().partition(b"end_header\n")
-    lines = header.decode("ascii").splitlines()
+    lines = [line for line in header.decode("ascii").splitlines() if line[:8] != "comment "]
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
     assert lines[3:] == [
         *(f"property float {name}" for name in "xyz"),
@@ -75,6 +77,36 @@ def test_points_have_the_picture_s_colours(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rgb, pixels[DEPTH_M > 0])
     PlyWriter().write(seen_by(2.0), tmp_path / "white.ply")
     assert all((points(tmp_path / "white.ply")[name] == 255).all() for name in "rgb")
+
+
+def test_comments_state_software_model_and_camera(tmp_path: Path) -> None:
+    source = Provenance(model="室", focal_px=519.5, camera_source=CameraSource.EXIF)
+    PlyWriter().write(DepthMap(DEPTH_M, provenance=source), tmp_path / "a.ply")
+    header = (tmp_path / "a.ply").read_bytes().partition(b"element")[0].decode("ascii")
+    assert header.splitlines()[2:] == [
+        "comment depthcli:kind metric",
+        "comment depthcli:unit m",
+        f"comment depthcli:software depthcli {__version__}",
+        r"comment depthcli:model \u5ba4",
+        "comment depthcli:focal_px 519.5",
+        "comment depthcli:camera_source exif",
+    ]
+
+
+def test_a_scan_is_recognized_as_foreign_and_clouds_of_every_version_as_own(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.ply"
+    PlyWriter().write(seen_by(2.0), path)
+    check_replaceable(path)
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(line for line in lines if not line.startswith(b"comment")))
+    assert points(path)["z"][0] == 1
+    check_replaceable(path)  # as before version 0.14.0
+    scan = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n"
+    path.write_bytes(scan)
+    with pytest.raises(OutputError, match="was not written by depthcli"):
+        check_replaceable(path)
 
 
 @pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])

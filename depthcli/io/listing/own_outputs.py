@@ -16,8 +16,17 @@ SOFTWARE_KEY = f"{KEY_PREFIX}software"
 EXR_MAGIC = b"v/1\x01"
 """The first bytes of every EXR."""
 _EXR_SOFTWARE_KEY = f"{SOFTWARE_KEY}\0string\0".encode()
+PLY_COMMENT = f"comment {KEY_PREFIX}"
+"""Start of the lines with metadata in the header of every PLY that depthcli writes."""
+_PLY_MAGIC = b"ply"
+# The header of PLY before version 0.14.0, which had no comments.
+_PLAIN_PLY = (
+    rb"ply\nformat binary_little_endian 1\.0\nelement vertex \d+\n(property float [xyz]\n){3}"
+    rb"(property uchar (red|green|blue)\n){3}end_header\n"
+)
 _HEAD_BYTES = 4096
-_SUFFIXES = (".png", ".exr")
+_SUFFIXES = (".png", ".exr", ".ply")
+_MAGIC = (SIGNATURE, EXR_MAGIC, _PLY_MAGIC)
 _PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 
@@ -34,9 +43,9 @@ def is_own_picture(path: str | Path) -> bool:
 
 
 def check_replaceable(path: Path) -> None:
-    """Check that an output does not take the place of a PNG or EXR that depthcli did not write.
+    """Check that no PNG, EXR or PLY that depthcli did not write is replaced by an output.
 
-    That may be a plate, or the depth of a sensor. In an object store, it takes one request.
+    That may be a plate, the depth of a sensor or a scan. In an object store, it takes one request.
 
     Raises:
         OutputError: it does, or the store does not answer.
@@ -44,7 +53,7 @@ def check_replaceable(path: Path) -> None:
     if path.suffix.lower() not in _SUFFIXES:
         return
     head = replaced_head(path)
-    if head.startswith((SIGNATURE, EXR_MAGIC)) and not _is_own(head):
+    if head.startswith(_MAGIC) and not _is_own(head):
         raise foreign_error(path)
 
 
@@ -79,6 +88,8 @@ def is_own_exr(data: bytes) -> bool:
 def _is_own(head: bytes) -> bool:
     if head.startswith(EXR_MAGIC):
         return is_own_exr(head)
+    if head.startswith(_PLY_MAGIC):
+        return PLY_COMMENT.encode() in head or re.match(_PLAIN_PLY, head) is not None
     return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
 
 

@@ -10,6 +10,8 @@ from depthcli.core import scaling
 from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
+from depthcli.io.listing.own_outputs import PLY_COMMENT
+from depthcli.io.writers.metadata import metadata_texts
 
 _NYU_HFOV_DEG = 63.3  # assumed if the map states no focal length
 _POINT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
@@ -22,7 +24,7 @@ class PlyWriter:
     """Metres: x right, y down, z along the camera axis."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write one vertex for each pixel with depth."""
+        """Write one vertex for each pixel with depth; comments in the header have the metadata."""
         if not depth.is_metric:
             raise OutputError(
                 f"a point cloud needs metres, and {depth.kind} depth has none; fit it with --anchor"
@@ -30,10 +32,14 @@ class PlyWriter:
         source = depth.provenance or Provenance()
         focal_px = source.focal_px or scaling.focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
         points = _points(point_cloud(depth, focal_px, frame=frame))
-        lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+        known = metadata_texts(depth)
+        known.pop("camera", None)  # focal_px and camera_source say it in ASCII
+        lines = ["ply", "format binary_little_endian 1.0"]
+        lines += [f"{PLY_COMMENT}{name} {text}" for name, text in known.items()]
+        lines += [f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
-            file.write(("\n".join(lines) + "\nend_header\n").encode("ascii"))
+            file.write(("\n".join(lines) + "\nend_header\n").encode("ascii", "backslashreplace"))
             file.write(points.data)  # tofile reports no error when the disk is full
         if source.focal_px and source.camera_source is not CameraSource.CARD:
             return ()
