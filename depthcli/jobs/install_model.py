@@ -1,4 +1,4 @@
-"""Adding models to the user's folder, and removing them."""
+"""Adding models to the user's folder."""
 
 import hashlib
 import json
@@ -9,23 +9,21 @@ from typing import Any, NamedTuple
 
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import InputError, ModelError, OutputError, UsageError
+from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.storage.atomic_folder import replace_folder, workspace
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
-from depthcli.io.storage.user_folders import check_home
+from depthcli.jobs.added_models import folder_to_add, valid_name
 from depthcli.models import catalog, locations, onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.catalog import Model
 from depthcli.models.graph_fit import fit_to_graph
-from depthcli.models.locations import ModelLocation
 from depthcli.models.ready_cards import ready_fields
 
 _FILE_NAME = "model.onnx"
 _SHA256 = re.compile(r"[0-9a-fA-F]{64}")
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
 class CardDraft(NamedTuple):
@@ -60,14 +58,15 @@ def add_model(
         The model in the user's folder.
 
     Raises:
-        UsageError: the name is invalid or taken, or there is no such card.
+        UsageError: the name is invalid or taken, its folder holds other files, or there is no
+            such card.
         ModelError: the file is not a model that matches the card, or fails to run.
         OutputError: the folder cannot be written.
     """
     if sha256 is not None and not _SHA256.fullmatch(sha256):
         raise UsageError(f"{sha256!r} is not a SHA-256 checksum (64 hex digits)")
     if name is not None:
-        _install_target(_valid_name(name), force=force)  # before anything is downloaded
+        folder_to_add(valid_name(name), force=force)  # before anything is downloaded
     try:
         with local_copy(path, progress, max_bytes=catalog.MAX_BYTES) as file:
             return _install(file, card, name=name, force=force, sha256=sha256)
@@ -84,7 +83,7 @@ def _install(
         raise ModelError(f"{path} is another file: its sha256 is {found}; it is not added")
     draft = _card_draft(path, data, card)
     complete = _complete_card(draft, path, data, found, name)
-    target = _install_target(complete.name, force=force)
+    target = folder_to_add(complete.name, force=force)
     if target.is_dir():  # the old one is kept until the new card is in place
         complete = replace(complete, file=f"model-{found[:12]}.onnx")
     with workspace(target.parent) as work:
@@ -100,50 +99,6 @@ def _install(
         (temporary / locations.CARD_NAME).write_text(fitted.to_json(), "utf-8")
         replace_folder(temporary, target, last=locations.CARD_NAME)
     return catalog.find_model(target)
-
-
-def added_model(name: str) -> tuple[Path, locations.ModelLocation]:
-    """Folder and files of a model that was added.
-
-    Raises:
-        UsageError: it is not in the user's folder.
-    """
-    folder = locations.user_root() / _valid_name(name)
-    location = _user_location(folder)
-    if location is None:
-        raise UsageError(
-            f"{name!r} is not among the models in {locations.user_root()}; only those are removed"
-        )
-    return folder, location
-
-
-def remove_model(name: str) -> Path:
-    """Delete a model that was added.
-
-    Args:
-        name: as in the list of models.
-
-    Returns:
-        The path that was removed.
-
-    Raises:
-        UsageError: it is not in the user's folder.
-        OutputError: it cannot be deleted.
-    """
-    folder, location = added_model(name)
-    try:
-        if folder.is_symlink():
-            folder.unlink()
-        elif folder.is_dir():
-            with workspace(folder.parent) as work:
-                folder.rename(work / folder.name)
-        else:
-            for file in (location.onnx, location.card):
-                if file is not None:
-                    file.unlink()
-    except OSError as error:
-        raise OutputError(f"cannot remove {folder}: {error.strerror}") from error
-    return folder
 
 
 def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
@@ -185,35 +140,6 @@ def _complete_card(
     if name is not None:
         fields["name"] = name
     card = ModelCard.from_json(json.dumps(fields), where=draft.where)
-    _valid_name(card.name)
+    valid_name(card.name)
     catalog.check_file(card, path, len(data), sha256)
     return replace(card, sha256=sha256, size_bytes=len(data))
-
-
-def _user_location(folder: Path) -> ModelLocation | None:
-    """A model in the user's folder, as a folder or as a single file."""
-    return locations.location_at(folder) or locations.location_at(
-        folder.with_name(f"{folder.name}.onnx")
-    )
-
-
-def _valid_name(name: str) -> str:
-    if not _NAME.fullmatch(name) or name.endswith(".onnx"):
-        raise UsageError(
-            f"{name!r} is not a valid model name; give --name with letters, digits, '.', '_' and "
-            "'-', beginning with a letter or digit"
-        )
-    return name
-
-
-def _install_target(name: str, *, force: bool) -> Path:
-    target = locations.user_root() / name
-    check_home(target)
-    taken = next((p for n, p in locations.list_locations() if n == name), None)
-    if taken is not None and not force:
-        raise UsageError(
-            f"a model named {name!r} already exists ({taken.path}); give another --name, or --force"
-        )
-    if target.is_symlink():
-        raise UsageError(f"{target} is a link; remove it first: depthcli models remove {name}")
-    return target

@@ -16,7 +16,8 @@ from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic_folder import workspace
-from depthcli.jobs.install_model import add_model, remove_model
+from depthcli.jobs.added_models import remove_model
+from depthcli.jobs.install_model import add_model
 from depthcli.models import locations
 from depthcli.models.catalog import find_model
 from depthcli.models.locations import list_locations, roots, user_root
@@ -285,6 +286,32 @@ def test_a_link_is_not_replaced(own: Path, file: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="is a link; remove it first: depthcli models remove tiny"):
         add_model(file, write_card(tmp_path / "c.json"), force=True)
     assert (own / "tiny").is_symlink()
+
+
+@pytest.mark.parametrize("other", ["last.ckpt", "wide.card.json", "runs/a.ckpt"])
+def test_a_folder_with_other_files_is_neither_replaced_nor_removed(
+    own: Path, file: Path, tmp_path: Path, other: str
+) -> None:
+    card, kept = write_card(tmp_path / "c.json"), own / "tiny" / other
+    kept.parent.mkdir(parents=True)
+    kept.write_text("kept")
+    refused = f"tiny also holds {other.partition('/')[0]}; give another --name$"
+    with pytest.raises(UsageError, match=refused):
+        add_model(file, card)  # without a card, the folder is not in the list of models
+    (write_model(own / "tiny") / "model.onnx").rename(own / "tiny/net.onnx")
+    fields = json.loads((own / "tiny/card.json").read_text())
+    (own / "tiny/card.json").write_text(json.dumps(fields | {"file": "net.onnx"}))
+    with pytest.raises(UsageError, match=refused):
+        add_model(file, card, force=True)
+    with pytest.raises(UsageError, match="move them away, or delete the folder yourself$"):
+        remove_model("tiny")
+    assert kept.read_text() == "kept"
+    assert find_model("tiny").card.file == "net.onnx"
+    kept.rename(tmp_path / "moved")
+    if "/" in other:
+        kept.parent.rmdir()
+    remove_model("tiny")
+    assert not list(own.iterdir())
 
 
 def test_only_own_models_are_removed(own: Path, tmp_path: Path) -> None:

@@ -143,7 +143,7 @@ _PICTURES = (
     "depthcli.api.model",
 )
 _VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.videos")
-_MODELS = (*_PICTURES, "depthcli.jobs.install_model")
+_MODELS = (*_PICTURES, "depthcli.jobs.install_model", "depthcli.jobs.added_models")
 _TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.jobs.train.run")
 _ONNX = (*_TORCH, "onnx", "onnxscript", "depthcli.export.onnx")
 COMMANDS = {

@@ -83,7 +83,7 @@ def remove_models(
     ],
 ) -> int:
     """Remove added models."""
-    from depthcli.jobs.install_model import added_model, remove_model
+    from depthcli.jobs.added_models import added_model, remove_model
 
     for name in models:
         added_model(name)  # raises before any is removed
