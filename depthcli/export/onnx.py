@@ -7,7 +7,7 @@ from pathlib import Path
 
 from onnx import helper
 
-from depthcli.errors import CheckpointError
+from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.card import card_of, card_path
 from depthcli.export.graph import (
     MirrorAverage,
@@ -21,6 +21,7 @@ from depthcli.export.parity import Parity, check_parity
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.card_specs import InputSpec
+from depthcli.models.catalog import file_of_card
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.methods.registry import method_class
 
@@ -52,10 +53,12 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
 
     Raises:
         CheckpointError: the checkpoint cannot be used.
-        UsageError: the value of an option is not valid in a card.
+        UsageError: the value of an option is not valid in a card, or the card there is that of
+            another model.
         ParityError: the ONNX model differs from torch's network; nothing is written.
         OutputError: a file cannot be written.
     """
+    _check_own_card(out)
     generator, saved = load_generator(checkpoint, options.weights)
     check_predicts_depth(checkpoint, saved.config.method)
     model = build_graph(generator, opset=options.opset, mirror=options.mirror)
@@ -81,6 +84,12 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         path.write_bytes(data)
         card_file.write_text(card.to_json(), "utf-8")
     return ExportResult(out, card, parity)
+
+
+def _check_own_card(out: Path) -> None:
+    card = card_path(out)
+    if card.is_file() and file_of_card(card) != out.name:
+        raise UsageError(f"{card} is not the card of {out.name}; choose another -o")
 
 
 def _parity_cases(spec: InputSpec) -> tuple[tuple[int, int, int], ...]:

@@ -1,15 +1,13 @@
 """The user's folder of models: its names, and removing what was added."""
 
-import os
 import re
 from pathlib import Path
-from typing import Any
 
-from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import ModelError, OutputError, UsageError
+from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.atomic_folder import workspace
 from depthcli.io.storage.user_folders import check_home
-from depthcli.models import catalog, locations
+from depthcli.models import locations
+from depthcli.models.catalog import file_of_card
 from depthcli.models.locations import ModelLocation
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -102,26 +100,15 @@ def remove_model(name: str) -> Path:
 
 def _check_only_model(folder: Path, advice: str) -> None:
     """Check that replacing or removing a folder loses nothing but a model, such as a checkpoint."""
-    named = _file_of_card(folder / locations.CARD_NAME)
+    of_model = {locations.CARD_NAME, file_of_card(folder / locations.CARD_NAME)}
     try:
-        names = sorted(os.listdir(folder))
+        names = sorted(path.name for path in folder.iterdir())
     except OSError as error:
         raise OutputError(f"cannot read {folder}: {error.strerror}") from error
     others = [
         name
         for name in names
-        if name not in {locations.CARD_NAME, named}
-        and not _ADDED_FILE.fullmatch(name)
-        and not name.startswith(".")
+        if not (name in of_model or _ADDED_FILE.fullmatch(name) or name.startswith("."))
     ]
     if others:
         raise UsageError(f"{folder} also holds {', '.join(others[:3])}; {advice}")
-
-
-def _file_of_card(card: Path) -> str | None:
-    try:
-        fields = validated(dict[str, Any], parsed_json(catalog.read_card(card)))
-    except (ModelError, FieldError):
-        return None
-    file = fields.get("file")
-    return file if isinstance(file, str) else None

@@ -5,7 +5,9 @@ import os
 from dataclasses import dataclass, field
 from errno import ENOENT
 from pathlib import Path
+from typing import Any
 
+from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError
 from depthcli.io.storage.remote import RemotePath
 from depthcli.models import onnx_file
@@ -98,6 +100,16 @@ def read_card(path: Path) -> bytes:
         ModelError: it cannot be read, or is too large for a card.
     """
     return _read_limited(path, _MAX_CARD_BYTES)
+
+
+def file_of_card(card: Path) -> str | None:
+    """Name of the ONNX file that a card states; None if it cannot be read, or states none."""
+    try:
+        fields = validated(dict[str, Any], parsed_json(read_card(card)))
+    except (ModelError, FieldError):
+        return None
+    file = fields.get("file")
+    return file if isinstance(file, str) else None
 
 
 def _onnx_path(location: ModelLocation, card: ModelCard | None) -> Path:

@@ -14,7 +14,7 @@ import pytest
 import torch
 from small import EFFICIENT, RESNET, small_network, write_checkpoint
 
-from depthcli.errors import CheckpointError, OutputError, ParityError
+from depthcli.errors import CheckpointError, OutputError, ParityError, UsageError
 from depthcli.export.card import card_path
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
@@ -73,6 +73,16 @@ def test_models_in_one_folder_keep_their_own_cards(tmp_path: Path) -> None:
         export_checkpoint(checkpoint, tmp_path / f"{name}.onnx", ExportOptions(name, half=half))
     assert [find_model(tmp_path / f"{n}.onnx").card.name for n in ("one", "two")] == ["one", "two"]
     assert card_path(Path("a/model.onnx")) == Path("a/card.json")
+
+
+@pytest.mark.parametrize("card", ['{"file": "net.onnx"}', '{"name": "a draft"}', "[]", ""])
+def test_the_card_of_another_model_is_not_replaced(tmp_path: Path, card: str) -> None:
+    checkpoint = write_checkpoint(tmp_path / "last.ckpt")
+    (tmp_path / "card.json").write_text(card)
+    with pytest.raises(UsageError, match=r"card\.json is not the card of model\.onnx; choose"):
+        export_checkpoint(checkpoint, tmp_path / "model.onnx", ExportOptions())
+    assert (tmp_path / "card.json").read_text() == card
+    assert not (tmp_path / "model.onnx").exists()
 
 
 def test_same_checkpoint_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -303,7 +303,7 @@ def test_a_folder_with_other_files_is_neither_replaced_nor_removed(
     (own / "tiny/card.json").write_text(json.dumps(fields | {"file": "net.onnx"}))
     with pytest.raises(UsageError, match=refused):
         add_model(file, card, force=True)
-    with pytest.raises(UsageError, match="move them away, or delete the folder yourself$"):
+    with pytest.raises(UsageError, match=r"move them away, or delete the folder yourself$"):
         remove_model("tiny")
     assert kept.read_text() == "kept"
     assert find_model("tiny").card.file == "net.onnx"
