@@ -17,7 +17,7 @@ from depthcli._version import __version__
 TYPE_CHECKING = False  # checkers take it for typing's, which would be a quarter of ``--help``
 if TYPE_CHECKING:
     from depthcli.api.depth_map import DepthMap
-    from depthcli.api.files import DepthVideo, read_depth
+    from depthcli.api.files import DepthVideo, VideoSource, read_depth
     from depthcli.api.model import DepthModel, load_model
     from depthcli.core.calibration import Calibration
     from depthcli.core.camera import Anchor
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from depthcli.io.pictures.read import read_image
     from depthcli.models.card import ModelCard
     from depthcli.models.catalog import Model, find_model
-    from depthcli.video.source import VideoSource
 
 # The stable names; one that is not here may change at any time.
 __all__ = [
@@ -91,7 +90,7 @@ __all__ = [
 
 _HOMES = {
     "depthcli.api.depth_map": ("DepthMap",),
-    "depthcli.api.files": ("DepthVideo", "read_depth"),
+    "depthcli.api.files": ("DepthVideo", "VideoSource", "read_depth"),
     "depthcli.api.model": ("DepthModel", "load_model"),
     "depthcli.core.calibration": ("Calibration",),
     "depthcli.core.camera": ("Anchor",),
@@ -106,7 +105,6 @@ _HOMES = {
     "depthcli.io.calibration": ("read_calibration",),
     "depthcli.io.pictures.read": ("read_image",),
     "depthcli.io.pictures.convert": ("Picture",),
-    "depthcli.video.source": ("VideoSource",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -18,7 +18,7 @@ FILE = re.compile(r"`([\w/]+\.py)`((?:(?:\s+|,\s+|\s+and\s+)`\w+(?:\.\w+)*`)*)")
 FOLDER = re.compile(r"`([\w/]+/)`")
 SHARED = {
     "convert predict train video": ("cli/commands/", "jobs/"),  # a command, and the job it runs
-    "DepthMap DepthVideo": ("api/", "core/", "video/"),  # the public face
+    "DepthMap DepthVideo VideoSource": ("api/", "core/", "video/"),  # the public face
 }
 """Names that two folders may have, for one thing."""
 

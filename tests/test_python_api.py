@@ -6,6 +6,7 @@ import io
 import math
 import warnings
 import weakref
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from threading import get_ident
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tiny import synthetic_picture, write_model, write_picture
+from videos import encode, write_video
 
 import depthcli
 from depthcli.io.depth.read import read_metadata
@@ -100,6 +102,7 @@ def test_warnings_about_a_picture_are_issued_at_the_caller(
     model: depthcli.DepthModel, tmp_path: Path
 ) -> None:
     dark = np.full((48, 64), 4095, np.uint16)
+    dark[0, 0] = 0
     path = tmp_path / "a.png"
     Image.fromarray(dark).save(path)
     advice = "4095 of 65535, as in data of 12 bits; if that is white, give white_level=4095"
@@ -111,7 +114,9 @@ def test_warnings_about_a_picture_are_issued_at_the_caller(
         list(model.predict_many([path, dark], workers=2))
     assert [str(one.message).partition(":")[0] for one in told] == [str(path), "a picture"]
     assert {one.filename for one in told} == {__file__}
-    model.predict(dark, white_level=4095)  # pytest makes errors of warnings
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.predict(dark, white_level=4095)
 
 
 def test_a_focal_length_that_scales_nothing_is_a_warning(tmp_path: Path) -> None:
@@ -348,20 +353,30 @@ STREAM_OPTIONS = [{"workers": 2}, {"batch_size": 3}, {"batch_size": 3, "workers"
 
 
 @pytest.mark.parametrize("options", STREAM_OPTIONS)
-@pytest.mark.parametrize("is_file", [False, True])
+@pytest.mark.parametrize("kind", ["array", "file", "frame", "PIL", "PIL file"])
 def test_one_buffer_serves_a_whole_stream(
-    is_file: bool, options: dict[str, int], model: depthcli.DepthModel
+    kind: str, options: dict[str, int], model: depthcli.DepthModel
 ) -> None:
     def content(level: int) -> np.ndarray:
         pixels = np.full((12, 16), 25 * level, np.uint8)
-        return np.ravel(cv2.imencode(".bmp", pixels)[1]) if is_file else pixels
+        pixels[-1, -1] = 255
+        return np.ravel(cv2.imencode(".bmp", pixels)[1]) if "file" in kind else pixels
 
     buffer = content(0)
+    ways = {"array": np.asarray, "file": memoryview, "frame": depthcli.Frame}
+    image = Image.new("L", (16, 12))
 
     def camera() -> Iterator[Any]:
         for level in range(10):
             buffer[:] = content(level)
-            yield memoryview(buffer) if is_file else buffer
+            if kind == "PIL":
+                image.paste(Image.fromarray(buffer))
+                yield image
+            elif kind == "PIL file":
+                with Image.open(io.BytesIO(buffer)) as opened:
+                    yield opened
+            else:
+                yield ways[kind](buffer)
 
     found = [float(depth.values[0, 0]) for depth in model.predict_many(camera(), **options)]
     assert found == pytest.approx([1 + 8 * 25 * level / 255 for level in range(10)], abs=1e-4)
@@ -373,7 +388,7 @@ def test_one_buffer_serves_a_whole_stream(
     [
         ([b"no picture"], "not a picture"),
         ([np.zeros((2, 2))], "float64"),
-        ([np.zeros((2000, 2000), np.uint8)], "--max-memory"),
+        ([np.zeros((2000, 2000), np.uint8)], "max_memory_bytes"),
         ([PIXELS[:5, :5]], "outside"),
         ([], "the camera is gone"),
     ],
@@ -447,6 +462,82 @@ def test_a_name_that_nothing_can_have_is_refused(name: str) -> None:
         depthcli.load_model(name)
     with pytest.raises(depthcli.InputError):
         depthcli.VideoSource(name)
+
+
+def test_what_is_wrong_with_a_video_is_a_warning(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "walk.mkv", [PIXELS] * 20)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with depthcli.VideoSource(path) as video:
+            assert len(list(video.frames())) == 20
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with depthcli.VideoSource(path) as video:
+        with pytest.warns(depthcli.DepthcliWarning, match=r"walk\.mkv: it is truncated") as told:
+            assert len(list(video.frames())) < 20
+        assert [one.filename for one in told] == [__file__]
+        with pytest.raises(depthcli.UsageError):
+            video.frames()
+    bright = encode(
+        tmp_path / "hdr.mkv", [PIXELS] * 2, Fraction(25), "ffv1", "yuv420p", transfer=16
+    )
+    with pytest.warns(depthcli.DepthcliWarning, match=r"hdr\.mkv: .*high dynamic range") as told:
+        depthcli.VideoSource(bright).close()
+    assert [one.filename for one in told] == [__file__]
+
+
+@pytest.mark.parametrize(("scale", "limit"), [(4000, 10), (-4000, 0.5)])
+def test_a_model_in_another_unit_than_its_card_gives_a_warning(
+    tmp_path: Path, scale: float, limit: float
+) -> None:
+    changed = write_model(tmp_path / "mm", output__scale=scale, output__shift=1.25 * scale)
+    millimetres = depthcli.load_model(changed, provider="cpu")
+    told = f"all pixels have the same depth, {limit:g} m; .*scale or the range in the model's card"
+    with pytest.warns(depthcli.DepthcliWarning, match=told):
+        millimetres.predict(PIXELS)
+    with pytest.warns(depthcli.DepthcliWarning, match=told):
+        list(millimetres.predict_many([PIXELS]))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda model: model.predict(PIXELS, focal_px=np.array([500.0])),
+        lambda model: model.predict(PIXELS, hfov_deg="60"),
+        lambda model: list(model.predict_many([PIXELS], focal_px=[500.0])),
+        lambda model: model.predict(depthcli.Frame(PIXELS.tolist())),
+        lambda _: depthcli.load_model(3),  # type: ignore[arg-type]
+        lambda _: depthcli.load_model(threads=2.0),  # type: ignore[arg-type]
+        lambda _: depthcli.load_model(threads="2"),  # type: ignore[arg-type]
+        lambda _: depthcli.load_model(detail="bilinear"),  # type: ignore[arg-type]
+    ],
+)
+def test_values_of_a_wrong_type_are_errors_of_depthcli(
+    wrong: Callable[[depthcli.DepthModel], object], model: depthcli.DepthModel
+) -> None:
+    with pytest.raises((depthcli.UsageError, depthcli.InputError)):
+        wrong(model)
+
+
+def test_errors_name_parameters_of_python(tmp_path: Path) -> None:
+    folder, large = write_model(tmp_path / "m"), np.zeros((400, 600), np.uint8)
+    for detail, told in (
+        (depthcli.Detail(tile_px=2), "give tile_px="),
+        (depthcli.Detail(max_memory_bytes=1000), "more than max_memory_bytes 1K"),
+    ):
+        tight = depthcli.load_model(folder, provider="cpu", detail=detail)
+        for use in (tight.predict, lambda one, used=tight: list(used.predict_many([one]))):
+            with pytest.raises(depthcli.InputError, match=told) as error:
+                use(large)
+            assert "--" not in str(error.value)
+    with pytest.raises(depthcli.UsageError, match="with provider, or remove provider_options"):
+        depthcli.load_model(folder, provider_options={"a": "b"})
+
+
+def test_a_tensor_of_pytorch_gives_no_warning(model: depthcli.DepthModel) -> None:
+    tensor = pytest.importorskip("torch").from_numpy(PIXELS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(model.predict(tensor).values, model.predict(PIXELS).values)
 
 
 def test_an_array_of_pictures_is_a_stream(model: depthcli.DepthModel) -> None:
@@ -642,6 +733,11 @@ def test_other_files_are_chosen_by_their_suffix(depth: depthcli.DepthMap, tmp_pa
     assert '"model": "tiny"' in (tmp_path / "a.json").read_text()
 
 
+def points_of(path: Path) -> bytes:
+    """The points of a PLY, without its header."""
+    return path.read_bytes().partition(b"end_header\n")[2]
+
+
 def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     depth.save(tmp_path / "a.png", png_scale=256)
     assert read_metadata(tmp_path / "a.png")["scale"] == "256"
@@ -652,7 +748,7 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
         with warnings.catch_warnings():  # of the assumed camera
             warnings.simplefilter("ignore")
             depth.save(tmp_path / name, centre_px=centre_px)
-        clouds.append((tmp_path / name).read_bytes())
+        clouds.append(points_of(tmp_path / name))
     assert len(clouds[0]) == len(clouds[1])
     assert clouds[0] != clouds[1]
     depth.save(tmp_path / "e.png", centre_px=(0.0, 0.0))
@@ -669,7 +765,7 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
         warnings.simplefilter("error")  # nothing is assumed
         depth.save(tmp_path / "f.ply", focal_px=9)
         depth.save(tmp_path / "g.ply", focal_px=18)
-    narrow, wide = ((tmp_path / name).read_bytes() for name in ("g.ply", "f.ply"))
+    narrow, wide = (points_of(tmp_path / name) for name in ("g.ply", "f.ply"))
     assert (len(narrow) == len(wide), narrow != wide) == (True, True)
     with pytest.raises(depthcli.UsageError, match=r"\.depth\.npy states no camera"):
         depth.save(tmp_path / "b.npy", focal_px=9)

@@ -81,6 +81,17 @@ def tiny_onnx(
     return model.SerializeToString()
 
 
+def fixed_inside(height: int = 12) -> bytes:
+    """The tiny network with a reshape that suits one height only."""
+    model = onnx.load_from_string(tiny_onnx())
+    shape = onnx.numpy_helper.from_array(np.array([1, 1, height, 16]), "shape")
+    model.graph.initializer.append(shape)
+    node = model.graph.node[0]
+    node.output[0] = "free"
+    model.graph.node.append(helper.make_node("Reshape", ["free", "shape"], ["depth"]))
+    return model.SerializeToString()
+
+
 def write_model(folder: Path, data: bytes | None = None, **changes: object) -> Path:
     """A folder with a tiny model and its card; fields are changed as in :func:`card_with`.
 

@@ -30,11 +30,13 @@ def encode(
     matrix: Sequence[int] | None = None,
     colours: str = "itu601",
     timecode: str | None = None,
+    transfer: int | None = None,
 ) -> Path:
     """RGB frames, (H, W, 3) uint8 or uint16, or (H, W) uint16, with any codec of FFmpeg's.
 
     The container follows from the path's suffix; ``times_s`` from the first frame's, and
-    ``matrix`` of nine numbers asks for a turn. ``timecode`` is of the first frame.
+    ``matrix`` of nine numbers asks for a turn. ``timecode`` is of the first frame, ``transfer`` the
+    number of the transfer characteristics in H.273.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     clock = 1 / rate if times_s is None else Fraction(1, 10_000)  # MPEG-4 takes up to 65535
@@ -47,6 +49,8 @@ def encode(
     for index, pixels in enumerate(frames):
         if index == 0:
             stream.height, stream.width = pixels.shape[:2]
+            if transfer is not None:
+                stream.codec_context.color_trc = transfer
             stream.codec_context.colorspace = 1 if colours == "itu709" else 5
         name = {"uint8": "rgb24", "uint16": "rgb48le"}[pixels.dtype.name]
         kind = name if pixels.ndim == 3 else "gray16le"

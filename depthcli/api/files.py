@@ -1,17 +1,24 @@
-"""Depth files and depth videos as maps with the methods of the Python API."""
+"""Depth files and videos for the Python API: maps with its methods, and warnings."""
 
 import os
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
 from depthcli.api.depth_map import DepthMap
 from depthcli.core import types
+from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.types import Frame
 from depthcli.errors import DepthcliWarning, InputError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.storage.remote import path_of
 from depthcli.video import depth as depth_videos
+from depthcli.video import source as video_frames
+from depthcli.video.pipes import InputPipe
+from depthcli.video.spans import WHOLE, Span
 
 
 class DepthVideo(depth_videos.DepthVideo):
@@ -20,6 +27,27 @@ class DepthVideo(depth_videos.DepthVideo):
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, from the beginning, with one in memory."""
         return map(_with_nan, super().__iter__())
+
+
+class VideoSource(video_frames.VideoSource):
+    """Frames of a video; a ``DepthcliWarning`` tells what is wrong with it."""
+
+    def __init__(
+        self, source: str | Path | InputPipe, *, max_pixels: int | PictureLimit = MAX_PIXELS
+    ) -> None:
+        """As below, with a warning if colours or times are doubtful."""
+        super().__init__(source, max_pixels=max_pixels)
+        for text in self.warnings:
+            warnings.warn(f"{source}: {text}", DepthcliWarning, stacklevel=2)
+
+    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+        """As below, with a warning at the end if frames are missing."""
+        return self._checked(super().frames(span))
+
+    def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        yield from frames
+        if self.problem is not None:
+            warnings.warn(f"{self._source}: {self.problem}", DepthcliWarning, stacklevel=2)
 
 
 def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:

@@ -16,12 +16,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.api.depth_map import Anchors, DepthMap
+from depthcli.api.parameter_names import parameter_names, with_parameter_names
 from depthcli.api.picture_batches import picture_batches
 from depthcli.core import scaling, types
 from depthcli.core.camera import Lens
-from depthcli.core.choices import DEFAULT_DETAIL
+from depthcli.core.choices import DEFAULT_DETAIL, Detail
 from depthcli.core.overscan import displayed_depth, displayed_frame, masked_to_data_window
 from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.summary import flat_warnings
 from depthcli.errors import DepthcliWarning, InputError, ModelError, UsageError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
@@ -34,7 +36,6 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 
     from depthcli.api.picture_batches import PictureBatch
-    from depthcli.core.choices import Detail
     from depthcli.io.pictures.convert import Picture
     from depthcli.models.card import ModelCard
 
@@ -64,11 +65,21 @@ def load_model(
     Raises:
         ModelError: the model is missing or damaged.
         ProviderError: the named provider is not available.
-        UsageError: no provider has that name, or it takes no options and some are given.
+        UsageError: no provider has that name, it takes no options and some are given, or a value
+            has the wrong type.
     """
-    pipeline = load(
-        model, provider=provider, threads=threads, detail=detail, provider_options=provider_options
-    )
+    if not isinstance(model, (str, os.PathLike)):
+        raise UsageError(f"a model is a name or a path, not {type(model).__name__}")
+    if not isinstance(detail, Detail):
+        raise UsageError(f"detail is a depthcli.Detail, not {type(detail).__name__}")
+    with parameter_names():
+        pipeline = load(
+            model,
+            provider=provider,
+            threads=threads,
+            detail=detail,
+            provider_options=provider_options,
+        )
     for text in pipeline.session.warnings:
         warnings.warn(text, DepthcliWarning, stacklevel=2)
     return DepthModel(pipeline)
@@ -129,8 +140,9 @@ class DepthModel:
             UsageError: the camera, the anchors or the white level are not valid for this picture.
         """
         scaling.check_camera(focal_px, hfov_deg)
-        frame = frame_of(picture, white_level)
-        depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
+        with parameter_names():
+            frame = frame_of(picture, white_level)
+            depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
         found = _finished(depth, frame, anchors)
         focal = self._focal_warnings(Lens(focal_px, hfov_deg), anchors)
         for text in (*focal, *_picture_warnings(found)):
@@ -213,7 +225,8 @@ def _maps(
                     warnings.warn(text, DepthcliWarning, stacklevel=2)
                 yield depth
             if error is not None:
-                raise error
+                with parameter_names():
+                    raise error
 
 
 def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors | None) -> DepthMap:
@@ -224,11 +237,10 @@ def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors | None
 
 
 def _picture_warnings(depth: DepthMap) -> Iterator[str]:
-    """What is wrong with the picture of a map, such as data of 12 bits in 16."""
+    """What is wrong with a map or its picture, such as data of 12 bits in 16."""
     if depth.frame is not None:
-        for text in depth.frame.warnings:
-            advice = text.replace("--white-level ", "white_level=")
-            yield f"{depth.frame.path or 'a picture'}: {advice}"
+        for text in (*depth.frame.warnings, *flat_warnings(depth)):
+            yield f"{depth.frame.path or 'a picture'}: {with_parameter_names(text)}"
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.core.types import Frame
@@ -38,8 +39,8 @@ def picture_batches(
 ) -> Iterator[PictureBatch]:
     """Up to ``size`` pictures at a time.
 
-    Pixels in memory are copied here, since the caller may overwrite a buffer before the batch is
-    processed; files are not read.
+    Pixels in memory are copied here, since the caller may overwrite a buffer, or close a PIL
+    picture, before the batch is processed; files are not read.
     """
     rest, error = iter(pictures), None
     while error is None:
@@ -57,5 +58,7 @@ def picture_batches(
 def _own(picture: Picture, white_level: int | None) -> Picture:
     if isinstance(picture, (bytearray, memoryview)):
         return bytes(picture)
-    is_file = isinstance(picture, (str, bytes, os.PathLike)) or hasattr(picture, "getexif")
-    return picture if is_file else frame_of(picture, white_level)
+    if isinstance(picture, (str, bytes, os.PathLike)):
+        return picture
+    frame = frame_of(picture, white_level)
+    return replace(frame, pixels=frame.pixels.copy()) if frame is picture else frame

@@ -22,6 +22,8 @@ def check_pixels(pixels: npt.NDArray[Any]) -> None:
     Raises:
         InputError: another shape or type, or floats that are not in [0, 1].
     """
+    if not isinstance(pixels, np.ndarray):
+        raise InputError(f"pixels have to be an array of NumPy, not {type(pixels).__name__}")
     shape, dtype = pixels.shape, pixels.dtype
     if len(shape) == _COLOUR_RANK and shape[0] in _CHANNELS and shape[-1] not in _CHANNELS:
         raise InputError(f"pixels of shape {shape} have channels first; use np.moveaxis(a, 0, -1)")

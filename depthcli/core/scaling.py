@@ -28,9 +28,10 @@ def check_camera(focal_px: float | None, hfov_deg: float | None) -> None:
 
 
 def _holds(rule: Rule, value: object) -> bool:
+    """Whether a value is one number, not text or several numbers, and satisfies a rule."""
     try:
-        return bool(rule.holds(value))
-    except (TypeError, ValueError):  # text, or an array of several numbers
+        return getattr(value, "ndim", 0) == 0 and bool(rule.holds(value))
+    except (TypeError, ValueError):
         return False
 
 

@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 from depthcli.core.types import DepthMap
 
+_STEP = 64
+
 
 class DepthRange(NamedTuple):
     """Least, median and largest depth, in the map's unit; None where it has no depth at all."""
@@ -22,6 +24,17 @@ class DepthRange(NamedTuple):
         if not known.size:
             return cls(None, None, None)
         return cls(float(known.min()), _median(known), float(known.max()))
+
+
+def flat_warnings(depth: DepthMap) -> tuple[str, ...]:
+    """A warning about a map whose pixels all have the same depth; none for other maps."""
+    values, first = depth.values, depth.values[0, 0]
+    # A few pixels tell it of nearly all maps.
+    if values.size == 1 or (values[::_STEP, ::_STEP] != first).any() or (values != first).any():
+        return ()
+    where = f"{first:.6g} m" if depth.is_metric else f"{first:.6g}"
+    advice = "if other pictures give the same, the scale or the range in the model's card is wrong"
+    return (f"all pixels have the same depth, {where}; {advice}",)
 
 
 def _median(values: npt.NDArray[np.float32]) -> float:

@@ -116,8 +116,8 @@ class Session:
             or not 0 < maps[0].size <= MAX_INPUT_PIXELS
         ):
             raise ModelError(
-                f"{self.model.path} gives {raw.shape}, not one depth map a picture; "
-                "use a depth model"
+                f"{self.model.path} gives {raw.shape}, not one depth map a picture: (N, h, w), "
+                "(N, 1, h, w) or (N, h, w, 1); use a depth model, or export it again"
             )
         return np.asarray(maps, np.float32)
 
@@ -140,9 +140,9 @@ def _load(
     options = ort.SessionOptions()
     options.log_severity_level = _FATAL_ONLY
     if threads is not None:
-        if not 0 < threads <= _MAX_THREADS:
-            raise UsageError(f"threads has to be from 1 to {_MAX_THREADS}")
-        options.intra_op_num_threads = threads
+        if not isinstance(threads, (int, np.integer)) or not 0 < threads <= _MAX_THREADS:
+            raise UsageError(f"threads has to be a whole number from 1 to {_MAX_THREADS}")
+        options.intra_op_num_threads = int(threads)
     if threads is None or threads > (os.cpu_count() or 1):
         # Threads that spin between operators take time from loading, decoding and encoding on the
         # other cores: without spinning, the first picture is faster and the next ones are as fast.
@@ -173,8 +173,10 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
     """Name and (N, C, H, W) of the one float32 input; None where a length is dynamic."""
     inputs: list[Any] = session.get_inputs()
     if [(len(one.shape), one.type) for one in inputs] != [(_IMAGE_RANK, "tensor(float)")]:
+        listed = one_line(", ".join(f"{one.name} {one.shape} {one.type}" for one in inputs))
         raise ModelError(
-            f"{model.path} has no single float32 (N, C, H, W) input; use a depth model"
+            f"{model.path} has the inputs {listed or 'none'}; export it with one float32 input of "
+            "(N, C, H, W)"
         )
     first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]

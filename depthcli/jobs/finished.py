@@ -4,6 +4,7 @@ from depthcli.core.anchor_fit import fitted, lost_in_fit
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import masked_to_data_window
+from depthcli.core.summary import flat_warnings
 from depthcli.core.types import DepthMap
 from depthcli.core.windows import Windows
 
@@ -14,7 +15,7 @@ def finished_depth(
     points: AnchorPoints | None,
     centre_px: tuple[float, float] | None,
 ) -> tuple[DepthMap, tuple[str, ...]]:
-    """Depth of a picture, fitted to known points, and warnings about the fit.
+    """Depth of a picture, fitted to known points, and warnings about it and the fit.
 
     Args:
         depth: of all pixels of the picture's frame.
@@ -25,6 +26,7 @@ def finished_depth(
     Raises:
         InputError: the points do not fit this picture.
     """
+    flat = flat_warnings(depth)
     depth = masked_to_data_window(depth, windows)
     found = with_centre(fitted(depth, points, windows), centre_px)
-    return found, (*(points.warnings if points else ()), *lost_in_fit(depth, found))
+    return found, (*flat, *(points.warnings if points else ()), *lost_in_fit(depth, found))

@@ -11,7 +11,7 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.session import Session
-from depthcli.inference.trial import try_session
+from depthcli.inference.trial import try_other_size, try_session
 from depthcli.io.storage.atomic_folder import replace_folder, workspace
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
@@ -96,6 +96,15 @@ def _install(
         fitted = fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
         session.model = replace(model, card=fitted)
         try_session(session)
+        try:
+            try_other_size(session)
+        except ModelError:
+            if not draft.is_ready:
+                raise
+            only = fitted.input.height, fitted.input.width
+            fitted = fit_to_graph(fitted, only, path, adapt=True)
+            session.model = replace(model, card=fitted)
+            try_session(session)
         (temporary / locations.CARD_NAME).write_text(fitted.to_json(), "utf-8")
         replace_folder(temporary, target, last=locations.CARD_NAME)
     return catalog.find_model(target)
@@ -107,6 +116,9 @@ def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
         card = str(location.card) if location and location.card else None
     if card is None:
         embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
+        beside = path.with_name(locations.CARD_NAME)
+        if embedded is None and catalog.file_of_card(beside) == path.name:
+            return _card_draft(path, data, str(beside))
         if embedded is None:
             raise UsageError(
                 f"{path} has no card inside or beside it; give --card, "

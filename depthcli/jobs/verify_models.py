@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from depthcli.errors import DepthcliError
 from depthcli.inference.session import Session
-from depthcli.inference.trial import try_session
+from depthcli.inference.trial import try_other_size, try_session
 from depthcli.models.catalog import Model, find_model
 from depthcli.models.locations import list_locations
 
@@ -19,7 +19,7 @@ class ModelCheck:
 
 
 def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:
-    """Check size, checksum and card of each model, and run it once.
+    """Check size, checksum and card of each model, and run it on gray pictures.
 
     Args:
         names: names or paths; all models that have a name, if empty.
@@ -27,7 +27,9 @@ def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:
     for name in names or [name for name, _ in list_locations()]:
         try:
             model = find_model(name)
-            try_session(Session(model))
+            session = Session(model)
+            try_session(session)
+            try_other_size(session)
         except DepthcliError as error:
             yield ModelCheck(name, error)
         else:

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-import onnx
 import pytest
 from folders import contents, picture, printed, rows, tree
-from tiny import synthetic_picture, tiny_onnx, write_model, write_picture
+from tiny import fixed_inside, synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_mp4, write_video
 
 from depthcli.cli.app import main
@@ -327,17 +326,6 @@ def test_a_network_that_fails_on_everything_is_no_fault_of_the_inputs(inside: Cl
     done = inside("batch", "in", "--out", "out")
     assert done.returncode == 3
     assert b"model.onnx failed" in done.stderr
-
-
-def fixed_inside(height: int = 12) -> bytes:
-    """The tiny network with a reshape that suits one height only."""
-    model = onnx.load_from_string(tiny_onnx())
-    shape = onnx.numpy_helper.from_array(np.array([1, 1, height, 16]), "shape")
-    model.graph.initializer.append(shape)
-    node = model.graph.node[0]
-    node.output[0] = "free"
-    model.graph.node.append(onnx.helper.make_node("Reshape", ["free", "shape"], ["depth"]))
-    return model.SerializeToString()
 
 
 def test_loops_are_left_out_and_named(inside: Cli) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from command_line import unmeasured
 from folders import here
-from tiny import synthetic_picture, write_model, write_picture
+from tiny import fixed_inside, synthetic_picture, write_model, write_picture
 
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.writers.formats import FORMATS, Format
@@ -316,6 +316,22 @@ def test_a_bad_input_never_stops_the_others(inside: Cli) -> None:
     assert summary == f"6 of 8 inputs failed: {', '.join(bad)}"
     outputs = {name for name in here(inside) if name.startswith("out/")}
     assert outputs == {"out/a.depth.npy", "out/z.depth.npy"}
+
+
+def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None:
+    # A reshape to a fixed size fails on pictures of other aspect ratios.
+    write_model(inside.models / "default", fixed_inside(), input__fit="keep-aspect")
+    write_picture(inside.folder / "wide.png", np.zeros((10, 300), np.uint8))
+    write_picture(inside.folder / "a.png")
+    done = inside("predict", "wide.png", "a.png", "--json")
+    assert done.returncode == 1
+    assert [json.loads(line)["status"] for line in done.stdout.splitlines()] == ["failed", "ok"]
+    assert (inside.folder / "a.depth.png").is_file()
+    write_model(inside.models / "default", fixed_inside(5))
+    done = inside("predict", "wide.png", "a.png")
+    assert done.returncode == 3
+    (line,) = error_lines(done)
+    assert "model.onnx failed on an input" in line
 
 
 def test_two_inputs_never_share_an_output(inside: Cli) -> None:

@@ -12,12 +12,13 @@ import numpy as np
 import onnx
 import pytest
 from onnx import external_data_helper
-from tiny import card_with, tiny_onnx, write_model
+from tiny import card_with, fixed_inside, tiny_onnx, write_model
 
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic_folder import workspace
 from depthcli.jobs.added_models import remove_model
 from depthcli.jobs.install_model import add_model
+from depthcli.jobs.verify_models import verify_models
 from depthcli.models import locations
 from depthcli.models.catalog import find_model
 from depthcli.models.locations import list_locations, roots, user_root
@@ -104,9 +105,35 @@ def test_the_card_inside_or_beside_is_enough(own: Path, tmp_path: Path) -> None:
     inside.write_bytes(tiny_onnx(card=json.dumps(card_with({"name": "in"}))))
     beside.write_bytes(tiny_onnx())
     write_card(tmp_path / "beside.card.json", name="by")
+    folder = write_model(tmp_path / "folder", name="folder")
     assert add_model(inside).card.name == "in"
     assert add_model(beside).card.name == "by"
-    assert sorted(p.name for p in own.iterdir()) == ["by", "in"]
+    assert add_model(folder / "model.onnx").card.name == "folder"
+    assert sorted(p.name for p in own.iterdir()) == ["by", "folder", "in"]
+    beside.with_name("beside.card.json").unlink()
+    write_card(tmp_path / "card.json", file="other.onnx")
+    with pytest.raises(UsageError, match="no card inside or beside"):
+        add_model(beside)
+
+
+def test_a_graph_that_runs_in_one_size_only_says_how_to_state_it(own: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.onnx").write_bytes(fixed_inside())
+    card = write_card(tmp_path / "c.json", input__fit="keep-aspect")
+    advice = (
+        r"runs only on inputs of 16 x 12.*set input\.dynamic to false and input\.fit to stretch"
+    )
+    with pytest.raises(ModelError, match=advice):
+        add_model(tmp_path / "a.onnx", card)
+    assert not list(own.glob("tiny"))
+    follows = write_card(tmp_path / "c.json", input__dynamic=False, input__fit="stretch")
+    add_model(tmp_path / "a.onnx", follows)
+    (check,) = verify_models(["tiny"])
+    assert not isinstance(check.found, DepthcliError)
+    changed = json.loads((own / "tiny/card.json").read_text())
+    changed["input"] |= {"dynamic": True, "fit": "keep-aspect"}
+    (own / "tiny/card.json").write_text(json.dumps(changed))
+    (check,) = verify_models(["tiny"])
+    assert "runs only on inputs of 16 x 12" in str(check.found)
 
 
 def test_no_card_is_an_error_that_names_the_ready_ones(own: Path, file: Path) -> None:

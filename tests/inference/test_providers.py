@@ -228,6 +228,19 @@ def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
     assert SessionLoader("int8", provider).load().model.card.name == expected
 
 
+def test_a_model_of_floats_that_is_missing_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path))
+    write_model(tmp_path / "q8", name="q8", float_model="q8-float")
+    built_with(monkeypatch, "cuda", "cpu")
+    named = r"card of 'q8' names the float model 'q8-float' .* no model named 'q8-float'.*'cpu'$"
+    for provider in ("auto", "cuda"):
+        with pytest.raises(ModelError, match=named):
+            SessionLoader("q8", provider).load()
+    assert SessionLoader("q8", "cpu").load().model.card.name == "q8"
+
+
 def test_the_cpu_gets_its_own_model_if_no_gpu_works(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

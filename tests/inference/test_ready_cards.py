@@ -189,6 +189,19 @@ def test_the_graph_s_own_size_is_taken(tmp_path: Path) -> None:
     assert (fixed.height, fixed.width, fixed.dynamic, fixed.fit) == (518, 518, False, Fit.STRETCH)
 
 
+def test_a_graph_that_runs_in_one_size_only_gets_that_size(tmp_path: Path) -> None:
+    file = write_network(tmp_path / "m.onnx", ANYTHING)
+    graph = onnx.load(file)
+    position = np.zeros((1, 3, 518, 518), np.float32)
+    graph.graph.initializer.append(onnx.numpy_helper.from_array(position, "position"))
+    conv = graph.graph.node[0]
+    graph.graph.node.insert(0, helper.make_node("Add", [conv.input[0], "position"], ["embedded"]))
+    conv.input[0] = "embedded"
+    onnx.save(graph, file)
+    spec = add_model(file, "depth-anything-v2-small").card.input
+    assert (spec.height, spec.width, spec.dynamic, spec.fit) == (518, 518, False, Fit.STRETCH)
+
+
 def test_an_unknown_card_is_refused() -> None:
     with pytest.raises(UsageError, match="no ready card named 'midas'"):
         ready_card("midas")

@@ -208,7 +208,7 @@ MODELS = {
     ),
     "weights elsewhere": Bad(_external(), "keeps weights in a second file", 3),
     "graphs in graphs": Bad(_deep_graph(), "a.onnx", 3),
-    "no input": Bad(_no_input(), "a.onnx has no single float32 (N, C, H, W) input", 3),
+    "no input": Bad(_no_input(), "a.onnx has the inputs none; export it with one float32 input", 3),
     "no output": Bad(_graph([], [_IDENTITY]), "a.onnx gives nothing, not numbers", 3),
     "a sequence": Bad(
         _graph([_SEQUENCE], [helper.make_node("SequenceConstruct", ["image"], ["depth"])]),

@@ -11,9 +11,10 @@ import typer
 
 from depthcli.cli.arguments import options
 from depthcli.cli.arguments.numbers import not_negative, parse_size
+from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.screen import console
 from depthcli.core.choices import Upsampling
-from depthcli.errors import ExitCode
+from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from depthcli.inference.latency import Latency
@@ -26,6 +27,7 @@ _MEASUREMENTS = 3  # network, end to end, throughput
 
 @app.command()
 def bench(
+    context: typer.Context,
     image: Annotated[
         Path | None,
         typer.Argument(metavar="[IMG]", help="Input picture. Default: a synthetic one."),
@@ -65,6 +67,8 @@ def bench(
     from depthcli.cli.arguments.provider import session_loader
     from depthcli.jobs.bench import BenchRequest, run_bench
 
+    if image is not None and is_given(context, "size"):
+        raise UsageError("--size is that of the synthetic picture; remove it or the file")
     loader = session_loader(model, provider, threads, provider_option)
     request = BenchRequest(loader, parse_size(size), seconds, image, upsample, workers)
     if sys.stderr.isatty() and not as_json:

@@ -78,7 +78,8 @@ def frame_of(picture: Picture, white_level: int | None = None) -> Frame:
 def _pixels(picture: ArrayLike) -> npt.NDArray[Any]:
     """A copy of the pixels: a camera may overwrite its buffer with the next picture."""
     try:
-        pixels = np.array(picture, order="C")
+        # PyTorch's tensors warn if they are asked for a copy.
+        pixels = np.array(np.asarray(picture), order="C")
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{type(picture).__name__} is not an array: {error}") from error
     if np.ma.is_masked(picture):

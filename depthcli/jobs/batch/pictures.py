@@ -12,6 +12,7 @@ from depthcli.core.overscan import displayed_depth
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.trial import check_network
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import OK, AnchorEntry, Origin, Row, output_entry
 from depthcli.io.pictures.decode import read_bytes
@@ -21,7 +22,7 @@ from depthcli.io.writers.formats import Format
 from depthcli.io.writers.metadata import camera_text
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.suspects import check_picture
-from depthcli.jobs.batch.task import Result, Task, check_network
+from depthcli.jobs.batch.task import Result, Task
 from depthcli.jobs.finished import finished_depth
 from depthcli.jobs.outputs import write_output
 
@@ -116,8 +117,8 @@ class PictureWorker:
             return self._failed(task, depth, start_s, opened.sha256)
         try:
             frame, points = opened.frame, opened.points
-            depth, fit_warnings = finished_depth(depth, frame.windows, points, opened.centre_px)
-            warnings = [*frame.warnings, *fit_warnings]
+            depth, depth_warnings = finished_depth(depth, frame.windows, points, opened.centre_px)
+            warnings = [*frame.warnings, *depth_warnings]
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, depth, frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())

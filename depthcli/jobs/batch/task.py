@@ -10,9 +10,7 @@ from typing import Generic, TypeVar
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Lens
 from depthcli.core.fingerprint import fingerprint
-from depthcli.errors import ModelError, UsageError
-from depthcli.inference.session import Session
-from depthcli.inference.trial import try_session
+from depthcli.errors import UsageError
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
@@ -166,13 +164,3 @@ class Task(Generic[_FormatT]):
             error=failure_reason(error),
         )
         return Result(row)
-
-
-def check_network(error: Exception, session: Session) -> None:
-    """Check the network after it failed on an input; it may work for the next one.
-
-    Raises:
-        ModelError: the network also fails on a plain gray picture.
-    """
-    if isinstance(error, ModelError):
-        try_session(session)

@@ -9,13 +9,14 @@ from typing import TypeAlias
 
 from depthcli.core.progress import Progress
 from depthcli.errors import InputError, UsageError
+from depthcli.inference.trial import check_network
 from depthcli.io.manifest.row import FAILED, OK, Row, output_entry
 from depthcli.io.storage.transfer import local_copy
 from depthcli.io.writers.metadata import camera_text
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.suspects import check_video
-from depthcli.jobs.batch.task import Result, Task, check_network
+from depthcli.jobs.batch.task import Result, Task
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.request import VideoSettings
 from depthcli.jobs.video.write import write_video

@@ -11,10 +11,11 @@ from depthcli.core.overscan import displayed_depth
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
+from depthcli.inference.trial import check_network
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
@@ -56,7 +57,8 @@ def predict_pictures(
                 if path is not None and path != named:
                     check_replaceable(path)
             yield _predict_picture(request, plan, loading, points)
-        except (InputError, OutputError) as error:
+        except (InputError, OutputError, ModelError) as error:
+            check_network(error, loading.result())
             yield FailedInput(plan.name, error)
     loading.result()  # raises if the model cannot be loaded, even if no picture was read
 
@@ -74,14 +76,15 @@ def _predict_picture(
     centre_px = camera.centre_for(*frame.display_size_px)
     session = loading.result()
     pipeline = Pipeline(session, request.detail)
-    depth, fit_warnings = finished_depth(  # no name for the model's map: writers need its memory
+    depth, depth_warnings = finished_depth(  # no name for the model's map: writers need its memory
         pipeline.predict(frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg),
         frame.windows,
         points,
         centre_px,
     )
-    warnings = [*session.warnings, *frame.warnings]
-    warnings += fit_warnings if points else focal_warnings(session.model.card, camera.lens)
+    warnings = [*session.warnings, *frame.warnings, *depth_warnings]
+    if not points:
+        warnings += focal_warnings(session.model.card, camera.lens)
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path)
     return PictureResult(
