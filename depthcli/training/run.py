@@ -45,8 +45,7 @@ class Run:
         self.steps = config.optim.epochs * steps_per_epoch
         self.progress = RunProgress()
         self.method = build_method(config)
-        if not _instance_norm(self.method):
-            self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         phases = [phase for phase in self.method.phases if self.method.networks(phase)]
         optimizers = [build_optimizer(self.method, phase, config.optim) for phase in phases]
         self.rates = {
@@ -179,15 +178,6 @@ class Run:
         first = {"rng": saved.rng, "device_rng": saved.device_rng, "extra": saved.extra}
         own = [first, *saved.others][self.fabric.global_rank]
         load_process_state(self.method, self.fabric.device, own)
-
-
-def _instance_norm(method: nn.Module) -> bool:
-    """Whether channels-last would give wrong gradients.
-
-    torch (2.13 still) reads a channels-last gradient as a contiguous one in the backward pass of
-    instance norm when the batch is one picture.
-    """
-    return any(isinstance(layer, nn.InstanceNorm2d) for layer in method.modules())
 
 
 def _check_state(state: dict[int, dict[str, object]], weights: list[Tensor]) -> None:

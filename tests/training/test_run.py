@@ -66,10 +66,12 @@ def test_gradients_of_one_picture_are_those_of_the_same_picture_twice(antialias:
         assert float(off) < 1e-2, name
 
 
-def test_networks_without_instance_norm_are_channels_last() -> None:
-    run = Run(EFFICIENT, Fabric(accelerator="cpu", devices=1), 5)
-    kernel = run.method.generator.state_dict()["stages.0.0.body.0.0.weight"]
-    assert kernel.is_contiguous(memory_format=torch.channels_last)
+@pytest.mark.parametrize("config", [EFFICIENT, PAPER], ids=["efficient", "resnet"])
+def test_networks_are_channels_last(config: TrainConfig) -> None:
+    run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
+    kernels = [weight for weight in run.method.parameters() if weight.ndim == 4]
+    assert kernels
+    assert all(k.is_contiguous(memory_format=torch.channels_last) for k in kernels)
 
 
 def _half(config: TrainConfig, scale: float = 64.0) -> Fabric:

@@ -5,6 +5,7 @@ import itertools
 from torch import Tensor, nn
 
 from depthcli.training.networks.blur import BlurDown
+from depthcli.training.networks.instance_norm import InstanceNorm
 from depthcli.training.networks.weights import init_normal, init_xavier
 
 _SLOPE = 0.2
@@ -26,7 +27,7 @@ class PatchGan(nn.Module):
             stride = 2 if shrinks and not antialias else 1
             layers.append(nn.Conv2d(inputs, outputs, 4, stride, 1))
             if i:
-                layers.append(nn.InstanceNorm2d(outputs))
+                layers.append(InstanceNorm(outputs))
             layers.append(nn.LeakyReLU(_SLOPE))
             if shrinks and antialias:
                 layers.append(BlurDown(outputs))

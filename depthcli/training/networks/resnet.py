@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from depthcli.training.networks.blur import BlurDown
+from depthcli.training.networks.instance_norm import InstanceNorm
 from depthcli.training.networks.weights import init_normal, init_xavier
 
 
@@ -115,7 +116,7 @@ class _Block(nn.Module):
             _norm_relu(width),
             nn.ReflectionPad2d(1),
             nn.Conv2d(width, width, 3),
-            nn.InstanceNorm2d(width),
+            InstanceNorm(width),
         )
 
     def forward(self, x: Tensor) -> Tensor:
@@ -133,4 +134,4 @@ def _up(inputs: int, outputs: int, *, antialias: bool) -> nn.Sequential:
 
 
 def _norm_relu(width: int) -> nn.Sequential:
-    return nn.Sequential(nn.InstanceNorm2d(width), nn.ReLU(inplace=True))
+    return nn.Sequential(InstanceNorm(width), nn.ReLU(inplace=True))
