@@ -177,6 +177,24 @@ def test_a_batch_notices_a_changed_calibration(inside: Cli, folder: Path) -> Non
     assert [kept(), kept()] == [False, True]
 
 
+def test_a_sidecar_does_not_replace_the_calibration(inside: Cli, folder: Path) -> None:
+    write_video(folder / "clip.avi", flat_frames(range(2)))
+    height, width = flat_frames(range(1))[0].shape[:2]
+    matrix = [[50.0, 0, 30], [0, 50, 25], [0, 0, 1]]
+    camera = {"camera_matrix": matrix, "image_width": width, "image_height": height}
+    for command, out in (
+        (("video", "clip.avi"), "cam.%04d.exr"),
+        (("video", "clip.avi"), "cam.mkv"),
+        (("predict", "in/a.png"), "cam.png"),
+    ):
+        (folder / "cam.json").write_text(json.dumps(camera))
+        done = inside(*command, "-o", out, "--sidecar", "--calibration", "cam.json")
+        assert done.returncode == 1
+        assert b"cam.json exists and was not written by depthcli" in done.stderr
+        assert json.loads((folder / "cam.json").read_text()) == camera
+        assert {path.suffix for path in folder.glob("cam.*")} == {".json", ".yaml"}
+
+
 def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     write_video(folder / "clip.avi", flat_frames(range(2)))
     depths, sidecars = [], []

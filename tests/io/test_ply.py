@@ -12,7 +12,6 @@ from depthcli._version import __version__
 from depthcli.core.map_camera import with_centre
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
-from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.writers.ply import PlyWriter
 
 if TYPE_CHECKING:
@@ -91,22 +90,6 @@ def test_comments_state_software_model_and_camera(tmp_path: Path) -> None:
         "comment depthcli:focal_px 519.5",
         "comment depthcli:camera_source exif",
     ]
-
-
-def test_a_scan_is_recognized_as_foreign_and_clouds_of_every_version_as_own(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "a.ply"
-    PlyWriter().write(seen_by(2.0), path)
-    check_replaceable(path)
-    lines = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(b"".join(line for line in lines if not line.startswith(b"comment")))
-    assert points(path)["z"][0] == 1
-    check_replaceable(path)  # as before version 0.14.0
-    scan = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n"
-    path.write_bytes(scan)
-    with pytest.raises(OutputError, match="was not written by depthcli"):
-        check_replaceable(path)
 
 
 @pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])

@@ -59,6 +59,12 @@ def with_sidecar(
     return dict(own) | {name: text for name, text in texts.items() if name not in own}, ()
 
 
+def remove_video_sidecar(path: Path) -> None:
+    """Remove the sidecar of a video's numbered files, if depthcli wrote it."""
+    if "times_s" in _read_sidecar(path):
+        path.unlink()
+
+
 def _find_sidecar(path: Path) -> _Sidecar | None:
     """The sidecar of a file, or of the video that the file is a frame of; None if there is none.
 

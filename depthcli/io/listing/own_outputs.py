@@ -25,8 +25,10 @@ _PLAIN_PLY = (
     rb"(property uchar (red|green|blue)\n){3}end_header\n"
 )
 _HEAD_BYTES = 4096
-_SUFFIXES = (".png", ".exr", ".ply")
-_MAGIC = (SIGNATURE, EXR_MAGIC, _PLY_MAGIC)
+_SUFFIXES = (".png", ".exr", ".ply", ".json")
+_MAGIC = (SIGNATURE, EXR_MAGIC, _PLY_MAGIC, b"{", b"[")
+_BLANKS = b"\xef\xbb\xbf \t\r\n"  # that may precede JSON
+_SIDECAR = rb'"software":\s*"depthcli '
 _PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 
@@ -43,9 +45,10 @@ def is_own_picture(path: str | Path) -> bool:
 
 
 def check_replaceable(path: Path) -> None:
-    """Check that no PNG, EXR or PLY that depthcli did not write is replaced by an output.
+    """Check that no PNG, EXR, PLY or JSON that depthcli did not write is replaced by an output.
 
-    That may be a plate, the depth of a sensor or a scan. In an object store, it takes one request.
+    That may be a plate, the depth of a sensor, a scan or a calibration. In an object store, it
+    takes one request.
 
     Raises:
         OutputError: it does, or the store does not answer.
@@ -53,7 +56,7 @@ def check_replaceable(path: Path) -> None:
     if path.suffix.lower() not in _SUFFIXES:
         return
     head = replaced_head(path)
-    if head.startswith(_MAGIC) and not _is_own(head):
+    if head.lstrip(_BLANKS).startswith(_MAGIC) and not _is_own(head):
         raise foreign_error(path)
 
 
@@ -90,6 +93,8 @@ def _is_own(head: bytes) -> bool:
         return is_own_exr(head)
     if head.startswith(_PLY_MAGIC):
         return PLY_COMMENT.encode() in head or re.match(_PLAIN_PLY, head) is not None
+    if head.lstrip(_BLANKS).startswith(b"{"):
+        return re.search(_SIDECAR, head) is not None
     return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
 
 

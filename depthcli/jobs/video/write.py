@@ -16,6 +16,8 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
+from depthcli.io.depth.sidecar import remove_video_sidecar
+from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.plan import VideoPlan
@@ -26,6 +28,7 @@ from depthcli.jobs.video.stages import FrameStages
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_source import open_frames
 from depthcli.video.frames import FrameSource
+from depthcli.video.number_pattern import base_name
 from depthcli.video.output import DepthFrame, VideoOutput
 from depthcli.video.own_videos import check_replaceable_video
 
@@ -71,6 +74,10 @@ def write_video(
             if which is not VideoFormat.JSON
         ]
         sidecar = _sidecar(plan, source.paths, stack)
+        if VideoFormat.NPY in plan.names and sidecar is None:
+            # That of an earlier run would state its camera for the new files, which state nothing.
+            base = base_name(plan.names[VideoFormat.NPY])
+            remove_video_sidecar(plan.folder / f"{base}.json")
         scale = rounding_scale(plan, pipeline, settings)
         stages = FrameStages(pipeline, settings, earlier.kept, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
@@ -99,6 +106,8 @@ def _check_replaceable(plan: VideoPlan) -> None:
             )
         if which is VideoFormat.MKV and not plan.may_replace:
             check_replaceable_video(plan.path(which))
+        if which is VideoFormat.JSON:
+            check_replaceable(plan.path(which))
 
 
 def _sidecar(plan: VideoPlan, inputs: Sequence[Path], stack: ExitStack) -> Path | None:
