@@ -26,6 +26,7 @@ def encode(
     pixel_format: str,
     *,
     times_s: Sequence[float] | None = None,
+    numbers: Sequence[int] | None = None,
     options: Mapping[str, str] | None = None,
     matrix: Sequence[int] | None = None,
     colours: str = "itu601",
@@ -34,7 +35,8 @@ def encode(
 ) -> Path:
     """RGB frames, (H, W, 3) uint8 or uint16, or (H, W) uint16, with any codec of FFmpeg's.
 
-    The container follows from the path's suffix; ``times_s`` from the first frame's, and
+    The container follows from the path's suffix; ``times_s`` from the first frame's, ``numbers``
+    count intervals of the rate, and
     ``matrix`` of nine numbers asks for a turn. ``timecode`` is of the first frame, ``transfer`` the
     number of the transfer characteristics in H.273.
     """
@@ -56,7 +58,8 @@ def encode(
         kind = name if pixels.ndim == 3 else "gray16le"
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), kind)
         frame = frame.reformat(format=pixel_format, dst_colorspace=colours)
-        frame.pts = index if times_s is None else round(times_s[index] / clock)
+        place = index if numbers is None else numbers[index]
+        frame.pts = place if times_s is None else round(times_s[index] / clock)
         frame.time_base = clock
         output.mux(stream.encode(frame))
     output.mux(stream.encode(None))

@@ -31,6 +31,7 @@ class Session:
     Attributes:
         model: the model behind it.
         provider: name of the active provider.
+        provider_options: those it was given, by name.
         warnings: one-line texts, if ``auto`` fell back to a slower provider.
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
     """
@@ -61,6 +62,7 @@ class Session:
         wanted = providers.wanted_providers(provider)
         options = provider_options or {}
         providers.check_options(provider, options)
+        self.provider_options = dict(options)
         self._session = _start(model, wanted, threads, options)
         self._run_options = ort.RunOptions()
         self.provider = providers.short_name(self._session.get_providers()[0])

@@ -45,10 +45,13 @@ def check_network(error: Exception, session: Session) -> None:
     """Check the network after it failed on an input; it may work for the next one.
 
     Raises:
-        ModelError: the network also fails on a plain gray picture.
+        ModelError: the same, if the network also fails on a plain gray picture.
     """
     if isinstance(error, ModelError):
-        try_session(session)
+        try:
+            try_session(session)
+        except ModelError:
+            raise error from None
 
 
 def _predict_gray(session: Session, height: int, width: int) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import contextmanager
 from fractions import Fraction
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import av
+import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,6 +23,7 @@ _COPY_CODECS = {
     "webm": {"opus", "vorbis"},
     "mov": {"aac", "mp3", "ac3", "eac3", "alac", "pcm_s16le", "pcm_s24le"},
 }
+_PCM_BYTES = {"pcm_s16le": 2, "pcm_s24le": 3}
 _ENCODERS = {"mp4": "aac", "webm": "libopus", "mov": "aac"}
 _LAYOUTS = {1: "mono", 6: "5.1", 8: "7.1"}
 _OPUS = "webm"
@@ -75,12 +78,24 @@ class AudioOutput:
                 self._encode(frame)
             return
         time_base = Fraction(packet.time_base or 1)
-        if self._is_next((packet.pts or 0) * time_base):
-            packet.pts = (packet.pts or 0) - round(self._from_s / time_base)
+        pts, early = packet.pts or 0, self._early_bytes(packet, time_base)
+        if early:
+            packet = cast("Packet[AudioStream]", av.Packet(bytes(packet)[early:]))
+            packet.time_base, pts = time_base, round(self._from_s / time_base)
+        if self._is_next(pts * time_base):
+            packet.pts = pts - round(self._from_s / time_base)
             packet.dts = packet.pts
             packet.stream = self._stream
             with self._damage_reported():
                 self._output.mux(packet)
+
+    def _early_bytes(self, packet: Packet[AudioStream], time_base: Fraction) -> int:
+        """Size of the samples before the beginning in a packet of PCM; 0 of other packets."""
+        context = self._stream.codec_context
+        sample = _PCM_BYTES.get(context.name, 0) * context.layout.nb_channels
+        early_s = self._from_s - (packet.pts or 0) * time_base
+        early = max(0, math.ceil(early_s * context.sample_rate)) * sample
+        return early if early < packet.size else 0
 
     def finish(self) -> None:
         """Flush the encoder.
@@ -104,6 +119,9 @@ class AudioOutput:
         if frame.pts is None or frame.time_base is None:
             return
         time_s = frame.pts * frame.time_base
+        early = math.ceil((self._from_s - time_s) * frame.sample_rate)
+        if 0 < early < frame.samples:
+            frame, time_s = _without_first(frame, early), self._from_s
         if not self._is_next(time_s):
             return
         frame.pts = round((time_s - self._from_s) * frame.sample_rate)
@@ -147,6 +165,18 @@ class AudioOutput:
             if isinstance(error, OSError):
                 raise
             self.damage = damage_text(error)
+
+
+def _without_first(frame: AudioFrame, count: int) -> AudioFrame:
+    """A frame without its first samples; its time is the caller's to set."""
+    width = 1 if frame.format.is_planar else frame.layout.nb_channels
+    rest = av.AudioFrame.from_ndarray(
+        cast("Any", np.ascontiguousarray(frame.to_ndarray()[:, count * width :])),
+        frame.format.name,
+        frame.layout.name,
+    )
+    rest.sample_rate = frame.sample_rate
+    return rest
 
 
 def damage_text(error: Exception) -> str:

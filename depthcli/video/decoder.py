@@ -29,7 +29,6 @@ class FrameDecoder:
     Attributes:
         ended_early: whether reading stopped at an error or within a packet; valid at the end.
         end_position: of the last packet, in bytes from the beginning of the file.
-        numbers: by their timestamps, of the frames whose packets state them.
     """
 
     def __init__(
@@ -44,7 +43,7 @@ class FrameDecoder:
         """
         self.ended_early = False
         self.end_position = 0
-        self.numbers: dict[int | None, int] = {}
+        self._numbers: dict[int | None, list[int]] = {}
         self._failed = 0
         self._skipped: list[int] = []
         self._corrupt: list[int] = []
@@ -58,6 +57,16 @@ class FrameDecoder:
     def next(self) -> VideoFrame | None:
         """The next frame; None at the end."""
         return next(self._frames, None)
+
+    def pop_number(self, ticks: int | None) -> int | None:
+        """The number that the packet of a frame states, by its timestamp; None if it states none.
+
+        Timestamps may repeat if frames are closer than the container's ticks.
+        """
+        numbers = self._numbers.pop(ticks, [])
+        if len(numbers) > 1:
+            self._numbers[ticks] = numbers[1:]
+        return numbers[0] if numbers else None
 
     def pop_failed(self, before: int | None = None) -> int:
         """How many frames could not be decoded since the last call.
@@ -85,7 +94,7 @@ class FrameDecoder:
                 continue
             number = stated_number(packet)
             if number is not None:
-                self.numbers[packet.pts] = number
+                self._numbers.setdefault(packet.pts, []).append(number)
             try:
                 frames = packet.decode()
             except (av.FFmpegError, EOFError):

@@ -120,7 +120,7 @@ class DepthVideo:
                 steps = frame.to_ndarray()
                 first_ticks = first_ticks if count else frame.pts or 0
                 time_s = start_s + float(((frame.pts or 0) - first_ticks) * (frame.time_base or 0))
-                frame_number = decoder.numbers.pop(frame.pts, None)
+                frame_number = decoder.pop_number(frame.pts)
                 yield frame_number, time_s, np.ascontiguousarray(steps[:height, :width], np.uint16)
                 count += 1
             self._check(decoder, count)

@@ -8,6 +8,7 @@ import av
 
 from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
 from depthcli.io.writers.metadata import metadata_texts, step_unit
+from depthcli.io.writers.preview import PreviewWriter
 from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
 from depthcli.video.depth import LABEL_PREFIX
@@ -18,6 +19,8 @@ from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing, rate_text
 from depthcli.video.time_code import time_code_label
 
+_COLOURS = PreviewWriter()
+
 
 @contextmanager
 def depth_video(
@@ -26,6 +29,7 @@ def depth_video(
     scale: float,
     inputs: Sequence[Path],
     written: Path | None = None,
+    colours: PreviewWriter = _COLOURS,
 ) -> Iterator[VideoOutput]:
     """A lossless depth video, written atomically or into a pipe.
 
@@ -36,9 +40,10 @@ def depth_video(
         inputs: files that must not be replaced.
         written: path of the incomplete file, which stays if the block fails; None for a temporary
             one.
+        colours: whose ends are those of a normalized file.
     """
     with video_file(target, Codec.FFV1, timing, inputs, written=written) as file:
-        yield DepthVideoOutput(file, timing, scale)
+        yield DepthVideoOutput(file, timing, scale, colours)
 
 
 class DepthVideoOutput:
@@ -46,10 +51,13 @@ class DepthVideoOutput:
 
     has_overscan = False
 
-    def __init__(self, file: VideoFile, timing: Timing, scale: float) -> None:
+    def __init__(
+        self, file: VideoFile, timing: Timing, scale: float, colours: PreviewWriter
+    ) -> None:
         self._file = file
         self._timing = timing
         self._scale = scale
+        self._colours = colours
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
 
@@ -59,7 +67,8 @@ class DepthVideoOutput:
         if depth.is_metric:
             steps, saturated = quantized(depth.values, self._scale)
         else:
-            steps, saturated = normalized(depth.values, depth.valid, *frame.spread), 0
+            low, high = self._colours.range_of(frame.spread)
+            steps, saturated = normalized(depth.values, depth.valid, low, high), 0
         return frame, av_frame(steps, Codec.FFV1), saturated
 
     def append(self, encoded: tuple[DepthFrame, av.VideoFrame, int]) -> None:
@@ -68,7 +77,13 @@ class DepthVideoOutput:
         labels = {} if self._first else self._labels(frame)
         self._first = self._first or frame
         self._saturated += saturated
-        self._file.write(coded_frame, frame.time_s, labels, self._stated_number(frame))
+        self._file.write(
+            coded_frame,
+            frame.time_s,
+            labels,
+            self._stated_number(frame),
+            frame.picture.pixel_aspect,
+        )
         self._count += 1
 
     def finish(self) -> tuple[str, ...]:
@@ -83,11 +98,14 @@ class DepthVideoOutput:
         return (f"mkv: {self._saturated} pixels beyond {limit_m:.6g} m were saturated",)
 
     def _stated_number(self, frame: DepthFrame) -> int | None:
-        """The number of a frame if it does not follow from the labels; else None."""
+        """The number of a frame if it does not follow from the labels; else None.
+
+        The container rounds times, so numbers do not follow from them.
+        """
         first, number = self._first or frame, frame.picture.index
         labels = FrameLabels.of_first(first.picture, self._timing)
-        expected = labels.number(self._count, frame.time_s - first.time_s)
-        return None if number == expected else number
+        follows = labels.step is not None and number == labels.number(self._count, 0)
+        return None if follows else number
 
     def _labels(self, frame: DepthFrame) -> dict[str, str]:
         labels = metadata_texts(frame.depth) | {

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from fractions import Fraction
 from pathlib import Path
 from typing import cast
 
@@ -17,6 +18,7 @@ from depthcli.video.rates import Timing
 _BT709 = 1
 _KEYFRAME_INTERVAL_S = 2
 _MAX_GOP = 250
+_MAX_ASPECT = 1000
 _FRAGMENTS = "+frag_keyframe+empty_moov+default_base_moof"
 
 
@@ -55,6 +57,13 @@ def delay_header(container: OutputContainer) -> None:
     options = container.container_options
     if _FRAGMENTS in options.get("movflags", ""):
         options["movflags"] += "+delay_moov"
+
+
+def state_pixel_aspect(stream: VideoStream, pixel_aspect: float) -> None:
+    """State the width by height of pixels that are not square."""
+    aspect = Fraction(pixel_aspect).limit_denominator(_MAX_ASPECT)
+    stream.codec_context.sample_aspect_ratio = aspect
+    stream.sample_aspect_ratio = aspect
 
 
 def add_video(

@@ -13,7 +13,7 @@ from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, check_encoder, container_format
-from depthcli.video.encoder import add_video, delay_header, new_container
+from depthcli.video.encoder import add_video, delay_header, new_container, state_pixel_aspect
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
 from depthcli.video.stated_numbers import state_number
@@ -65,6 +65,7 @@ class VideoFile:
         time_s: float,
         labels: Mapping[str, str],
         number: int | None = None,
+        pixel_aspect: float = 1.0,
     ) -> None:
         """Append a frame of :func:`~depthcli.video.av_frame.av_frame`.
 
@@ -73,6 +74,7 @@ class VideoFile:
             time_s: when it is shown; the first frame's time becomes 0.
             labels: name -> text, metadata for the file's header; used with the first frame only.
             number: of the frame, to be stated with it in Matroska; None for no statement.
+            pixel_aspect: width by height of a pixel; used with the first frame only.
 
         Raises:
             OutputError: the encoder does not support such frames.
@@ -80,7 +82,7 @@ class VideoFile:
         """
         if self._stream is None:
             self._first_s = time_s
-            self._open(frame, labels)
+            self._open(frame, labels, pixel_aspect)
         time_base = self._timing.time_base
         at = round((time_s - self._first_s) / time_base)
         if self._before is not None:
@@ -120,10 +122,12 @@ class VideoFile:
                 self._container.close()
             self._container = None
 
-    def _open(self, frame: VideoFrame, labels: Mapping[str, str]) -> None:
+    def _open(self, frame: VideoFrame, labels: Mapping[str, str], pixel_aspect: float) -> None:
         container = self._container = new_container(self._target, self._timing, labels)
         size = frame.width, frame.height
         self._stream = add_video(container, self._codec, self._timing, *size)
+        if pixel_aspect != 1:
+            state_pixel_aspect(self._stream, pixel_aspect)
         if self._audio is not None:
             self._audio.open(container, self._first_s)
             if self._audio.begins_soon:

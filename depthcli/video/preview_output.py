@@ -48,15 +48,17 @@ class PreviewVideoOutput:
         self._codec = codec
         self._writer = writer
 
-    def encode(self, frame: DepthFrame) -> tuple[av.VideoFrame, float, dict[str, str]]:
-        """Render the preview of a frame; also returns its time and its time code."""
+    def encode(self, frame: DepthFrame) -> tuple[av.VideoFrame, DepthFrame]:
+        """Render the preview of a frame; also returns the frame."""
         pixels = self._writer.render(frame.depth, frame.picture, frame.spread)
-        label = time_code_label(frame.picture.time_code, self._timing)
-        return av_frame(pixels, self._codec), frame.time_s, label
+        return av_frame(pixels, self._codec), frame
 
-    def append(self, encoded: tuple[av.VideoFrame, float, dict[str, str]]) -> None:
+    def append(self, encoded: tuple[av.VideoFrame, DepthFrame]) -> None:
         """Write a frame."""
-        self._file.write(*encoded)
+        coded_frame, frame = encoded
+        label = time_code_label(frame.picture.time_code, self._timing)
+        aspect = frame.picture.pixel_aspect
+        self._file.write(coded_frame, frame.time_s, label, pixel_aspect=aspect)
 
     def finish(self) -> tuple[str, ...]:
         """Complete the file and its audio."""

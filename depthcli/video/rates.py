@@ -75,10 +75,10 @@ class Timing:
     def time_base(self) -> Fraction:
         """Seconds a tick of a time base that represents the times of all frames.
 
-        Multiples of the frame interval and all times of the source are exact, unless that takes
-        more ticks than a container can represent.
+        Multiples of the frame interval and all times of the source are exact. Where that takes more
+        ticks than a container can represent, multiples of the interval are, and times are rounded.
         """
         grid, source = self.rate.numerator, self.tick_s.denominator
         most = min(_MAX_TICKS, int(_MAX_DURATION_TICKS * self.rate))
-        candidates = (math.lcm(grid, source), source, grid, _COARSE_TICKS)
+        candidates = (math.lcm(grid, source), most // grid * grid or source, _COARSE_TICKS)
         return Fraction(1, next((ticks for ticks in candidates if ticks <= most), _COARSE_TICKS))

@@ -57,7 +57,7 @@ class VideoSource(FrameSource):
         self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in self._container.metadata)
         self._check_size(stream.width, stream.height, max_pixels)
         stated = stream_info(self._container, stream)
-        self.rate, self.tick_s = stated.rate, stated.tick_s
+        self.rate, self.tick_s = stated.rate, stated.time_base
         self._time_code = stated.time_code
         self.frames_stated = stated.frames if self.paths else None  # in a pipe it is a guess
         no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
@@ -72,17 +72,20 @@ class VideoSource(FrameSource):
                 f"{source} holds no frame that can be decoded; it is damaged"
                 + pipe_advice(self._source)
             )
+        self._has_decode_times = stated.has_decode_times
         self._current, self._is_read = first, False
         self._inspect(first, stream, max_pixels)
         self._timeline = Timeline(
             self.rate,
             stated.time_base,
-            first.pts,
+            self._ticks(first),
             is_constant=stated.is_constant,
-            failed=self._decoder.pop_failed(first.pts),
+            failed=self._decoder.pop_failed(self._ticks(first)),
             stated_ticks=stream.start_time,
         )
-        self.start_s = self._timeline.start_s if self._container.streams.audio else None
+        if self._container.streams.audio:
+            begins_s = (stream.start_time or 0) * stated.time_base
+            self.start_s = begins_s if self._has_decode_times else self._timeline.start_s
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Decode the frames of a span; to be called once.
@@ -161,12 +164,17 @@ class VideoSource(FrameSource):
         frame: VideoFrame | None = self._current
         while frame is not None:
             self._current = frame
-            place = self._timeline.add(frame.pts, self._decoder.pop_failed(frame.pts))
+            ticks = self._ticks(frame)
+            place = self._timeline.add(ticks, self._decoder.pop_failed(ticks))
             self._report_lost()
             yield place
             frame = self._decoder.next()
             self._check_pipe()
         self._check_end()
+
+    def _ticks(self, frame: VideoFrame) -> int | None:
+        """A frame's timestamp; that of its packet's decoding, in order, if no other is stated."""
+        return frame.dts if self._has_decode_times else frame.pts
 
     def _check_pipe(self) -> None:
         if isinstance(self._source, InputPipe):

@@ -11,26 +11,41 @@ from depthcli.video.rates import FALLBACK_RATE, exact_rate
 from depthcli.video.time_code import TimeCode, header_time_code
 from depthcli.video.truncation import AVI_UNKNOWN_FRAMES
 
+# Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
+_RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "m4v", "mjpeg",
+                "mpegvideo", "obu", "vc1", "vvc"}  # fmt: skip
+
+# Containers without presentation times: FFmpeg numbers the packets, also those of B-frames.
+_DECODE_TIMES = {"avi", "mxf"}
+
 
 @dataclass(frozen=True, slots=True)
 class StreamInfo:
     """Rate, time base, length and time code."""
 
-    rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
+    rate: Fraction  #: frames a second, exact, as the file states it, often as a mean
     is_rate_stated: bool  #: whether the file states it
     is_constant: bool  #: whether frames are evenly spaced, as far as the header tells
-    time_base: Fraction  #: seconds a tick of the stream's times
-    tick_s: Fraction  #: seconds of which every frame's time is a multiple
+    time_base: Fraction  #: seconds a tick, of which every frame's time is a multiple
+    has_decode_times: bool  #: whether presentation times are in the order of decoding
     frames: int | None  #: how many there are; None if nothing states it
     time_code: TimeCode | None  #: of the first frame; None if nothing states it
 
 
+def _stated_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
+    """Frames a second that the file states; None if it states none."""
+    if container.format.name not in _RAW_FORMATS:
+        return exact_rate(stream.average_rate or stream.guessed_rate or 0)
+    return exact_rate(stream.guessed_rate or 0) if stream.codec_context.framerate else None
+
+
 def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
     """Read the properties of a stream."""
-    stated = exact_rate(stream.average_rate or stream.guessed_rate or 0)
+    stated = _stated_rate(container, stream)
     rate = stated or FALLBACK_RATE
     time_base = stream.time_base or 1 / rate
-    is_constant = stream.average_rate == stream.base_rate
+    is_raw = container.format.name in _RAW_FORMATS
+    is_constant = is_raw or stream.average_rate == stream.base_rate
     length_s = Fraction(0)
     if stream.duration:
         length_s = stream.duration * time_base
@@ -42,7 +57,8 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
         is_rate_stated=stated is not None,
         is_constant=is_constant,
         time_base=time_base,
-        tick_s=Fraction(1, rate.numerator) if is_constant else time_base,
         frames=None if is_unknown else stream.frames or round(length_s * rate) or None,
+        has_decode_times=container.format.name in _DECODE_TIMES
+        and stream.codec_context.has_b_frames,
         time_code=header_time_code(container, stream, rate),
     )

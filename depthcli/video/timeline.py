@@ -35,6 +35,10 @@ class Timeline:
         """
         self._rate = rate
         self._tick_s = tick_s
+        # Two roundings, of a frame's time and of the first one's, and the rate's own.
+        self._rounding_s = tick_s * Fraction(11, 10)
+        if (1 / rate / tick_s).denominator == 1:  # nothing is rounded
+            self._rounding_s = min(self._rounding_s, 1 / rate / 2)
         self._is_constant = is_constant
         self._unassigned = failed
         first = first_ticks or 0
@@ -86,5 +90,4 @@ class Timeline:
         return time_s if time_s > self.time_s else self.time_s + 1 / self._rate
 
     def _is_regular(self, index: int, measured_s: Fraction) -> bool:
-        # Two roundings, of the frame's time and of the first one's, and the rate's own.
-        return abs(index / self._rate - measured_s) <= self._tick_s * Fraction(11, 10)
+        return abs(index / self._rate - measured_s) <= self._rounding_s

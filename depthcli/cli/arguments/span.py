@@ -26,9 +26,9 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     Raises:
         UsageError: one is not a time or frame number, or the span is empty.
     """
-    first = parse_point(start or "0", "--start")
+    first = parse_point("0" if start is None else start, "--start")
     last = None if end is None else parse_point(end, "--end")
-    step = parse_point(every or "1", "--every", bare_is_frames=True)
+    step = parse_point("1" if every is None else every, "--every", bare_is_frames=True)
     if not step.value:
         raise UsageError("--every 0 is not a step; give 1 or more")
     if last and first.in_frames == last.in_frames and last.value <= first.value:

@@ -82,6 +82,11 @@ class PreviewWriter:
 
     def _limits(self, depth: DepthMap, spread: tuple[float, float]) -> tuple[float, float]:
         """The values at the near and the far end of the colormap."""
+        low, high = self.range_of(spread)
+        return (high, low) if depth.kind is DepthKind.INVERSE else (low, high)
+
+    def range_of(self, spread: tuple[float, float]) -> tuple[float, float]:
+        """Low and high end of the colours, where ``vmin`` and ``vmax`` replace those of a map."""
         low, high = spread
         # Low stays below high, whatever the given limits are.
         if self.vmin is not None and self.vmax is not None:
@@ -90,7 +95,7 @@ class PreviewWriter:
             low, high = self.vmin, max(high, self.vmin)
         elif self.vmax is not None:
             low, high = min(low, self.vmax), self.vmax
-        return (high, low) if depth.kind is DepthKind.INVERSE else (low, high)
+        return low, high
 
 
 def percentiles(depth: DepthMap) -> tuple[float, float]:

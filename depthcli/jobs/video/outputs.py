@@ -43,7 +43,8 @@ def open_output(
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
     if which is VideoFormat.MKV:
-        return depth_video(target, timing, writing.png_scale, inputs, written)
+        colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
+        return depth_video(target, timing, writing.png_scale, inputs, written, colours)
     picture = VIDEO_FORMATS[which].picture
     if picture is None:
         raise ValueError(which)

@@ -127,6 +127,8 @@ def earlier_frames(
                 _remove_records(plan)
                 earlier = EarlierFrames(*kept)
             elif numbered:
+                if VideoFormat.MKV in plan.names:
+                    remove_partial_videos(plan.path(VideoFormat.MKV))
                 name = base_name(plan.names[numbered[0]])
                 journal = stack.enter_context(FrameJournal(plan.folder, name, origin))
                 earlier = EarlierFrames(*kept, journal)
@@ -161,6 +163,7 @@ def _origin(
         plan.names,
         pipeline.session.model.sha256,
         pipeline.session.provider,
+        sorted(pipeline.session.provider_options.items()),
         (card.input, card.output, card.camera),
         pipeline.detail,
         (settings.writing, settings.camera, settings.span, settings.fps, settings.start_number),
