@@ -60,10 +60,12 @@ def delay_header(container: OutputContainer) -> None:
 
 
 def state_pixel_aspect(stream: VideoStream, pixel_aspect: float) -> None:
-    """State the width by height of pixels that are not square."""
+    """State the width by height of pixels that are not square: in MP4, MOV and FFV1.
+
+    PyAV cannot set it for Matroska and WebM themselves.
+    """
     aspect = Fraction(pixel_aspect).limit_denominator(_MAX_ASPECT)
     stream.codec_context.sample_aspect_ratio = aspect
-    stream.sample_aspect_ratio = aspect
 
 
 def add_video(

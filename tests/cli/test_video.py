@@ -311,6 +311,12 @@ def test_no_span_is_the_whole_video() -> None:
     assert parse_span(None, None, None) == Span()
 
 
+@pytest.mark.parametrize("words", [("", None, None), (None, "", None), (None, None, "")])
+def test_an_empty_place_is_no_default(words: tuple[str | None, str | None, str | None]) -> None:
+    with pytest.raises(UsageError):
+        parse_span(*words)
+
+
 def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:
     path = ramp(cli, 3)
     folder = os.fsdecode(b"\xfeout")

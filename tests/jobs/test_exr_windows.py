@@ -230,7 +230,14 @@ def test_depth_of_an_anamorphic_video_has_its_pixels(
         for pixels in flat_frames(range(2)):
             output.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, "rgb24")))
         output.mux(stream.encode(None))
-    video(VideoRequest(str(path), f"{tmp_path}/out/", (VideoFormat.EXR,), model=loader))
+    films = (VideoFormat.MP4, VideoFormat.MOV)
+    formats = (VideoFormat.EXR, *films)
+    video(VideoRequest(str(path), f"{tmp_path}/out/", formats, model=loader))
     data, display, aspect, stored = written(tmp_path / "out" / "a.depth.000001.exr")
     assert aspect == pytest.approx(expected)
     assert data == display == (0, 0, stored.shape[1] - 1, stored.shape[0] - 1)
+    for film in films:
+        (found,) = (tmp_path / "out").glob(f"*.{film}")
+        with av.open(str(found)) as container:
+            stated_pixels = container.streams.video[0].sample_aspect_ratio
+        assert float(stated_pixels or 1) == pytest.approx(expected)

@@ -51,6 +51,37 @@ def pictures_and_sound(path: Path) -> tuple[int, str, int, float]:
         return len(list(container.decode(video=0))), sound.name, sound.rate, end_s
 
 
+@pytest.mark.parametrize("codec", ["pcm_s16le", "pcm_s24le", "pcm_f32le", "mp2"])
+@pytest.mark.parametrize("layout", ["mono", "stereo"])
+def test_the_sound_begins_with_the_first_frame(codec: str, layout: str, tmp_path: Path) -> None:
+    """PCM is copied into MOV, the others are encoded; the first frame is within a packet."""
+    source = with_sound(tmp_path / "a.mkv", codec, layout=layout)
+    for start_s in (Fraction(509, 1000), Fraction(1509, 1000), Fraction(1531, 1000)):
+        path = tmp_path / f"{start_s.numerator}.mov"
+        timing = Timing(Fraction(25))
+        audio, coded = AudioTrack(source, start_s), preview_codec(".mov", None)
+        with preview_video(path, timing, PreviewWriter(), (), codec=coded, audio=audio) as output:
+            for index in range(30):
+                frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=index / 25)
+                depth = DepthMap(np.ones((16, 16), np.float32))
+                output.append(output.encode(DepthFrame(frame, depth, (0.0, 1.0))))
+            assert output.finish() == ()
+        assert tone_begins_s(path) == pytest.approx(max(0, 1 - float(start_s)), abs=0.004)
+
+
+def tone_begins_s(path: Path) -> float:
+    """When the sound of a file becomes loud."""
+    with av.open(str(path)) as container:
+        rate = container.streams.audio[0].rate
+        resampler = av.AudioResampler("flt", "mono", rate)
+        for packed in container.decode(audio=0):
+            for frame in resampler.resample(packed):
+                loud = np.flatnonzero(np.abs(frame.to_ndarray()[0]) > 0.05)
+                if loud.size:
+                    return float((frame.pts or 0) * (frame.time_base or 0)) + loud[0] / rate
+    raise AssertionError(path)
+
+
 @pytest.mark.parametrize("codec", ["aac", "mp2"])  # copied, and encoded
 def test_times_that_go_back_end_the_sound_only(codec: str, tmp_path: Path) -> None:
     parts = [with_sound(tmp_path / f"{name}.ts", codec, seconds=2) for name in "ab"]
