@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+import write_methods
 
 from depthcli.cli.app import main
 from depthcli.training.config.overrides import apply_overrides
@@ -77,3 +78,17 @@ def test_the_table_trains_every_method_alike(name: str) -> None:
     assert config.loss == usual.loss
     assert (optim.pool_size, config.data.paired) == (usual.optim.pool_size, usual.data.paired)
     assert config.data.holdout_every == 7
+
+
+def test_the_tables_are_those_of_the_results() -> None:
+    assert write_methods.page(PAGE) == PAGE
+    changed = PAGE.replace("| **`proposed`** | used | .3", "| **`proposed`** | used | .2")
+    assert write_methods.page(changed) == PAGE != changed
+    assert write_methods.page(PAGE.replace("| .753 ", "| .751 ")) == PAGE
+
+
+def test_deviations_are_over_seeds() -> None:
+    rows = [{"rmse": "1.10"}, {"rmse": "1.14"}]
+    assert write_methods.cell(rows, "rmse") == "1.120 ± .028"
+    assert write_methods.cell(rows[:1], "rmse") == "1.100"
+    assert write_methods.cell([{"d1": ".5", "d1_sd": ".01"}], "d1") == ".5000 ± .0100"

@@ -1,0 +1,80 @@
+"""Write the two tables of docs/methods.md from the CSV files of docs/results.
+
+Run ``python docs/write_methods.py`` after a change of these files. ± is the sample standard
+deviation over seeds.
+"""
+
+from __future__ import annotations
+
+import csv
+import statistics
+from pathlib import Path
+
+PAGE = Path(__file__).with_name("methods.md")
+RESULTS = Path(__file__).with_name("results")
+METRICS = {"abs_rel": 4, "rmse": 3, "rms_log": 4, "log10": 4, "d1": 4, "d2": 4, "d3": 4}
+"""Metrics and their decimals."""
+MEANS = ("constant mean", "per-pixel mean")
+BASELINES = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc")
+CONTROLS = {  # name: (text, whether it uses pairs)
+    "l1": ("L1 alone, equal steps", "used"),
+    "l1-minutes": ("L1 alone, equal minutes", "used"),
+    "no-residual": ("no last residual connection", "used"),
+    "l1-10": ("λ6 = 10", "used"),
+    "unpaired": ("unpaired (λ6 = 0)", "no"),
+}
+
+_Row = dict[str, str]
+
+
+def rows(align: str) -> dict[str, list[_Row]]:
+    """The rows of each method or control, one a seed; that of L1 alone is of both seeds."""
+    found: dict[str, list[_Row]] = {}
+    for name in ("table-seed0.csv", "table-seed1.csv"):
+        with (RESULTS / name).open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                if row["align"] == align and row["source"] != "published":
+                    found.setdefault(row["name"].removesuffix("-seed1"), []).append(row)
+    return found | {name: found[name][:1] for name in MEANS}
+
+
+def cell(row: list[_Row], metric: str) -> str:
+    """Mean over seeds, and ± where there are several."""
+    decimals, values = METRICS[metric], [float(one[metric]) for one in row]
+    deviation = statistics.stdev(values) if len(values) > 1 else row[0].get(f"{metric}_sd") or None
+    text = _number(statistics.mean(values), decimals)
+    return text if deviation is None else f"{text} ± {_number(float(deviation), decimals)}"
+
+
+def table(align: str, *, pairs: bool) -> str:
+    """A table in Markdown, with or without the column that says whether pairs are used."""
+    found = rows(align)
+    texts = {name: (name, "") for name in MEANS}
+    texts |= {name: (f"`{name}`", "no") for name in BASELINES}
+    texts |= {"proposed": ("**`proposed`**", "used")} | CONTROLS
+    lines = [["row", *(["pairs"] if pairs else []), *METRICS]]
+    lines.append(["---"] * len(lines[0]))
+    for name, (text, used) in texts.items():
+        cells = [cell(found[name], metric) for metric in METRICS]
+        lines.append([text, *([used] if pairs else []), *cells])
+    written = (f"| {' | '.join(line)} |".replace("--- | ", "---|") for line in lines)
+    return "\n".join(line.replace("| ---", "|---").replace("--- |", "---|") for line in written)
+
+
+def page(text: str) -> str:
+    """The page with both tables as they are now."""
+    for align, pairs in (("none", True), ("median", False)):
+        new = table(align, pairs=pairs)
+        head = f"\n{new.splitlines()[0]}\n"
+        # The pilot's table also has sq_rel, and so another head.
+        start = text.index(head) + 1
+        text = text[:start] + new + text[text.index("\n\n", start) :]
+    return text
+
+
+def _number(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}".removeprefix("0")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
