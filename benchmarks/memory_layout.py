@@ -3,7 +3,7 @@
 Steps of ``--preset table`` on one CPU thread, on batches of noise, with the networks in
 channels-last memory (as ``train`` has them) and in contiguous memory, in turns in one process.
 Figure of merit: seconds of a step, contiguous ÷ channels-last (medians).
-Run: ``python benchmarks/memory_layout.py [--methods cut,cyclegan] [--rounds N]``
+Run: ``python benchmarks/memory_layout.py [--methods cut,cyclegan] [--set NAME=VALUE] [--rounds N]``
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ STEPS = 3
 LAYOUTS = {"contiguous": torch.contiguous_format, "channels-last": torch.channels_last}
 
 
-def measure(method: str, rounds: int) -> None:
+def measure(method: str, settings: list[str], rounds: int) -> None:
     """Print one line of the table."""
-    config = resolve_config(method, "table", [], [])
+    config = resolve_config(method, "table", [], settings)
     shape = (1, 1, config.data.height, config.data.width)
     batch = TrainingBatch(torch.rand(shape) * 2 - 1, torch.rand(shape) * 9 + 0.5)
     runs = {name: Run(config, Fabric(accelerator="cpu", devices=1), 1000) for name in LAYOUTS}
@@ -53,11 +53,12 @@ def main() -> None:
     logging.getLogger("lightning_fabric").setLevel(logging.ERROR)
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--methods", default=",".join(METHODS))
+    parser.add_argument("--set", action="append", default=[], dest="settings")
     parser.add_argument("--rounds", type=int, default=8)
     options = parser.parse_args()
     torch.set_num_threads(1)
     for method in options.methods.split(","):
-        measure(method, options.rounds)
+        measure(method, options.settings, options.rounds)
 
 
 if __name__ == "__main__":

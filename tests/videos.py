@@ -32,17 +32,18 @@ def encode(
     colours: str = "itu601",
     timecode: str | None = None,
     transfer: int | None = None,
+    container: str | None = None,
 ) -> Path:
     """RGB frames, (H, W, 3) uint8 or uint16, or (H, W) uint16, with any codec of FFmpeg's.
 
-    The container follows from the path's suffix; ``times_s`` from the first frame's, ``numbers``
-    count intervals of the rate, and
-    ``matrix`` of nine numbers asks for a turn. ``timecode`` is of the first frame, ``transfer`` the
+    The container follows from the path's suffix, unless its name is given; ``times_s`` from the
+    first frame's, ``numbers`` count intervals of the rate, and ``matrix`` of nine numbers asks for
+    a turn. ``timecode`` is of the first frame, ``transfer`` the
     number of the transfer characteristics in H.273.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     clock = 1 / rate if times_s is None else Fraction(1, 10_000)  # MPEG-4 takes up to 65535
-    output = av.open(str(path), "w")
+    output = av.open(str(path), "w", format=container)
     output.metadata.update({"timecode": timecode} if timecode else {})
     stream = cast("VideoStream", output.add_stream(codec, rate=rate, options=dict(options or {})))
     stream.time_base = stream.codec_context.time_base = clock

@@ -12,6 +12,7 @@ from depthcli.models.locations import ModelLocation
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _ADDED_FILE = re.compile(r"model(-[0-9a-f]{12})?\.onnx")
+_LITTER = (".DS_Store", "._", ".depthcli-")  # of file managers, and of runs that were killed
 
 
 def valid_name(name: str) -> str:
@@ -108,7 +109,7 @@ def _check_only_model(folder: Path, advice: str) -> None:
     others = [
         name
         for name in names
-        if not (name in of_model or _ADDED_FILE.fullmatch(name) or name.startswith("."))
+        if not (name in of_model or _ADDED_FILE.fullmatch(name) or name.startswith(_LITTER))
     ]
     if others:
         raise UsageError(f"{folder} also holds {', '.join(others[:3])}; {advice}")

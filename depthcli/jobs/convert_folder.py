@@ -107,7 +107,7 @@ def convert_folder(
 ) -> Generator[ConvertResult | FailedInput, None, None]:
     """Convert the planned files, in their order; a bad one does not stop the others.
 
-    Existing outputs are replaced, but no PNG, EXR or PLY that depthcli did not write.
+    Existing outputs are replaced, but no PNG, EXR, PLY or JSON that depthcli did not write.
     """
 
     def convert_one(pair: tuple[InputFile, str]) -> ConvertResult | FailedInput:

@@ -78,13 +78,13 @@ class AudioOutput:
                 self._encode(frame)
             return
         time_base = Fraction(packet.time_base or 1)
-        pts, early = packet.pts or 0, self._early_bytes(packet, time_base)
+        begin_ticks = round(self._from_s / time_base)
+        ticks, early = (packet.pts or 0) - begin_ticks, self._early_bytes(packet, time_base)
         if early:
             packet = cast("Packet[AudioStream]", av.Packet(bytes(packet)[early:]))
-            packet.time_base, pts = time_base, round(self._from_s / time_base)
-        if self._is_next(pts * time_base):
-            packet.pts = pts - round(self._from_s / time_base)
-            packet.dts = packet.pts
+            packet.time_base, ticks = time_base, 0
+        if self._is_next(self._from_s + ticks * time_base):
+            packet.pts = packet.dts = ticks
             packet.stream = self._stream
             with self._damage_reported():
                 self._output.mux(packet)

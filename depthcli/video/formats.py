@@ -74,7 +74,7 @@ class VideoFormat(StrEnum):
             ".mkv",
             None,
             Format.PNG16,
-            ("png_scale", "centre_px", "lock"),
+            ("png_scale", "centre_px", "lock", "vmin", "vmax"),
             use_bytes=16,
         ),
     )

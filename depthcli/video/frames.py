@@ -14,7 +14,7 @@ class FrameSource(ABC):
     """Frames in their order, one at a time in memory."""
 
     paths: tuple[Path, ...]  #: the files that are read; none of a pipe
-    rate: Fraction  #: frames a second, exact; the mean where frames are not evenly spaced
+    rate: Fraction  #: frames a second, exact, as stated; often the mean if it varies
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
     frames_stated: int | None  #: how many frames there are; None if the source does not state it
     warnings: tuple[str, ...] = ()  #: one-line texts about the source

@@ -55,7 +55,7 @@ def parse_rate(text: str | None) -> Fraction | None:
 class Timing:
     """When the frames of a video are shown."""
 
-    rate: Fraction  #: frames a second; the mean where frames are not evenly spaced
+    rate: Fraction  #: frames a second, as stated; often the mean if it varies
     tick_s: Fraction = Fraction(1, 1000)  #: seconds that all times of the source are multiples of
     source_rate: Fraction | None = None  #: frames a second of the source; None if not known
     #: difference of the frames' numbers in the source; None if the numbers follow the times
@@ -76,7 +76,8 @@ class Timing:
         """Seconds a tick of a time base that represents the times of all frames.
 
         Multiples of the frame interval and all times of the source are exact. Where that takes more
-        ticks than a container can represent, multiples of the interval are, and times are rounded.
+        ticks than a container can represent, multiples of the interval are, if these can be; other
+        times are rounded.
         """
         grid, source = self.rate.numerator, self.tick_s.denominator
         most = min(_MAX_TICKS, int(_MAX_DURATION_TICKS * self.rate))

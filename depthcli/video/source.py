@@ -72,7 +72,7 @@ class VideoSource(FrameSource):
                 f"{source} holds no frame that can be decoded; it is damaged"
                 + pipe_advice(self._source)
             )
-        self._has_decode_times = stated.has_decode_times
+        self._timestamps = stated.timestamps
         self._current, self._is_read = first, False
         self._inspect(first, stream, max_pixels)
         self._timeline = Timeline(
@@ -85,7 +85,7 @@ class VideoSource(FrameSource):
         )
         if self._container.streams.audio:
             begins_s = (stream.start_time or 0) * stated.time_base
-            self.start_s = begins_s if self._has_decode_times else self._timeline.start_s
+            self.start_s = self._timeline.start_s if stated.timestamps == "pts" else begins_s
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Decode the frames of a span; to be called once.
@@ -173,8 +173,10 @@ class VideoSource(FrameSource):
         self._check_end()
 
     def _ticks(self, frame: VideoFrame) -> int | None:
-        """A frame's timestamp; that of its packet's decoding, in order, if no other is stated."""
-        return frame.dts if self._has_decode_times else frame.pts
+        """A frame's timestamp that is in order; None if FFmpeg makes up all of them."""
+        if self._timestamps is None:
+            return None
+        return frame.dts if self._timestamps == "dts" else frame.pts
 
     def _check_pipe(self) -> None:
         if isinstance(self._source, InputPipe):

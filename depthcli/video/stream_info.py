@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Literal
 
 import av
 from av.container import InputContainer
@@ -16,7 +17,7 @@ _RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "m4v
                 "mpegvideo", "obu", "vc1", "vvc"}  # fmt: skip
 
 # Containers without presentation times: FFmpeg numbers the packets, also those of B-frames.
-_DECODE_TIMES = {"avi", "mxf"}
+_NUMBERED_FORMATS = {"avi", "mxf"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,8 @@ class StreamInfo:
     is_rate_stated: bool  #: whether the file states it
     is_constant: bool  #: whether frames are evenly spaced, as far as the header tells
     time_base: Fraction  #: seconds a tick, of which every frame's time is a multiple
-    has_decode_times: bool  #: whether presentation times are in the order of decoding
+    #: which of FFmpeg's timestamps the file gives in the order of presentation
+    timestamps: Literal["pts", "dts"] | None
     frames: int | None  #: how many there are; None if nothing states it
     time_code: TimeCode | None  #: of the first frame; None if nothing states it
 
@@ -51,6 +53,7 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
         length_s = stream.duration * time_base
     elif container.duration:
         length_s = Fraction(container.duration, av.time_base)
+    is_numbered = container.format.name in _NUMBERED_FORMATS
     is_unknown = container.format.name == "avi" and stream.frames == AVI_UNKNOWN_FRAMES
     return StreamInfo(
         rate=rate,
@@ -58,7 +61,6 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
         is_constant=is_constant,
         time_base=time_base,
         frames=None if is_unknown else stream.frames or round(length_s * rate) or None,
-        has_decode_times=container.format.name in _DECODE_TIMES
-        and stream.codec_context.has_b_frames,
+        timestamps=None if is_raw else "dts" if is_numbered else "pts",
         time_code=header_time_code(container, stream, rate),
     )

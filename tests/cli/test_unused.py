@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import write_picture
+from tiny import write_model, write_picture
+from videos import flat_frames, write_video
 
 from depthcli.cli.arguments.writing import writer_options
 from depthcli.cli.shell import load_command
@@ -63,6 +64,14 @@ def test_batch_and_video_refuse_them_too(tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(UsageError, match=r"^--lock is for mkv, mp4, webm or mov, and only png16 "):
         run("video", "clip.mp4", "--out", "frames/", "--format", "png16", "--lock", "2")
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+def test_a_depth_video_takes_the_range_of_its_values(inside: Cli) -> None:
+    relative = {"output__kind": "relative", "output__min_m": None, "output__max_m": None}
+    write_model(inside.models / "default", **relative)
+    write_video(inside.folder / "clip.avi", flat_frames(range(3)))
+    done = inside("video", "clip.avi", "-o", "d.mkv", "--vmin", "1", "--vmax", "2")
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_profile_may_hold_more_than_a_run_uses(inside: Cli) -> None:

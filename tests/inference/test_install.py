@@ -315,7 +315,9 @@ def test_a_link_is_not_replaced(own: Path, file: Path, tmp_path: Path) -> None:
     assert (own / "tiny").is_symlink()
 
 
-@pytest.mark.parametrize("other", ["last.ckpt", "wide.card.json", "runs/a.ckpt"])
+@pytest.mark.parametrize(
+    "other", ["last.ckpt", "wide.card.json", "runs/a.ckpt", ".env", ".git/HEAD"]
+)
 def test_a_folder_with_other_files_is_neither_replaced_nor_removed(
     own: Path, file: Path, tmp_path: Path, other: str
 ) -> None:

@@ -31,13 +31,16 @@ def test_point_clouds_of_every_version_are_own_and_scans_are_not(tmp_path: Path)
         check_replaceable(path)
 
 
-@pytest.mark.parametrize("text", ['{"camera": {}}', "\ufeff\n[1]", '{"software": "other 1.0"}'])
-def test_sidecars_are_own_and_other_json_is_not(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    "text", ['{"camera": {}}', "\n[1]", '{"software": "other 1.0"}', "// camera\n{}", "9"]
+)
+def test_sidecars_are_own_and_other_json_is_not(tmp_path: Path, text: str, encoding: str) -> None:
     path = tmp_path / "a.json"
     SidecarWriter().write(DEPTH, path)
     check_replaceable(path)
     path.write_bytes(b"")
     check_replaceable(path)
-    path.write_text(text, "utf-8")
+    path.write_text(text, encoding)
     with pytest.raises(OutputError, match="was not written by depthcli"):
         check_replaceable(path)

@@ -322,7 +322,7 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
 
 
 OLD = {"software": "depthcli 0.1", "sha256": "ef"}
-SIDECAR = {"software": "depthcli 1", "model": "m", "model_sha256": "ab", "focal_px": 3.0}
+SIDECAR = {"software": "depthcli 0.6.0", "model": "m", "model_sha256": "ab", "focal_px": 3.0}
 
 
 @pytest.mark.parametrize(

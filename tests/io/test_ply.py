@@ -79,14 +79,15 @@ def test_points_have_the_picture_s_colours(tmp_path: Path) -> None:
 
 
 def test_comments_state_software_model_and_camera(tmp_path: Path) -> None:
-    source = Provenance(model="室", focal_px=519.5, camera_source=CameraSource.EXIF)
+    source = Provenance(model="室\nend_header\n", focal_px=519.5, camera_source=CameraSource.EXIF)
     PlyWriter().write(DepthMap(DEPTH_M, provenance=source), tmp_path / "a.ply")
+    assert len(points(tmp_path / "a.ply")["z"]) == (DEPTH_M > 0).sum()
     header = (tmp_path / "a.ply").read_bytes().partition(b"element")[0].decode("ascii")
     assert header.splitlines()[2:] == [
         "comment depthcli:kind metric",
         "comment depthcli:unit m",
         f"comment depthcli:software depthcli {__version__}",
-        r"comment depthcli:model \u5ba4",
+        r"comment depthcli:model \u5ba4\nend_header\n",
         "comment depthcli:focal_px 519.5",
         "comment depthcli:camera_source exif",
     ]

@@ -105,7 +105,7 @@ def test_a_sensor_s_depth_is_not_replaced(tmp_path: Path) -> None:
     before = sensor.read_bytes()
     rows = [result.row for result in Batch(request(tmp_path))]
     assert [row.error for row in rows if row.error] == [
-        f"{sensor} exists and was not written by depthcli; remove it or choose another output"
+        f"{sensor} exists and was not written by depthcli; choose another output, or move it away"
     ]
     assert [row.input for row in rows if row.status == OK] == ["z.png", "hall/b.png"]
     assert sensor.read_bytes() == before

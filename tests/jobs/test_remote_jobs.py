@@ -112,7 +112,7 @@ def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
         bucket.put(f"p/p.{number:04}.png", picture)
     sensor = {".png": picture, ".exr": b"v/1\x01 and more"}[suffix]
     names = [bucket.put(f"{name}{suffix}", sensor) for name in ("in/a.depth", "p/d.0002")]
-    problem = "exists and was not written by depthcli; remove it or choose another output"
+    problem = "exists and was not written by depthcli; choose another output, or move it away"
     formats = (Format.NPY, Format.PNG16, Format.EXR)
     for _ in range(2):  # its own outputs are replaced
         bad, good = predict(PredictRequest(uris, formats=formats, model=loader))
@@ -300,9 +300,9 @@ def test_the_requests_of_a_batch_are_those_of_the_documentation(
             for method, path in faults.seen.elements()
         ]
         assert sorted(one for one in requests if one.endswith((".png", ".npy"))) == sorted(wanted)
-        assert [result.row.error for result in found if result.row.error] == [
-            f"{sensor} exists and was not written by depthcli; remove it or choose another output"
-        ]
+        problem = "exists and was not written by depthcli; choose another output, or move it away"
+        errors = [result.row.error for result in found if result.row.error]
+        assert errors == [f"{sensor} {problem}"]
     assert bucket.objects()["out/b.depth.png"] == picture
 
 

@@ -54,7 +54,7 @@ def test_it_is_not_replaced(
     with pytest.raises(OutputError) as caught:
         video(request)
     assert str(caught.value) == (
-        f"{place} exists and was not written by depthcli; remove it or choose another output"
+        f"{place} exists and was not written by depthcli; choose another output, or move it away"
     )
     assert {path.name for path in folder.iterdir()} == {"clip.mp4", "clip.depth.mkv"}
     assert place.read_bytes() == before

@@ -63,37 +63,52 @@ def test_frames_that_do_not_follow_the_stated_rate_keep_their_times(
         assert times_s(out / f"a.preview.{suffix}") == pytest.approx(stated_s, abs=0.0016)
 
 
-def test_a_frame_that_an_avi_drops_leaves_a_gap(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("codec", "options"),
+    [
+        ("mjpeg", {}),
+        ("mpeg4", {}),
+        ("mpeg4", {"bf": "2"}),
+        ("libx264", {"bf": "0"}),
+        ("ffv1", {}),
+    ],
+)
+def test_a_frame_that_an_avi_drops_leaves_a_gap(
+    codec: str, options: dict[str, str], tmp_path: Path
+) -> None:
     numbers = [0, 1, 2, 3, 4, *range(6, 12)]
-    clip = encode(
-        tmp_path / "a.avi", NOISE[:11], Fraction(25), "mjpeg", "yuvj444p", numbers=numbers
-    )
+    pixels = "yuvj444p" if codec == "mjpeg" else "yuv420p"
+    path = tmp_path / "a.avi"
+    clip = encode(path, NOISE[:11], Fraction(25), codec, pixels, numbers=numbers, options=options)
     assert times_s(clip) == pytest.approx([number / 25 for number in numbers])
 
 
 @pytest.mark.parametrize(
-    ("name", "codec"),
+    ("name", "codec", "rate"),
     [
-        ("a.h264", "libx264"),
-        ("a.hevc", "libx265"),
-        ("a.m2v", "mpeg2video"),
-        ("a.m4v", "mpeg4"),
-        ("a.dv", "dvvideo"),
+        ("h264", "libx264", NTSC),
+        ("hevc", "libx265", NTSC),
+        ("mpeg1video", "mpeg1video", NTSC),
+        ("mpeg1video", "mpeg1video", Fraction(24)),
+        ("mpeg2video", "mpeg2video", NTSC),
+        ("m4v", "mpeg4", NTSC),
+        ("dv", "dvvideo", NTSC),
     ],
 )
 def test_a_stream_without_a_container_has_the_rate_that_it_states(
-    name: str, codec: str, tmp_path: Path
+    name: str, codec: str, rate: Fraction, tmp_path: Path
 ) -> None:
     is_dv = codec == "dvvideo"
     frames = [np.full((480, 720, 3) if is_dv else (48, 64, 3), 9 * i, np.uint8) for i in range(12)]
     pixel_format = "yuv411p" if is_dv else "yuv420p"
     options = {"x265-params": "log-level=none"} if codec == "libx265" else {}
-    clip = encode(tmp_path / name, frames, NTSC, codec, pixel_format, options=options)
+    path = tmp_path / f"a.{name}"
+    clip = encode(path, frames, rate, codec, pixel_format, options=options, container=name)
     with VideoSource(clip) as source:
-        assert source.rate == NTSC
+        assert source.rate == rate
         assert not any("rate" in warning for warning in source.warnings)
         found = [frame.timestamp_s for frame in source.frames()]
-    assert found == pytest.approx([float(i / NTSC) for i in range(12)], abs=1e-6)
+    assert found == pytest.approx([float(i / rate) for i in range(12)], abs=1e-6)
 
 
 def test_a_stream_without_a_container_may_state_no_rate(tmp_path: Path) -> None:

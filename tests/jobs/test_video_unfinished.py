@@ -16,6 +16,7 @@ from watched import Watched
 from depthcli.core.camera import Camera
 from depthcli.core.parallel.background import Background
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
@@ -119,3 +120,21 @@ def test_the_ends_of_a_normalized_video_are_those_that_were_asked_for(
     slope, start = np.polyfit(values[free], steps[free], 1)
     low, high = (1 - start) / slope, (65535 - start) / slope
     assert (low, high) == (pytest.approx(vmin, abs=0.01), pytest.approx(vmax, abs=0.01))
+
+
+def test_the_sidecar_of_a_depth_video_does_not_describe_arrays(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
+    for formats, hfov_deg in (((MKV,), 40.0), ((NPY,), 60.0)):
+        settings = VideoSettings(camera=Camera(hfov_deg=hfov_deg))
+        asked = VideoRequest(str(clip), f"{tmp_path}/out/", formats, model=loader)
+        video(dataclasses.replace(asked, settings=settings, sidecar=formats == (MKV,)))
+    place = tmp_path / "out" / "clip.depth.000003.npy"
+    assert read_stored_depth(place).depth.provenance is None
+    sidecar = place.with_name("clip.depth.json")
+    fields = json.loads(sidecar.read_text())
+    sidecar.write_text(json.dumps(fields | {"software": "depthcli 0.6.0"}))  # had no times
+    found = read_stored_depth(place).depth.provenance
+    assert found is not None
+    assert found.focal_px == pytest.approx(32 / np.tan(np.deg2rad(20)))

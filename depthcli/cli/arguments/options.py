@@ -99,16 +99,16 @@ VminOption = Annotated[
     float | None,
     typer.Option(
         callback=finite,
-        help="Lower end of the preview's depth range, in metres if metric. Default: 2nd "
-        "percentile.",
+        help="Lower end of the depth range of previews (and of a normalized depth video), in "
+        "metres if metric. Default: 2nd percentile.",
     ),
 ]
 VmaxOption = Annotated[
     float | None,
     typer.Option(
         callback=finite,
-        help="Upper end of the preview's depth range, in metres if metric. Default: 98th "
-        "percentile.",
+        help="Upper end of the depth range of previews (and of a normalized depth video), in "
+        "metres if metric. Default: 98th percentile.",
     ),
 ]
 LegendOption = Annotated[

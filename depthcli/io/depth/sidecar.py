@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from depthcli.core.types import AnchorFit, has_depth
 from depthcli.core.validation import FieldError, parsed_json
+from depthcli.errors import OutputError
 from depthcli.io.depth.metadata import kind_named, number
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.writers.metadata import ORIGIN_FIELDS
@@ -19,6 +20,7 @@ from depthcli.io.writers.metadata import ORIGIN_FIELDS
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _NUMBER = re.compile(r"[._\- ]*(\d+)", re.ASCII)
 _DEFAULT_NUMBER = re.compile(r"\.\d{6,}", re.ASCII)  # the end of a name that depthcli chose
+_LAST_WITHOUT_TIMES = 0, 6  # the version whose videos' sidecars had no times
 _SHARED = (
     *("software", "kind", "orientation", "time_s", "network_size_px", "anchors"),
     *ORIGIN_FIELDS,
@@ -60,9 +62,18 @@ def with_sidecar(
 
 
 def remove_video_sidecar(path: Path) -> None:
-    """Remove the sidecar of a video's numbered files, if depthcli wrote it."""
-    if "times_s" in _read_sidecar(path):
-        path.unlink()
+    """Remove the sidecar of a video's numbered files, if depthcli wrote it.
+
+    Raises:
+        OutputError: it cannot be removed.
+    """
+    try:
+        if "times_s" in _read_sidecar(path):
+            path.unlink()
+    except OSError as error:
+        raise OutputError(
+            f"cannot remove {path}, which describes an earlier video: {error.strerror}"
+        ) from error
 
 
 def _find_sidecar(path: Path) -> _Sidecar | None:
@@ -85,10 +96,15 @@ def _find_sidecar(path: Path) -> _Sidecar | None:
             time_s = times_s.get(str(int(found[1])))
             if time_s is not None:
                 return _Sidecar(shared, fields | {"time_s": time_s})
-        # Of version 0.6 and before:
-        elif fields and _DEFAULT_NUMBER.fullmatch(own.stem, found.start()):
+        elif _is_without_times(fields) and _DEFAULT_NUMBER.fullmatch(own.stem, found.start()):
             return _Sidecar(shared, fields)
     return None
+
+
+def _is_without_times(fields: dict[str, object]) -> bool:
+    """Whether a sidecar is of version 0.6 or before; later ones of numbered files have times."""
+    version = re.findall(r"\d+", str(fields.get("software", "")))
+    return bool(version) and tuple(map(int, version[:2])) <= _LAST_WITHOUT_TIMES
 
 
 def _read_sidecar(path: Path) -> dict[str, object]:

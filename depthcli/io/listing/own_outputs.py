@@ -26,8 +26,7 @@ _PLAIN_PLY = (
 )
 _HEAD_BYTES = 4096
 _SUFFIXES = (".png", ".exr", ".ply", ".json")
-_MAGIC = (SIGNATURE, EXR_MAGIC, _PLY_MAGIC, b"{", b"[")
-_BLANKS = b"\xef\xbb\xbf \t\r\n"  # that may precede JSON
+_MAGIC = (SIGNATURE, EXR_MAGIC, _PLY_MAGIC)
 _SIDECAR = rb'"software":\s*"depthcli '
 _PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
@@ -56,7 +55,9 @@ def check_replaceable(path: Path) -> None:
     if path.suffix.lower() not in _SUFFIXES:
         return
     head = replaced_head(path)
-    if head.lstrip(_BLANKS).startswith(_MAGIC) and not _is_own(head):
+    # Any text may be JSON: there are comments, and other encodings.
+    is_foreign = head if path.suffix.lower() == ".json" else head.startswith(_MAGIC)
+    if is_foreign and not _is_own(head):
         raise foreign_error(path)
 
 
@@ -79,7 +80,7 @@ def replaced_head(path: Path) -> bytes:
 def foreign_error(path: Path) -> OutputError:
     """That an output would replace a file of another program."""
     return OutputError(
-        f"{path} exists and was not written by depthcli; remove it or choose another output"
+        f"{path} exists and was not written by depthcli; choose another output, or move it away"
     )
 
 
@@ -93,7 +94,7 @@ def _is_own(head: bytes) -> bool:
         return is_own_exr(head)
     if head.startswith(_PLY_MAGIC):
         return PLY_COMMENT.encode() in head or re.match(_PLAIN_PLY, head) is not None
-    if head.lstrip(_BLANKS).startswith(b"{"):
+    if head.startswith(b"{"):
         return re.search(_SIDECAR, head) is not None
     return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
 

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from depthcli.core import scaling
 from depthcli.core.point_cloud import PointCloud, point_cloud
+from depthcli.core.text import one_line
 from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.listing.own_outputs import PLY_COMMENT
@@ -35,7 +36,7 @@ class PlyWriter:
         known = metadata_texts(depth)
         known.pop("camera", None)  # focal_px and camera_source say it in ASCII
         lines = ["ply", "format binary_little_endian 1.0"]
-        lines += [f"{PLY_COMMENT}{name} {text}" for name, text in known.items()]
+        lines += [one_line(f"{PLY_COMMENT}{name} {text}") for name, text in known.items()]
         lines += [f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:
