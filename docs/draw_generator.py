@@ -104,7 +104,7 @@ def draw(found: list[Stage], taps: dict[int, str], path: Path) -> None:
     axes.text(
         0,
         -0.92,
-        "● patch features of the contrastive loss (eq. 3 and 4), each through two linear layers",
+        "● patch features of the contrastive loss (eq. 4), each through two linear layers",
         fontsize=8,
         color="#b30000",
     )

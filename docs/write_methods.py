@@ -1,12 +1,13 @@
-"""Write the two tables of docs/methods.md from the CSV files of docs/results.
+"""Write the tables of results in docs/methods.md from the files of docs/results.
 
 Run ``python docs/write_methods.py`` after a change of these files. ± is the sample standard
-deviation over seeds.
+deviation over seeds; intervals are those of ``eval nyu --against``.
 """
 
 from __future__ import annotations
 
 import csv
+import json
 import statistics
 from pathlib import Path
 
@@ -14,6 +15,8 @@ PAGE = Path(__file__).with_name("methods.md")
 RESULTS = Path(__file__).with_name("results")
 METRICS = {"abs_rel": 4, "rmse": 3, "rms_log": 4, "log10": 4, "d1": 4, "d2": 4, "d3": 4}
 """Metrics and their decimals."""
+SHOWN = ("abs_rel", "rmse", "d1")
+"""Metrics of the table of intervals."""
 MEANS = ("constant mean", "per-pixel mean")
 BASELINES = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc")
 CONTROLS = {  # name: (text, whether it uses pairs)
@@ -57,19 +60,47 @@ def table(align: str, *, pairs: bool) -> str:
     for name, (text, used) in texts.items():
         cells = [cell(found[name], metric) for metric in METRICS]
         lines.append([text, *([used] if pairs else []), *cells])
-    written = (f"| {' | '.join(line)} |".replace("--- | ", "---|") for line in lines)
-    return "\n".join(line.replace("| ---", "|---").replace("--- |", "---|") for line in written)
+    return _markdown(lines)
+
+
+def intervals() -> str:
+    """A table of the differences of `proposed` with seed 1 from each other row."""
+    differences = json.loads((RESULTS / "intervals-seed1.json").read_text("utf-8"))["differences"]
+    found = {(one["minus"].removesuffix("-seed1"), one["align"]): one for one in differences}
+    columns = [(metric, align) for align in ("none", "median") for metric in SHOWN]
+    lines = [["`proposed` minus", *SHOWN, *(f"{metric}, scaled" for metric in SHOWN)]]
+    lines.append(["---"] * len(lines[0]))
+    texts = {"per-pixel mean": "per-pixel mean"} | {name: f"`{name}`" for name in BASELINES}
+    for name, text in (texts | {name: text for name, (text, _) in CONTROLS.items()}).items():
+        if (name, "none") in found:
+            cells = [_interval(found[name, align]["intervals"][m]) for m, align in columns]
+            lines.append([text, *cells])
+    return _markdown(lines)
 
 
 def page(text: str) -> str:
-    """The page with both tables as they are now."""
-    for align, pairs in (("none", True), ("median", False)):
-        new = table(align, pairs=pairs)
+    """The page with the tables as they are now."""
+    for new in (table("none", pairs=True), table("median", pairs=False), intervals()):
         head = f"\n{new.splitlines()[0]}\n"
         # The pilot's table also has sq_rel, and so another head.
         start = text.index(head) + 1
         text = text[:start] + new + text[text.index("\n\n", start) :]
     return text
+
+
+def _markdown(lines: list[list[str]]) -> str:
+    return "\n".join(
+        f"|{'|'.join(line)}|" if line[0] == "---" else f"| {' | '.join(line)} |" for line in lines
+    )
+
+
+def _interval(interval: dict[str, float]) -> str:
+    mean, low, high = (_signed(interval[name]) for name in ("mean", "low", "high"))
+    return f"{mean} ({low} to {high})"
+
+
+def _signed(value: float) -> str:
+    return ("−" if value < 0 else "+") + _number(abs(value), 3)
 
 
 def _number(value: float, decimals: int) -> str:
