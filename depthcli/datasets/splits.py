@@ -81,6 +81,15 @@ def is_label(dataset_id: str) -> bool:
     return dataset_id.isdecimal() and int(dataset_id) < LABELLED_COUNT
 
 
+def label_id(dataset_id: str) -> str:
+    """A label number of NYU Depth v2 with four digits, other ids as they are.
+
+    >>> label_id("7"), label_id("0007"), label_id("a7")
+    ('0007', '0007', 'a7')
+    """
+    return f"{int(dataset_id):04d}" if is_label(dataset_id) else dataset_id
+
+
 def _label(dataset_id: str) -> int:
     if not is_label(dataset_id):
         raise DatasetError(

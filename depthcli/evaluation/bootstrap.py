@@ -60,7 +60,9 @@ def differences_from(
                 continue
             values = own - _per_image(rows, alignment)
             intervals = tuple(scene_interval(column, order) for column in values.T)
-            found.append(Difference(name, other, alignment, intervals, len(set(order))))
+            is_scored = np.isfinite(values).any(1)  # others were excluded
+            scenes_scored = set(np.asarray(order)[is_scored])
+            found.append(Difference(name, other, alignment, intervals, len(scenes_scored)))
     return tuple(found)
 
 

@@ -21,6 +21,7 @@ FULL_SIZE_PX = (640, 480)
 
 # A pixel interpolated from valid pixels only has weight one.
 _MIN_VALID_WEIGHT = 0.9999
+_MIN_INFINITE_WEIGHT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +115,7 @@ class EvalProtocol:
         height, width = truth.valid.shape
         values = depth.values
         if values.shape != truth.valid.shape:
-            if depth.kind is DepthKind.METRIC:
-                # Interpolation turns infinity times zero into NaN, near instead of far.
-                values = np.where(np.isposinf(values), np.float32(self.max_m), values)
-            values = resize_bilinear(values, width, height)
+            values = _resized(values, width, height)
         predicted: npt.NDArray[np.floating] = _select(values, truth.valid)
         turned = False
         if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
@@ -138,6 +136,18 @@ def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
         depth_m[truth.valid] = values
         maps.append(depth_m)
     return boundary_scores(maps[0], maps[1], truth.valid)
+
+
+def _resized(values: npt.NDArray[np.float32], width: int, height: int) -> npt.NDArray[np.float32]:
+    """Values at another size; infinite where most of the weight is that of infinite ones."""
+    infinite = np.isposinf(values)
+    if not infinite.any():
+        return resize_bilinear(values, width, height)
+    # Interpolation turns infinity times zero into NaN.
+    largest = np.max(values, initial=0, where=np.isfinite(values))
+    resized = resize_bilinear(np.where(infinite, largest, values), width, height)
+    weight = resize_bilinear(infinite.astype(np.float32), width, height)
+    return np.where(weight > _MIN_INFINITE_WEIGHT, np.float32(np.inf), resized)
 
 
 def _select(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from depthcli.datasets.base import DepthDataset
-from depthcli.datasets.splits import Split, SplitName, is_label
+from depthcli.datasets.splits import Split, SplitName, is_label, label_id
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.predictors.model import ModelPredictor
 from depthcli.evaluation.table import EvalTask, plan_nyu
@@ -48,7 +48,7 @@ def plan_comparison(
     whole = _held_out(dataset, runs) if split is SplitName.VAL else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:
-        seen = set(run.nyu_ids).intersection(task.ids)
+        seen = set(run.nyu_ids).intersection(map(label_id, task.ids))
         if seen:
             raise UsageError(
                 f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test pictures: "

@@ -64,7 +64,8 @@ def open_run(folder: Path) -> TrainedRun:
 def _settings(config: TrainConfig, progress: RunProgress) -> str:
     """What seeds of one experiment have in common, as JSON."""
     settings = dataclasses.asdict(dataclasses.replace(config, seed=0))
-    sources = [progress.data, progress.train_ids, progress.extra, progress.start]
+    extra = [progress.extra, progress.extra_pairs, progress.fingerprints[1:]]
+    sources = [progress.data, progress.train_ids, extra, progress.start]
     return json.dumps([settings, sources])
 
 

@@ -7,7 +7,8 @@ from torch import Tensor
 class ImagePool:
     """Stores the first images; then swaps each new one with a random stored one, with p = 0.5.
 
-    With a size of 0, every image is returned unchanged.
+    With a size of 0, every image is returned unchanged. Images are swapped with others of their
+    own size only.
     """
 
     def __init__(self, size: int) -> None:
@@ -26,6 +27,9 @@ class ImagePool:
             return image
         if torch.rand(()) < 0.5:  # noqa: PLR2004
             return image
-        slot = int(torch.randint(self.size, ()))
+        alike = [i for i, past in enumerate(self.images) if past.shape == image.shape]
+        if not alike:
+            return image
+        slot = alike[int(torch.randint(len(alike), ()))]
         past, self.images[slot] = self.images[slot], image.clone()
         return past

@@ -1,6 +1,5 @@
 """Initial weights from exported models or from checkpoints of other runs."""
 
-import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -15,10 +14,10 @@ from depthcli.training.checkpoint import load_generator
 from depthcli.training.config.schema import GeneratorConfig
 from depthcli.training.initial_coding import check_same_coding
 from depthcli.training.resized_weights import decoder_channels, narrows, resized_weights
+from depthcli.training.weights_origin import weights_origin
 
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
-_HASH_LENGTH = 16
 _INT8_NODES = frozenset({"DequantizeLinear", "QLinearConv", "ConvInteger", "MatMulInteger"})
 # Names of an exported network's weights end so; graphs have other constants, too.
 _WEIGHTS = (".weight", ".bias", "input_gain")
@@ -39,7 +38,7 @@ def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[
             keep are chosen.
 
     Returns:
-        The origin of the weights for a model card: file names and the first 16 digits of SHA-256.
+        The origin of the weights, as of :func:`~depthcli.training.weights_origin.weights_origin`.
 
     Raises:
         CheckpointError: a file cannot be read, or holds other networks or, for a mean, weights of
@@ -49,9 +48,7 @@ def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[
     generator.load_state_dict(
         _fitting(resized_weights(generator, stored, pictures), generator, paths)
     )
-    hashes = [hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH] for path in paths]
-    names = [f"{path.name} {digest}" for path, digest in zip(paths, hashes, strict=True)]
-    return names[0] if len(names) == 1 else f"mean of {', '.join(names)}"
+    return weights_origin(paths)
 
 
 def narrowed_decoder(

@@ -6,7 +6,12 @@ from pathlib import Path
 
 from depthcli.training.checkpoint import Checkpoint, RunProgress
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import data_differences, differences, mismatch_error
+from depthcli.training.config_differences import (
+    data_differences,
+    differences,
+    mismatch_error,
+    source_differences,
+)
 from depthcli.training.folder import CHECKPOINT
 
 
@@ -16,7 +21,7 @@ class PlannedRun:
 
     config: TrainConfig  #: what is trained
     folder: Path  #: its folder
-    #: :func:`~depthcli.training.data_facts.data_facts` of its data; None if they are not compared
+    #: what its data and initial weights give of its progress; None if they are not compared
     facts: RunProgress | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -37,6 +42,7 @@ class PlannedRun:
         mismatches = differences(saved.config, self.config)
         if self.facts:
             mismatches += data_differences(saved.progress, self.facts)
+            mismatches += source_differences(saved.progress, self.facts)
         if mismatches:
             raise mismatch_error(path, mismatches)
         return saved.progress

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from depthcli.datasets import id_ranges
-from depthcli.datasets.splits import NYU, TRAIN_IDS, is_label
+from depthcli.datasets.splits import NYU, TRAIN_IDS, is_label, label_id
 from depthcli.datasets.training_data import OWN_PAIRS, OWN_PICTURES, TrainingData, own_pairs_title
 from depthcli.errors import DatasetError
 from depthcli.models.card import ModelCard
@@ -36,8 +36,10 @@ def extra_pairs(data: TrainingData) -> dict[str, tuple[str, ...]]:
 
 def _under_names(name: str, ids: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """Ids by data set: also NYU if all are its numbers, as a copy of it need not have an index."""
-    names = (name, NYU) if all(map(is_label, ids)) else (name,)
-    return dict.fromkeys(names, ids)
+    found = {name: ids}
+    if all(map(is_label, ids)):
+        found[NYU] = tuple(map(label_id, ids))
+    return found
 
 
 def check_extra_pairs(data: TrainingData, held_out_ids: Iterable[str]) -> None:
@@ -47,13 +49,22 @@ def check_extra_pairs(data: TrainingData, held_out_ids: Iterable[str]) -> None:
         DatasetError: they have some.
     """
     extra = extra_pairs(data)
-    common = set(held_out_ids).intersection(extra.get(data_set(data.title), ()))
+    common = common_pairs(data, held_out_ids, extra)
     if common:
         number = f"{len(common)} held-out pair{'s' * (len(common) != 1)}"
         raise DatasetError(
             f"the extra pairs contain {number} of {data_set(data.title)} (first: {min(common)}): "
             "remove them from --extra, or rename them if they are other pictures"
         )
+
+
+def common_pairs(
+    data: TrainingData, ids: Iterable[str], seen: Mapping[str, Sequence[str]]
+) -> set[str]:
+    """Those of some pairs of a data set that are also in a record of pairs by data set."""
+    name = data_set(data.title)
+    known = set(map(label_id, ids)) if name == NYU else set(ids)
+    return known.intersection(seen.get(name, ()))
 
 
 def seen_by_files(paths: Sequence[Path]) -> dict[str, tuple[str, ...]]:

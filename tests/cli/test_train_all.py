@@ -65,9 +65,13 @@ def _progress(folder: Path, run: str) -> tuple[str, int, int]:
 
 def test_each_run_gets_the_options_as_they_were_given() -> None:
     command, common = plain_command("train"), ["--methods", "cut", "--data", "d", "--out", "o"]
-    words = ["--init", "a b.onnx", "--init", "c.ckpt", "--accelerator", "cpu", "--devices", "1"]
-    assert _forwarded_options(command.make_context("train", [*common, *words])) == words
-    assert "--init" not in _forwarded_options(command.make_context("train", common))
+    sources = ["--extra", "more", "--init", "a b.onnx", "--init", "c.ckpt"]
+    words = ["--accelerator", "cpu", "--devices", "1"]
+    context = command.make_context("train", [*common, *sources, *words])
+    assert _forwarded_options(context) == words
+    request = _queue_request(context)
+    assert (request.extra, request.start) == (Path("more"), (Path("a b.onnx"), Path("c.ckpt")))
+    assert "--accelerator" not in _forwarded_options(command.make_context("train", common))
 
 
 def test_every_signal_that_ends_a_command_ends_the_run_at_hand() -> None:

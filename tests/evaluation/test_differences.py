@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,3 +124,12 @@ def test_each_alignment_is_compared_with_its_own() -> None:
     assert [(d.other, d.alignment) for d in found] == [("mean", median), ("mean", none)]
     first = list(METRICS).index("abs_rel")
     assert [d.intervals[first].mean for d in found] == pytest.approx([-0.1, -0.4])
+
+
+def test_scenes_without_a_score_are_not_counted() -> None:
+    groups = {}
+    for name, value in (("mean", 0.5), ("ours", 0.4)):
+        row, nothing = _row(name, [value] * 3), ImageScores("0001", Scores.of())
+        groups[name] = [replace(row, images=(row.images[0], nothing, row.images[2]))]
+    (found,) = differences_from("ours", groups, {"0000": "a", "0001": "b", "0002": "c"})
+    assert found.scene_count == 2

@@ -132,3 +132,40 @@ def test_damaged_prediction(tmp_path: Path, position: int) -> None:
     if position == 0:  # whose kind is asked for
         with pytest.raises(DatasetError, match=IDS[0]):
             open_predictions(tmp_path, IDS)
+
+
+def test_a_kind_is_for_files_that_state_none(tmp_path: Path) -> None:
+    depth = DepthMap(np.full((4, 6), 2.5, np.float32))
+    for name in IDS:
+        writer_class(Format.EXR)().write(depth, tmp_path / f"{name}.exr")
+    predictor = open_predictions(tmp_path, IDS, DepthKind.INVERSE)
+    assert predictor.kind is DepthKind.METRIC
+    assert predictor.predict(Sample(small_set(), 1)).kind is DepthKind.METRIC
+
+
+def test_files_of_two_kinds_are_an_error(tmp_path: Path) -> None:
+    for name, kind in zip(IDS, (DepthKind.METRIC, DepthKind.INVERSE), strict=True):
+        depth = DepthMap(np.full((4, 6), 2.5, np.float32), kind)
+        writer_class(Format.EXR)().write(depth, tmp_path / f"{name}.exr")
+    predictor = open_predictions(tmp_path, IDS)
+    assert predictor.predict(Sample(small_set(), 0)).kind is DepthKind.METRIC
+    with pytest.raises(DatasetError, match=r"0001\.exr states inverse depth, and the first file"):
+        predictor.predict(Sample(small_set(), 1))
+
+
+def test_a_unit_that_only_the_first_file_states_is_an_error(tmp_path: Path) -> None:
+    depth = DepthMap(np.full((4, 6), 2.5, np.float32))
+    writer_class(Format.PNG16)(png_scale=256).write(depth, tmp_path / "0000.png")
+    assert cv2.imwrite(str(tmp_path / "0001.png"), np.full((4, 6), 640, np.uint16))
+    assert not open_predictions(tmp_path, IDS).warnings
+    with pytest.raises(DatasetError, match=r"0001\.png states no unit, but the first file"):
+        open_predictions(tmp_path, IDS).predict(Sample(small_set(), 1))
+    given = open_predictions(tmp_path, IDS, scale=256).predict(Sample(small_set(), 1))
+    assert (given.values == 2.5).all()
+
+
+def test_a_stray_file_does_not_stand_for_the_others(tmp_path: Path) -> None:
+    _write_png(tmp_path)
+    np.save(tmp_path / f"{IDS[0]}.npy", np.full((4, 6), 9, np.float32))
+    predictor = open_predictions(tmp_path, IDS)
+    assert (predictor.predict(Sample(small_set(), 0)).values == 3).all()

@@ -111,6 +111,19 @@ def test_infinity_stays_far_when_it_is_resized() -> None:
     assert pixels.predicted_m.max() > 6.0
 
 
+@pytest.mark.parametrize("alignment", list(Alignment))
+def test_infinity_is_the_maximum_after_alignment_whatever_the_size(alignment: Alignment) -> None:
+    protocol = EvalProtocol(full_size_px=SMALL)
+    truth_m = np.linspace(1, 9, 192, dtype=np.float32).reshape(HEIGHT, WIDTH)
+    predicted = 2 * truth_m
+    predicted[:, -1] = np.inf
+    for size in (1, 2):
+        values = np.kron(predicted, np.ones((size, size), np.float32))
+        truth = protocol.truth(truth_m)
+        pixels = protocol.compare(DepthMap(values), truth, alignment).predicted_m
+        assert (pixels.reshape(HEIGHT, WIDTH)[:, -1] == 10).all()
+
+
 def test_clamping_comes_after_alignment() -> None:
     protocol = EvalProtocol(full_size_px=SMALL)
     truth = protocol.truth(np.linspace(1, 9, 192, dtype=np.float32).reshape(HEIGHT, WIDTH))

@@ -192,6 +192,24 @@ def test_a_finished_queue_is_not_that_of_other_data(request_of: QueueRequest) ->
     assert "the data set has other files" in status.reason
 
 
+def test_a_finished_queue_is_not_that_of_other_sources(
+    request_of: QueueRequest, tmp_path: Path
+) -> None:
+    """Other extra pairs, none, and other initial weights."""
+    (known,) = TrainingQueue(request_of).statuses
+    write_rooms(tmp_path / "more")
+    (tmp_path / "more" / "index.csv").unlink()
+    save(known.run, 7, 100_100)
+    weights = shutil.copy(known.run.folder / "last.ckpt", tmp_path / "first.ckpt")
+    for other, reason in (
+        (replace(request_of, extra=tmp_path / "more"), 'extra is "" there, "6 extra pairs'),
+        (replace(request_of, start=(Path(weights),)), 'start is "" there, "first.ckpt '),
+    ):
+        (status,) = TrainingQueue(other)
+        assert status.state == "failed"
+        assert reason in status.reason
+
+
 def test_a_run_is_a_command_of_its_own() -> None:
     run = PlannedRun(replace(default_config("cut"), seed=3), Path("runs/cut-seed3"))
     plain = QueueRequest(Path("data"), Path("runs"))
@@ -201,13 +219,17 @@ def test_a_run_is_a_command_of_its_own() -> None:
     asked = replace(
         plain,
         preset="table",
+        extra=Path("more"),
+        start=(Path("a b.onnx"), Path("c.ckpt")),
         files=(Path("a.toml"), Path("b.toml")),
         settings=("x=1",),
         options=("--threads", "1"),
         report_epochs=True,
     )
-    rest = "--threads 1 --preset table --config a.toml --config b.toml --set x=1 --set seed=3"
-    assert _command(asked, run, 90) == [*start, *rest.split(), "--max-minutes", "1.5000", "--json"]
+    sources = ["--extra", "more", "--init", "a b.onnx", "--init", "c.ckpt"]
+    rest = "--config a.toml --config b.toml --set x=1 --set seed=3 --max-minutes 1.5000 --json"
+    options = ["--threads", "1", "--preset", "table", *sources]
+    assert _command(asked, run, 90) == [*start, *options, *rest.split()]
 
 
 def test_settings_are_those_of_each_run(request_of: QueueRequest) -> None:

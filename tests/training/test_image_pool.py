@@ -50,3 +50,15 @@ def test_stored_images_are_copies_of_one_image_each() -> None:
     batch.fill_(9)
     assert [tuple(image.shape) for image in pool.images] == [(1, 4, 4)] * 2
     assert [float(image.mean()) for image in pool.images] == [0, 1]
+
+
+def test_images_of_two_sizes_stay_among_their_own() -> None:
+    torch.manual_seed(0)
+    pool, wide = ImagePool(4), torch.zeros(2, 1, 2, 4)
+    seen = set()
+    for value in range(40):
+        out = pool.exchange(torch.cat([_image(value), _image(value + 0.5)]))
+        assert out.shape == (2, 1, 2, 2)
+        assert pool.exchange(wide + value).shape == wide.shape
+        seen.add(float(out[0].mean()) == value)
+    assert seen == {True, False}

@@ -100,6 +100,17 @@ def test_extra_pairs_that_the_run_holds_out_are_refused(
     train_two_steps(ALL, run, extra=extra, title=title)
 
 
+@pytest.mark.parametrize("zeros", ["", "0"])
+def test_numbers_of_nyu_need_no_leading_zeros(tmp_path: Path, zeros: str) -> None:
+    extra = write_extra(tmp_path / "more", prefix="")
+    for file in [*extra.glob("*/*.png")]:
+        file.rename(file.with_name(f"{zeros}{int(file.stem)}.png"))
+    with pytest.raises(DatasetError, match=r"1 held-out pair of NYU .*first: 0002"):
+        train_two_steps(SUPERVISED, tmp_path / "run", extra=extra, title=NYU_PAPER)
+    train_two_steps(ALL, tmp_path / "run", extra=extra, title=YARD)
+    assert seen_by_files([tmp_path / "run" / CHECKPOINT])[NYU] == SIX
+
+
 def test_a_checkpoint_without_its_extra_pairs_gets_them_when_it_goes_on(tmp_path: Path) -> None:
     extra, run = write_extra(tmp_path / "more"), tmp_path / "run"
     train_two_steps(SUPERVISED, run, extra=extra)

@@ -23,6 +23,7 @@ class FilePredictor:
     suffix: str  #: suffix of the files that are read
     kind: DepthKind  #: kind of their depth
     scale: float | None = None  #: units per metre of integers that state none; None if not known
+    is_scale_assumed: bool = False  #: whether the first file states no scale and none is given
     warnings: tuple[str, ...] = ()  #: about the first file, one line each
     source: Source = Source.FILES  #: always files
     model_sha256: str | None = None  #: always None
@@ -36,9 +37,21 @@ class FilePredictor:
         """Depth of one image as it was written, any size.
 
         Raises:
-            DatasetError: the file is damaged.
+            DatasetError: the file is damaged, or states other things than the first one.
         """
-        return _read(self.folder / f"{sample.id}{self.suffix}", self.kind, self.scale).displayed
+        path = self.folder / f"{sample.id}{self.suffix}"
+        stored = _read(path, self.kind, self.scale)
+        if stored.depth.kind is not self.kind:
+            raise DatasetError(
+                f"{path} states {stored.depth.kind} depth, and the first file of its folder "
+                f"{self.kind} depth: evaluate them in folders of their own"
+            )
+        if _is_scale_assumed(stored) and not self.is_scale_assumed:
+            raise DatasetError(
+                f"{path} states no unit, but the first file of its folder does: give "
+                "--predictions-scale, for millimetres 1000"
+            )
+        return stored.displayed
 
 
 def open_predictions(
@@ -50,31 +63,41 @@ def open_predictions(
 ) -> FilePredictor:
     """Check that a folder has ``ID.npy``, ``ID.exr`` or ``ID.png`` for every image.
 
-    ``ID.depth.npy`` and so on are accepted, too. Without a kind, that of the first file is used.
-    ``scale`` is units per metre of PNG, and of integers in NPY, that state none; None for
-    millimetres in PNG. ``truth_scale`` is what the user states of the ground truth, for a warning.
+    ``ID.depth.npy`` and so on are accepted, too. ``kind`` is that of files that state none; None
+    for metric. ``scale`` is units per metre of PNG, and of integers in NPY, that state none; None
+    for millimetres in PNG. ``truth_scale`` is what the user states of the ground truth, for a warning.
 
     Raises:
         DatasetError: the folder or a prediction is missing, or the first file is damaged.
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder: give one that holds ID.npy, .exr or .png")
-    suffix = next((s for s in SUFFIXES if (folder / f"{ids[0]}{s}").is_file()), None)
-    if suffix is None:
+    found = [s for s in SUFFIXES if (folder / f"{ids[0]}{s}").is_file()]
+    if not found:
         raise DatasetError(
             f"{folder} has no prediction of {ids[0]}: name the files by id, for example "
             f"{ids[0]}.npy"
         )
-    missing = [i for i in ids if not (folder / f"{i}{suffix}").is_file()]
-    if missing:
+    missing = {s: [i for i in ids if not (folder / f"{i}{s}").is_file()] for s in found}
+    suffix = min(found, key=lambda s: len(missing[s]))  # a stray file is in the way of no others
+    if missing[suffix]:
         raise DatasetError(
-            f"{folder} lacks {len(missing)} of {len(ids)} predictions "
-            f"(first: {missing[0]}{suffix}): every image of the split needs one"
+            f"{folder} lacks {len(missing[suffix])} of {len(ids)} predictions "
+            f"(first: {missing[suffix][0]}{suffix}): every image of the split needs one"
         )
     first = _read(folder / f"{ids[0]}{suffix}", kind, scale)
     return FilePredictor(
-        folder, suffix, first.depth.kind, scale, _warnings(first, scale, truth_scale)
+        folder,
+        suffix,
+        first.depth.kind,
+        scale,
+        _is_scale_assumed(first),
+        _warnings(first, scale, truth_scale),
     )
+
+
+def _is_scale_assumed(stored: StoredDepth) -> bool:
+    return stored.scale is not None and stored.scale.source == "assumed"
 
 
 def _warnings(
@@ -91,6 +114,6 @@ def _warnings(
 
 def _read(path: Path, kind: DepthKind | None, scale: float | None) -> StoredDepth:
     try:
-        return read_stored_depth(path, kind=kind, unstated_scale=scale)
+        return read_stored_depth(path, unstated_kind=kind, unstated_scale=scale)
     except InputError as error:
         raise DatasetError(str(error)) from error

@@ -31,6 +31,7 @@ def read_stored_depth(
     *,
     png_scale: float | None = None,
     kind: DepthKind | None = None,
+    unstated_kind: DepthKind | None = None,
     unstated_scale: float | None = None,
 ) -> StoredDepth:
     """Depth of a 16-bit PNG, EXR or NPY file, chosen by its suffix.
@@ -40,6 +41,7 @@ def read_stored_depth(
         png_scale: units per metre of a PNG, None for what the file states, or millimetres; or of
             integers in an NPY file, which need it to be metric.
         kind: kind of the depth; None for what the file states, or metric.
+        unstated_kind: as ``kind``, but only for a file that states none.
         unstated_scale: as ``png_scale``, but only for a file of integers that states none.
 
     Returns:
@@ -60,12 +62,14 @@ def read_stored_depth(
 
             stored = read_exr_depth(path)
         case ".npy":
-            stored = _npy(path, png_scale, kind, unstated_scale)
+            stored = _npy(path, png_scale, kind, unstated_kind, unstated_scale)
         case _:
             raise InputError(
                 f"{path} is not a depth file (.png, .exr, .npy, .mkv); "
                 "'depthcli predict' and 'depthcli video' estimate the depth of pictures and videos"
             )
+    if "kind" not in stored.metadata:
+        kind = kind or unstated_kind
     return replace(stored, depth=replace(stored.depth, kind=kind or stored.depth.kind))
 
 
@@ -105,7 +109,11 @@ def _png_metadata(path: Path, data: bytes) -> tuple[dict[str, str], tuple[str, .
 
 
 def _npy(
-    path: Path, scale: float | None, kind: DepthKind | None, unstated_scale: float | None
+    path: Path,
+    scale: float | None,
+    kind: DepthKind | None,
+    unstated_kind: DepthKind | None,
+    unstated_scale: float | None,
 ) -> StoredDepth:
     values = _array(path)
     is_float = values.dtype.kind == "f"
@@ -120,6 +128,8 @@ def _npy(
             depth = np.ascontiguousarray(values, np.float32)
     height, width = depth.shape
     metadata, problems = with_sidecar(path, {}, (width, height), depth)
+    if "kind" not in metadata:
+        kind = kind or unstated_kind
     kind = kind or kind_named(metadata.get("kind"))
     if not is_float and scale is None and kind is DepthKind.METRIC:
         raise InputError(

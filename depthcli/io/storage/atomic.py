@@ -61,13 +61,13 @@ def _uploaded(path: RemotePath) -> Iterator[Path]:
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a file of text.
+    """Write a file of text, in which names of files may not be UTF-8.
 
     Raises:
         OutputError: it cannot be written.
     """
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="surrogateescape")
 
 
 def append_whole(file: FileIO, data: bytes) -> int:

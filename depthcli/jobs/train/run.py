@@ -20,7 +20,7 @@ from depthcli.training.initial_coding import coding_differences
 from depthcli.training.initial_weights import narrowed_decoder
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.methods.registry import method_class
-from depthcli.training.seen_pairs import data_set, seen_by_files
+from depthcli.training.seen_pairs import common_pairs, seen_by_files
 from depthcli.training.tensorboard_logger import TensorBoardLogger
 from depthcli.training.threads import Threads, set_threads
 
@@ -89,8 +89,8 @@ def _facts(
 ) -> TrainStart:
     wanted = bool(config.data.holdout_every) and method_class(config.method).DEPTH
     held_out = train_val_split(data.dataset, config.data)[1] if wanted else []
-    seen = seen_by_files(start).get(data_set(data.title), ())
-    seen_held_out = {data.dataset.ids[i] for i in held_out}.intersection(seen)
+    held_out_ids = [data.dataset.ids[i] for i in held_out]
+    seen_held_out = common_pairs(data, held_out_ids, seen_by_files(start))
     return TrainStart(
         threads,
         lacks_scenes=wanted and not held_out,

@@ -91,7 +91,9 @@ def check_batch(config: TrainConfig, pictures: int) -> None:
     Raises:
         UsageError: batch norm would have a single value per channel.
     """
-    smallest = max(config.data.width, config.data.height) <= _EFFICIENT_STRIDE
+    data = config.data
+    sizes = [(data.width, data.height), *map(data.view_sides, data.aspects)]
+    smallest = any(max(size) <= _EFFICIENT_STRIDE for size in sizes)
     if config.generator.name == "efficient" and smallest and pictures == 1:
         raise UsageError(
             f"generator.name=efficient cannot learn from one picture of {_EFFICIENT_STRIDE} px "
