@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from command_line import unmeasured
@@ -18,9 +18,6 @@ from depthcli.cli.app import main
 from depthcli.cli.commands.train_all import _forwarded_options, _queue_request
 from depthcli.cli.loading import plain_command
 from depthcli.training.checkpoint import Checkpoint
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TINY = """
 [generator]

@@ -65,7 +65,8 @@ def open_predictions(
 
     ``ID.depth.npy`` and so on are accepted, too. ``kind`` is that of files that state none; None
     for metric. ``scale`` is units per metre of PNG, and of integers in NPY, that state none; None
-    for millimetres in PNG. ``truth_scale`` is what the user states of the ground truth, for a warning.
+    for millimetres in PNG. ``truth_scale`` is what the user states of the ground truth, for a
+    warning.
 
     Raises:
         DatasetError: the folder or a prediction is missing, or the first file is damaged.
