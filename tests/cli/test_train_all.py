@@ -68,7 +68,7 @@ def test_each_run_gets_the_options_as_they_were_given() -> None:
     assert _forwarded_options(context) == words
     request = _queue_request(context)
     assert (request.extra, request.start) == (Path("more"), (Path("a b.onnx"), Path("c.ckpt")))
-    assert "--accelerator" not in _forwarded_options(command.make_context("train", common))
+    assert "--threads" not in _forwarded_options(command.make_context("train", common))
 
 
 def test_every_signal_that_ends_a_command_ends_the_run_at_hand() -> None:
