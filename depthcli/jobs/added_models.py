@@ -11,7 +11,7 @@ from depthcli.models.catalog import file_of_card
 from depthcli.models.locations import ModelLocation
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-_ADDED_FILE = re.compile(r"model(-[0-9a-f]{12})?\.onnx")
+_ADDED_FILE = re.compile(r"model-[0-9a-f]{12}\.onnx")
 _LITTER = (".DS_Store", "._", ".depthcli-")  # of file managers, and of runs that were killed
 
 
@@ -65,7 +65,7 @@ def added_model(name: str) -> tuple[Path, ModelLocation]:
         raise UsageError(
             f"{name!r} is not among the models in {locations.user_root()}; only those are removed"
         )
-    if folder.is_dir() and not folder.is_symlink():
+    if location.onnx is None and not folder.is_symlink():
         _check_only_model(folder, "move them away, or delete the folder yourself")
     return folder, location
 
@@ -85,18 +85,17 @@ def remove_model(name: str) -> Path:
     """
     folder, location = added_model(name)
     try:
-        if folder.is_symlink():
+        if location.onnx is not None:  # a file, beside which a folder may have the same name
+            for file in filter(None, location):
+                file.unlink()
+        elif folder.is_symlink():
             folder.unlink()
-        elif folder.is_dir():
+        else:
             with workspace(folder.parent) as work:
                 folder.rename(work / folder.name)
-        else:
-            for file in (location.onnx, location.card):
-                if file is not None:
-                    file.unlink()
     except OSError as error:
         raise OutputError(f"cannot remove {folder}: {error.strerror}") from error
-    return folder
+    return location.onnx or folder
 
 
 def _check_only_model(folder: Path, advice: str) -> None:

@@ -34,7 +34,7 @@ class StreamInfo:
     time_code: TimeCode | None  #: of the first frame; None if nothing states it
 
 
-def _stated_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
+def _file_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
     """Frames a second that the file states; None if it states none."""
     if container.format.name not in _RAW_FORMATS:
         return exact_rate(stream.average_rate or stream.guessed_rate or 0)
@@ -43,7 +43,7 @@ def _stated_rate(container: InputContainer, stream: VideoStream) -> Fraction | N
 
 def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
     """Read the properties of a stream."""
-    stated = _stated_rate(container, stream)
+    stated = _file_rate(container, stream)
     rate = stated or FALLBACK_RATE
     time_base = stream.time_base or 1 / rate
     is_raw = container.format.name in _RAW_FORMATS

@@ -260,3 +260,41 @@ def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
     assert done.returncode == 1
     assert "clip.mp4 is a video, to which --anchors does not apply" in done.stderr.decode()
     assert rows(inside, "out")["a.png"]["status"] == "ok"
+
+
+@pytest.mark.parametrize("name", ["a.depth.png", "a.depth.npy"])
+def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str) -> None:
+    write_picture(inside.folder / "in" / "a.jpg", synthetic_picture())
+    suffix = name.removeprefix("a.depth.")
+    known_m = sparse_twice(inside, "in/a.jpg")
+    np.save(inside.folder / "known.npy", known_m)
+    (inside.folder / "known").mkdir()
+    assert inside("convert", "known.npy", f"known/{name}").returncode == 0
+    before = (inside.folder / "known" / name).read_bytes()
+    words = (
+        "in",
+        "-o",
+        "known",
+        "--anchors",
+        "known",
+        "--format",
+        {"png": "png16"}.get(suffix, suffix),
+    )
+    for extra in ((), ("--dry-run",)):
+        done = inside("batch", *words, *extra)
+        assert done.returncode == 1
+        assert b"is its known depth; choose another --out" in done.stdout + done.stderr
+    assert (inside.folder / "known" / name).read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.depth.npy", "a.depth.png"])
+def test_a_picture_is_not_its_own_known_depth(inside: Cli, name: str) -> None:
+    gray = cv2.cvtColor(synthetic_picture(), cv2.COLOR_RGB2GRAY).astype(np.uint16) * 256
+    write_picture(inside.folder / "in" / "a.png", gray)
+    np.save(inside.folder / "known.npy", sparse_twice(inside, "in/a.png"))
+    assert inside("convert", "known.npy", f"in/{name}").returncode == 0
+    done = inside("batch", "in", "-o", "out", "--anchors", "in", "--format", "npy")
+    assert done.returncode == 0, done.stderr
+    assert rows(inside, "out")["a.png"]["anchors"]["given"] == np.count_nonzero(
+        np.load(inside.folder / "known.npy")
+    )

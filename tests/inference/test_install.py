@@ -355,6 +355,14 @@ def test_only_own_models_are_removed(own: Path, tmp_path: Path) -> None:
     assert tmp_path.exists()
 
 
+def test_a_network_without_a_card_is_not_replaced(own: Path, file: Path, tmp_path: Path) -> None:
+    (own / "tiny").mkdir(parents=True)
+    (own / "tiny" / "model.onnx").write_text("of another program")
+    with pytest.raises(UsageError, match=r"tiny also holds model\.onnx; give another --name$"):
+        add_model(file, write_card(tmp_path / "c.json"))
+    assert (own / "tiny" / "model.onnx").read_text() == "of another program"
+
+
 def test_a_model_of_one_file_is_removed_with_its_card(own: Path) -> None:
     own.mkdir()
     (own / "flat.onnx").write_bytes(tiny_onnx())
@@ -363,8 +371,11 @@ def test_a_model_of_one_file_is_removed_with_its_card(own: Path) -> None:
     remove_model("flat")
     assert [p.name for p in own.iterdir()] == ["other.txt"]
     (own / "flat.onnx").write_bytes(tiny_onnx(card=json.dumps(card_with({}))))
-    assert remove_model("flat") == own / "flat"
-    assert [p.name for p in own.iterdir()] == ["other.txt"]
+    (own / "flat").mkdir()
+    (own / "flat" / "model.onnx").write_text("of another program")
+    assert remove_model("flat") == own / "flat.onnx"
+    assert sorted(p.name for p in own.iterdir()) == ["flat", "other.txt"]
+    assert [p.name for p in (own / "flat").iterdir()] == ["model.onnx"]
 
 
 def test_a_model_that_cannot_be_removed_is_named(

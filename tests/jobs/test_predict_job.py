@@ -7,7 +7,8 @@ import re
 import subprocess
 import sys
 from io import BufferedWriter, BytesIO
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from depthcli.core.camera import Anchor, Camera
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.failed import FailedInput
@@ -27,7 +29,7 @@ from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from depthcli.core.types import Frame
 
 
 def test_every_picture_has_its_result_in_its_turn(
@@ -218,3 +220,20 @@ def test_a_picture_is_never_its_own_output(tmp_path: Path, loader: SessionLoader
     assert isinstance(failed, FailedInput)
     assert isinstance(failed.error, OutputError)
     assert picture.read_bytes() == before
+
+
+def test_a_picture_that_does_not_fit_into_memory_fails_alone(
+    tmp_path: Path, loader: SessionLoader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [str(write_picture(tmp_path / f"{name}.png")) for name in ("huge", "small")]
+
+    def read(path: Path, *arguments: Any, **options: Any) -> Frame:
+        if path == Path(names[0]):
+            raise MemoryError
+        return read_image(path, *arguments, **options)
+
+    monkeypatch.setattr("depthcli.jobs.predict.pictures.read_image", read)
+    huge, small = predict(PredictRequest(tuple(names), formats=(Format.NPY,), model=loader))
+    assert isinstance(huge, FailedInput)
+    assert str(huge.error) == "does not fit into memory; make it smaller"
+    assert not isinstance(small, FailedInput)

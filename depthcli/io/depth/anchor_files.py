@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from depthcli.errors import InputError
+from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import path_of, safe_name
 
 if TYPE_CHECKING:
@@ -42,8 +43,10 @@ class AnchorFiles:
             raise InputError(f"{path} holds no known depth; give a file with {_ALTERNATIVES}")
         return read_known_depth(path, self.scale)
 
-    def read_for(self, name: str, *, shares_stem: bool = False) -> AnchorPoints:
-        """Read the folder's file for a picture.
+    def file_for(
+        self, name: str, *, shares_stem: bool = False, picture: Path | None = None
+    ) -> Path:
+        """The folder's file for a picture.
 
         For ``a.jpg``, that is ``a.jpg.npy``, else ``a.jpg.depth.npy``, ``a.npy`` or
         ``a.depth.npy``.
@@ -51,20 +54,18 @@ class AnchorFiles:
         Args:
             name: the picture, relative to its own folder, with ``/`` between the parts.
             shares_stem: whether ``a.npy`` could be that of another picture, such as ``a.png``.
+            picture: its file, which is not its known depth, whatever its suffix.
 
         Raises:
             InputError: there is none, or several, or only one that could be that of another
-                picture, or it cannot be read, or holds no known depth, or there is a scale and its
-                format has none.
+                picture.
         """
-        from depthcli.io.depth.known_depth import read_known_depth  # noqa: PLC0415 - needs numpy
-
         folder = path_of(self.path)
         above, slash, own = name.rpartition("/")
         base = above + slash + (own.rpartition(".")[0] or own)
         found = _files(folder, name) or _files(folder, name + _OUTPUT)
         if not found:
-            found = _files(folder, base) or _files(folder, base + _OUTPUT)
+            found = _files(folder, base, picture) or _files(folder, base + _OUTPUT)
             if found and shares_stem:
                 raise InputError(
                     f"{found[0]} may be the known depth of this or of another picture "
@@ -76,8 +77,17 @@ class AnchorFiles:
             )
         if len(found) > 1:
             raise InputError(f"{found[0]} and {found[1]} are both its known depth; remove one")
-        return read_known_depth(found[0], self.scale)
+        return found[0]
+
+    def read_for(self, name: str) -> AnchorPoints:
+        """Read the folder's file for a picture, as :meth:`file_for` finds it.
+
+        Raises:
+            InputError: there is none, or it cannot be read.
+        """
+        return replace(self, path=str(self.file_for(name))).read()
 
 
-def _files(folder: Path, stem: str) -> list[Path]:
-    return [file for suffix in SUFFIXES if (file := folder / (stem + suffix)).is_file()]
+def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:
+    files = [file for suffix in SUFFIXES if (file := folder / (stem + suffix)).is_file()]
+    return [file for file in files if picture is None or not is_same_file(file, picture)]

@@ -67,7 +67,7 @@ def _dry_run_of(
             data = read_input(picture.input)
             check(data, safe_name(file.path), request.options.limit)
             sha256 = hashlib.sha256(data).hexdigest()
-            points = request.options.points_for(file.name, shares_stem=picture.shares_stem)
+            points = request.options.points_for(file, paths, shares_stem=picture.shares_stem)
             kept = picture.reusable_row(request.plan.out, sha256, origin, points)
             if kept is None:
                 picture.check_replaceable()

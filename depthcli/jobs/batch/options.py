@@ -1,14 +1,20 @@
 """The request and the options of a batch."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Camera
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.core.picture_limit import PictureLimit
+from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import ManifestFormat
+from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.failure_budget import FailureBudget
@@ -27,18 +33,25 @@ class BatchOptions:
     #: a folder with known depth for each picture, in place of the camera's points
     anchors: AnchorFiles | None = None
 
-    def points_for(self, name: str, *, shares_stem: bool) -> AnchorPoints | None:
+    def points_for(
+        self, picture: InputFile, outputs: Iterable[Path], *, shares_stem: bool
+    ) -> AnchorPoints | None:
         """The known depth of a picture; None if there is none for any.
 
         Args:
-            name: the picture.
+            picture: the picture.
+            outputs: its outputs, which must not replace the known depth.
             shares_stem: whether another picture has the same name but for its suffix.
 
         Raises:
-            InputError: that of this picture is missing or cannot be read.
+            InputError: that of this picture is missing, cannot be read, or would be replaced.
         """
         if self.anchors is not None:
-            return self.anchors.read_for(name, shares_stem=shares_stem)
+            path = path_of(picture.path)
+            file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
+            if any(is_same_file(output, file) for output in outputs):
+                raise InputError(f"{file} is its known depth; choose another --out")
+            return replace(self.anchors, path=str(file)).read()
         return AnchorPoints.of(self.camera.anchors) if self.camera.anchors else None
 
     @property

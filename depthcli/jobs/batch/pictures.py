@@ -73,7 +73,9 @@ class PictureWorker:
         try:
             data = read_input(task.input)
             sha256 = hashlib.sha256(data).hexdigest()
-            points = self.options.points_for(task.input.name, shares_stem=task.shares_stem)
+            points = self.options.points_for(
+                task.input, task.outputs.values(), shares_stem=task.shares_stem
+            )
             row = task.reusable_row(self.out, sha256, self.origin, points)
             if row is not None:
                 return Result(row, is_kept=True)

@@ -11,7 +11,7 @@ from depthcli.core.overscan import displayed_depth
 from depthcli.core.parallel.background import Background
 from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import InputError, ModelError, OutputError, UsageError
+from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
@@ -20,7 +20,7 @@ from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format, writer_class
-from depthcli.jobs.failed import FailedInput
+from depthcli.jobs.failed import FailedInput, failure_reason
 from depthcli.jobs.finished import finished_depth
 from depthcli.jobs.outputs import write_output, write_stream
 from depthcli.jobs.predict.plan import STDIO, PicturePlan
@@ -57,9 +57,15 @@ def predict_pictures(
                 if path is not None and path != named:
                     check_replaceable(path)
             yield _predict_picture(request, plan, loading, points)
-        except (InputError, OutputError, ModelError) as error:
+        except (InputError, OutputError) as error:
+            yield FailedInput(plan.name, error)
+        except ModelError as error:
             check_network(error, loading.result())
             yield FailedInput(plan.name, error)
+        except Exception as error:
+            if not is_out_of_memory(error):
+                raise
+            yield FailedInput(plan.name, InputError(failure_reason(error)))
     loading.result()  # raises if the model cannot be loaded, even if no picture was read
 
 
