@@ -22,6 +22,10 @@ ERROR_SD, SHIFT_SD = 0.12, 0.17
 """Expected standard deviations of metric maps, relative to depth: of the errors that a fit leaves,
 and of the shift that it finds. Chosen on validation pictures."""
 
+_COLUMNS, _ROWS, _SPREAD_CELLS = 6, 4, 12
+"""A grid over the picture. Of points in fewer than 12 of its cells, errors of a map within one cell
+are taken for one."""
+
 _Values = npt.NDArray[np.float64]
 
 
@@ -36,7 +40,8 @@ def fit_anchors(
     Scale and shift of least squares, with five or more points by
     :func:`depthcli.core.scale_shift.robust`, which leaves wrong ones out; one point fits the scale
     alone. Of metric maps, errors are relative to the map's depth, and the shift is expected to be
-    small. Relative maps are fitted in depth, inverse maps in inverse depth.
+    small; points of one region, such as a wall, say little about it, however many they are.
+    Relative maps are fitted in depth, inverse maps in inverse depth.
 
     Args:
         depth: map of any kind.
@@ -60,7 +65,8 @@ def fit_anchors(
     known = _known(points, values, depth.kind)
     inverse = depth.kind is DepthKind.INVERSE
     wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
-    fit, used = _fit(values[known], wanted, depth.kind)
+    cells = _cells_of(points, shown.width, shown.height)[known]
+    fit, used = _fit(values[known], wanted, depth.kind, len(set(cells.tolist())))
     if (values[known][used] * fit.scale + fit.shift <= 0).any():
         raise UsageError(
             "the fit puts an anchor at or behind the camera; check the depths of the anchors"
@@ -121,10 +127,18 @@ def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> npt.NDArra
     return known
 
 
+def _cells_of(points: AnchorPoints, width: int, height: int) -> npt.NDArray[np.int64]:
+    """In which cell of a coarse grid over the picture each point is: (N,)."""
+    return points.y * _ROWS // height * _COLUMNS + points.x * _COLUMNS // width
+
+
 def _fit(
-    values: _Values, wanted: _Values, kind: DepthKind
+    values: _Values, wanted: _Values, kind: DepthKind, cells: int
 ) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
-    """The best scale and shift, and which points it is fitted to."""
+    """The best scale and shift, and which points it is fitted to.
+
+    ``cells`` is how many cells of a coarse grid have points.
+    """
     used = np.ones(len(values), np.bool_)
     if len(values) == 1:
         if values[0] <= 0:
@@ -143,7 +157,7 @@ def _fit(
     if len(values) < ROBUST_FROM:
         fit = least_squares(pairs)
     else:
-        fit, used = robust(pairs)
+        fit, used = robust(pairs, cells if cells < _SPREAD_CELLS else math.inf)
     if not 0 < fit.scale < math.inf:
         raise UsageError("the anchors contradict the map's order of near and far; check them")
     return fit, used

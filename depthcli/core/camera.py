@@ -70,9 +70,8 @@ class Camera:
         return self.calibration.centre_for(width, height)
 
     def pixel_aspect_of(self, stated: float) -> float:
-        """Width by height of a pixel: that of the calibration unless it is 1, else the stated."""
-        known = 1.0 if self.calibration is None else self.calibration.pixel_aspect
-        return stated if known == 1 else known
+        """Width by height of a pixel: that of the calibration, else what the picture states."""
+        return stated if self.calibration is None else self.calibration.pixel_aspect
 
     def with_lens(self, lens: Lens | None) -> Self:
         """The same camera with what is known of one picture's."""

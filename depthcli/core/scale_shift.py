@@ -71,8 +71,14 @@ def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
     return ScaleShift(float(scale) / centre, float(shift) * unit)
 
 
-def robust(pairs: Pairs) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
+def robust(pairs: Pairs, independent: float = math.inf) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
     """Like :func:`least_squares`, but wrong pairs have no effect.
+
+    Args:
+        pairs: as for :func:`least_squares`.
+        independent: how many independent errors the pairs have at most, if they are few, as of
+            neighbouring pixels. They say little about the shift then, however many pairs there are
+            and however small their errors: these are expected as in ``pairs``.
 
     An MM-like estimate: the least absolute errors, then iteratively reweighted least squares with
     Tukey's biweight. The standard deviation of the errors is 1.4826 times the median error of the
@@ -97,5 +103,10 @@ def robust(pairs: Pairs) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
     width = _CUTOFF * some.error_sd
     for _ in range(_STEPS):
         share = np.minimum(some.errors(fit) / width, 1)
-        fit = least_squares(some, (1 - share**2) ** 2)
-    return fit, pairs.errors(fit) < width
+        weights = (1 - share**2) ** 2
+        fit = least_squares(some, weights)
+    used = pairs.errors(fit) < width
+    if math.isinf(independent):
+        return fit, used
+    expected = replace(some, error_sd=pairs.error_sd)
+    return least_squares(expected, weights * min(1.0, independent / weights.sum())), used

@@ -39,18 +39,21 @@ def full_size(
         radius: of the guided filter, in pixels of ``coarse``.
 
     Returns:
-        (H, W) float32 of the card's kind: metres within the card's range if metric.
+        (H, W) float32 of the card's kind: metres within the card's range if metric; NaN at 0 m.
     """
     if upsampling is Upsampling.BILINEAR:
-        return in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
-    coarse = in_range(spec, coarse)
-    in_log = blends_in_log(spec)
-    return in_range(spec, upsample_guided(coarse, frame, in_log=in_log, radius=radius))
+        depth = in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
+    else:
+        coarse, in_log = in_range(spec, coarse), blends_in_log(spec)
+        depth = in_range(spec, upsample_guided(coarse, frame, in_log=in_log, radius=radius))
+    if spec.kind is DepthKind.METRIC and spec.min_m == 0:
+        depth[depth == 0] = np.nan
+    return depth
 
 
 def blends_in_log(spec: OutputSpec) -> bool:
     """Whether depth of this kind is always above 0, so that its logarithm can be blended."""
-    return spec.kind is DepthKind.METRIC and spec.min_m is not None and spec.min_m > 0
+    return spec.kind is DepthKind.METRIC and bool(np.float32(spec.min_m or 0) > 0)
 
 
 def in_range(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
