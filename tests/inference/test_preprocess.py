@@ -77,6 +77,16 @@ def finish(form: OutputSpec, raw: np.ndarray, place: Layout, width: int, height:
     return full_size(form, coarse_depth(form, raw, place), frame, Upsampling.BILINEAR)
 
 
+@pytest.mark.parametrize("upsampling", list(Upsampling))
+def test_no_depth_is_0_m(upsampling: Upsampling) -> None:
+    form = OutputSpec(DepthKind.METRIC, Transform.LINEAR, 1.0, 0.0, min_m=0.0, max_m=10.0)
+    raw = np.float32([[-1, -1, 2, 2], [-1, -1, 2, 2]])
+    depth = full_size(form, raw, Frame(np.zeros((4, 8), np.uint8)), upsampling)
+    assert np.isnan(depth[:, 0]).all()
+    assert (depth[:, -1] == 2).all()
+    assert np.nanmin(depth) > 0
+
+
 @pytest.mark.parametrize("size", [(1, 1), (1, 500), (500, 1), (480, 640)])
 def test_any_picture_gives_the_network_s_size(size: tuple[int, int]) -> None:
     batch, _ = prepare(spec(), Frame(np.zeros((*size, 3), np.uint8)))
