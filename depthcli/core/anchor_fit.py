@@ -23,8 +23,7 @@ ERROR_SD, SHIFT_SD = 0.12, 0.17
 and of the shift that it finds. Chosen on validation pictures."""
 
 _COLUMNS, _ROWS, _SPREAD_CELLS = 6, 4, 12
-"""A grid over the picture. Of points in fewer than 12 of its cells, errors of a map within one cell
-are taken for one."""
+"""A grid over the picture. Many points in fewer than 12 of its cells count as one a cell."""
 
 _Values = npt.NDArray[np.float64]
 
@@ -66,7 +65,7 @@ def fit_anchors(
     inverse = depth.kind is DepthKind.INVERSE
     wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
     cells = _cells_of(points, shown.width, shown.height)[known]
-    fit, used = _fit(values[known], wanted, depth.kind, len(set(cells.tolist())))
+    fit, used = _fit(values[known], wanted, depth.kind, cells)
     if (values[known][used] * fit.scale + fit.shift <= 0).any():
         raise UsageError(
             "the fit puts an anchor at or behind the camera; check the depths of the anchors"
@@ -133,11 +132,11 @@ def _cells_of(points: AnchorPoints, width: int, height: int) -> npt.NDArray[np.i
 
 
 def _fit(
-    values: _Values, wanted: _Values, kind: DepthKind, cells: int
+    values: _Values, wanted: _Values, kind: DepthKind, cells: npt.NDArray[np.int64]
 ) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
     """The best scale and shift, and which points it is fitted to.
 
-    ``cells`` is how many cells of a coarse grid have points.
+    ``cells`` is the cell of a coarse grid that each point is in.
     """
     used = np.ones(len(values), np.bool_)
     if len(values) == 1:
@@ -157,7 +156,12 @@ def _fit(
     if len(values) < ROBUST_FROM:
         fit = least_squares(pairs)
     else:
-        fit, used = robust(pairs, cells if cells < _SPREAD_CELLS else math.inf)
+        fit, weights = robust(pairs)
+        used = weights > 0
+        count = len(np.unique(cells[used]))
+        if kind is DepthKind.METRIC and count < min(_SPREAD_CELLS, int(used.sum())):
+            # Points of a region agree with each other, whatever the shift.
+            fit = least_squares(pairs, weights * min(1.0, count / weights.sum()))
     if not 0 < fit.scale < math.inf:
         raise UsageError("the anchors contradict the map's order of near and far; check them")
     return fit, used

@@ -71,14 +71,8 @@ def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
     return ScaleShift(float(scale) / centre, float(shift) * unit)
 
 
-def robust(pairs: Pairs, independent: float = math.inf) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
+def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
     """Like :func:`least_squares`, but wrong pairs have no effect.
-
-    Args:
-        pairs: as for :func:`least_squares`.
-        independent: how many independent errors the pairs have at most, if they are few, as of
-            neighbouring pixels. They say little about the shift then, however many pairs there are
-            and however small their errors: these are expected as in ``pairs``.
 
     An MM-like estimate: the least absolute errors, then iteratively reweighted least squares with
     Tukey's biweight. The standard deviation of the errors is 1.4826 times the median error of the
@@ -91,7 +85,7 @@ def robust(pairs: Pairs, independent: float = math.inf) -> tuple[ScaleShift, npt
     estimates for regression. Annals of Statistics 15, 1987.
 
     Returns:
-        The fit, and which pairs it is fitted to: (N,) bool.
+        The fit, and the weight of each pair in it, 0 of wrong ones: (N,) float64 in [0, 1].
     """
     some = pairs.thinned()
     least = _EXACT * float(np.median(np.abs(some.wanted) / some.unit))
@@ -102,11 +96,10 @@ def robust(pairs: Pairs, independent: float = math.inf) -> tuple[ScaleShift, npt
     some = replace(some, error_sd=max(_NORMAL * float(np.median(some.errors(fit))), least))
     width = _CUTOFF * some.error_sd
     for _ in range(_STEPS):
-        share = np.minimum(some.errors(fit) / width, 1)
-        weights = (1 - share**2) ** 2
-        fit = least_squares(some, weights)
-    used = pairs.errors(fit) < width
-    if math.isinf(independent):
-        return fit, used
-    expected = replace(some, error_sd=pairs.error_sd)
-    return least_squares(expected, weights * min(1.0, independent / weights.sum())), used
+        fit = least_squares(some, _biweights(some.errors(fit) / width))
+    return fit, _biweights(pairs.errors(fit) / width)
+
+
+def _biweights(errors: _Values) -> _Values:
+    """Tukey's biweight of errors, 0 from 1 on."""
+    return (1 - np.minimum(errors, 1) ** 2) ** 2

@@ -115,7 +115,8 @@ class EvalProtocol:
         height, width = truth.valid.shape
         values = depth.values
         if values.shape != truth.valid.shape:
-            values = _resized(values, width, height)
+            least_m = self.max_m if depth.kind is DepthKind.METRIC else -np.inf
+            values = _resized(values, width, height, least_m)
         predicted: npt.NDArray[np.floating] = _select(values, truth.valid)
         turned = False
         if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
@@ -138,14 +139,20 @@ def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
     return boundary_scores(maps[0], maps[1], truth.valid)
 
 
-def _resized(values: npt.NDArray[np.float32], width: int, height: int) -> npt.NDArray[np.float32]:
-    """Values at another size; infinite where most of the weight is that of infinite ones."""
+def _resized(
+    values: npt.NDArray[np.float32], width: int, height: int, least: float
+) -> npt.NDArray[np.float32]:
+    """Values at another size; infinite where most of the weight is that of infinite ones.
+
+    Elsewhere, infinite ones count as the largest finite one, and at least as ``least``.
+    """
     infinite = np.isposinf(values)
     if not infinite.any():
         return resize_bilinear(values, width, height)
     # Interpolation turns infinity times zero into NaN.
-    largest = np.max(values, initial=0, where=np.isfinite(values))
-    resized = resize_bilinear(np.where(infinite, largest, values), width, height)
+    largest = np.max(values, initial=least, where=np.isfinite(values))
+    filled = np.where(infinite, np.float32(largest if np.isfinite(largest) else 0), values)
+    resized = resize_bilinear(filled, width, height)
     weight = resize_bilinear(infinite.astype(np.float32), width, height)
     return np.where(weight > _MIN_INFINITE_WEIGHT, np.float32(np.inf), resized)
 

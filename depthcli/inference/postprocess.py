@@ -46,7 +46,7 @@ def full_size(
     else:
         coarse, in_log = in_range(spec, coarse), blends_in_log(spec)
         depth = in_range(spec, upsample_guided(coarse, frame, in_log=in_log, radius=radius))
-    if spec.kind is DepthKind.METRIC and spec.min_m == 0:
+    if spec.kind is DepthKind.METRIC and not blends_in_log(spec):
         depth[depth == 0] = np.nan
     return depth
 

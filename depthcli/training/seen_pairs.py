@@ -36,10 +36,8 @@ def extra_pairs(data: TrainingData) -> dict[str, tuple[str, ...]]:
 
 def _under_names(name: str, ids: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """Ids by data set: also NYU if all are its numbers, as a copy of it need not have an index."""
-    found = {name: ids}
-    if all(map(is_label, ids)):
-        found[NYU] = tuple(map(label_id, ids))
-    return found
+    names = (name, NYU) if all(map(is_label, ids)) else (name,)
+    return _merged([dict.fromkeys(names, ids)])
 
 
 def check_extra_pairs(data: TrainingData, held_out_ids: Iterable[str]) -> None:
@@ -98,5 +96,6 @@ def _merged(records: Iterable[Mapping[str, Sequence[str]]]) -> dict[str, tuple[s
     found: dict[str, set[str]] = {}
     for record in records:
         for name, ids in record.items():
-            found.setdefault(data_set(name), set()).update(ids)
+            is_nyu = data_set(name) == NYU
+            found.setdefault(data_set(name), set()).update(map(label_id, ids) if is_nyu else ids)
     return {name: tuple(sorted(ids)) for name, ids in found.items() if ids}

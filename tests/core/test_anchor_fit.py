@@ -291,9 +291,27 @@ def test_many_points_of_one_wall_do_not_flatten_the_picture(side_px: int) -> Non
     waves = np.sin(np.arange(640) / 9) * 0.03 + np.sin(np.arange(480) / 7)[:, None] * 0.03
     depth = DepthMap((true_m / 1.3 * (1 + waves)).astype(np.float32))
     y, x = (random.integers(start, start + side_px, 2000) for start in (100, 200))
+    elsewhere_y, elsewhere_x = random.integers(0, (480, 640), (12, 2)).T
     for count in (10, 100, 2000):
-        seen_m = 4 * random.normal(1, 0.01, count)
-        fit = fit_anchors(depth, AnchorPoints(x[:count], y[:count], seen_m))
-        near_m, far_m = fit.values[:, :20].mean(), fit.values[:, -20:].mean()
-        assert near_m == pytest.approx(1.08, abs=0.45)
-        assert far_m == pytest.approx(5.92, abs=0.45)
+        for others, factor in ((0, 1.0), (3, 1.0), (12, 1.0), (3, 2.5)):
+            seen_m = 4 * random.normal(1, 0.01, count)
+            others_y, others_x = elsewhere_y[:others], elsewhere_x[:others]
+            fit = fit_anchors(
+                depth,
+                AnchorPoints(
+                    np.append(x[:count], others_x),
+                    np.append(y[:count], others_y),
+                    np.append(seen_m, true_m[others_y, others_x] * factor),
+                ),
+            )
+            assert fit.values[:, :20].mean() == pytest.approx(1.08, abs=0.45)
+            assert fit.values[:, -20:].mean() == pytest.approx(5.92, abs=0.45)
+
+
+@pytest.mark.parametrize("count", [5, 8, 11, 12])
+def test_points_spread_over_the_picture_show_a_shift(count: int) -> None:
+    map_m = np.random.default_rng(2).uniform(1, 9, (48, 64)).astype(np.float32)
+    x, y = np.array([(7 + 10 * (i % 6), 6 + 12 * (i // 6 * 2)) for i in range(count)]).T
+    truth_m = map_m * 1.2 + 0.5
+    fit = fit_anchors(DepthMap(map_m), AnchorPoints(x, y, truth_m[y, x].astype(np.float64)))
+    assert fit.values == pytest.approx(truth_m, rel=1e-4)

@@ -103,20 +103,20 @@ def test_a_folder_has_a_file_for_each_picture(tmp_path: Path) -> None:
     files = AnchorFiles(str(tmp_path))
     (tmp_path / "hall").mkdir()
     (tmp_path / "hall" / "a.b.csv").write_text("x,y,depth_m\n1,2,3\n")
-    assert files.read_for("hall/a.b.jpg").listed() == (Anchor(1, 2, 3.0),)
+    assert files.file_for("hall/a.b.jpg") == tmp_path / "hall" / "a.b.csv"
     with pytest.raises(InputError, match=r"no known depth for it: hall/a with \.csv, \.png"):
-        files.read_for("hall/a.jpg")
+        files.file_for("hall/a.jpg")
     np.save(tmp_path / "hall" / "a.b.npy", DEPTH_M)
     with pytest.raises(InputError, match="are both its known depth; remove one"):
-        files.read_for("hall/a.b.jpg")
+        files.file_for("hall/a.b.jpg")
 
 
 def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
     NpyWriter().write(DepthMap(DEPTH_M), tmp_path / "a.depth.npy")
     files = AnchorFiles(str(tmp_path))
-    assert files.read_for("a.jpg").depth_m == pytest.approx([2.5, 4.0])
+    assert files.file_for("a.jpg") == tmp_path / "a.depth.npy"
     Png16Writer().write(DepthMap(DEPTH_M), tmp_path / "a.depth.png")
     with pytest.raises(InputError, match=r"a\.depth\.npy are both its known depth; remove one"):
-        files.read_for("a.jpg")
+        files.file_for("a.jpg")
     (tmp_path / "a.csv").write_text("x,y,depth_m\n1,2,3\n")
-    assert files.read_for("a.jpg").listed() == (Anchor(1, 2, 3.0),)
+    assert files.file_for("a.jpg") == tmp_path / "a.csv"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from watched import Watched
 
 from depthcli.core.camera import Camera
 from depthcli.core.parallel.background import Background
+from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.writers.options import WriterOptions
@@ -22,6 +24,7 @@ from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.depth import DepthVideo
 from depthcli.video.formats import VideoFormat
+from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -91,6 +94,17 @@ def test_the_sidecar_of_an_earlier_run_does_not_describe_new_arrays(
     if sidecar:
         focal_px = 32 / np.tan(np.deg2rad(30))
         assert json.loads(written.read_text())["focal_px"] == pytest.approx(focal_px)
+
+
+def test_a_run_without_a_frame_leaves_the_sidecar(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    asked = VideoRequest(str(clip), f"{tmp_path}/out/", (NPY,), model=loader)
+    video(dataclasses.replace(asked, sidecar=True))
+    late = VideoSettings(span=Span(Point(Fraction(99), in_frames=True)))
+    with pytest.raises(InputError, match="no frame"):
+        video(dataclasses.replace(asked, settings=late))
+    assert (tmp_path / "out" / "clip.depth.json").exists()
 
 
 def test_a_foreign_json_beside_arrays_stays(

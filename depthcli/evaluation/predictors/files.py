@@ -80,7 +80,8 @@ def open_predictions(
             f"{ids[0]}.npy"
         )
     missing = {s: [i for i in ids if not (folder / f"{i}{s}").is_file()] for s in found}
-    suffix = min(found, key=lambda s: len(missing[s]))  # a stray file is in the way of no others
+    # A stray file of a more precise format does not stand for the others.
+    suffix = next((s for s in found if 2 * len(missing[s]) < len(ids)), found[0])
     if missing[suffix]:
         raise DatasetError(
             f"{folder} lacks {len(missing[suffix])} of {len(ids)} predictions "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from depthcli.errors import InputError
@@ -78,14 +78,6 @@ class AnchorFiles:
         if len(found) > 1:
             raise InputError(f"{found[0]} and {found[1]} are both its known depth; remove one")
         return found[0]
-
-    def read_for(self, name: str) -> AnchorPoints:
-        """Read the folder's file for a picture, as :meth:`file_for` finds it.
-
-        Raises:
-            InputError: there is none, or it cannot be read.
-        """
-        return replace(self, path=str(self.file_for(name))).read()
 
 
 def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:

@@ -74,17 +74,15 @@ def write_video(
             if which is not VideoFormat.JSON
         ]
         sidecar = _sidecar(plan, source.paths, stack)
-        if VideoFormat.NPY in plan.names and sidecar is None:
-            # That of an earlier run would state its camera for the new files, which state nothing.
-            base = base_name(plan.names[VideoFormat.NPY])
-            remove_video_sidecar(plan.folder / f"{base}.json")
         scale = rounding_scale(plan, pipeline, settings)
         stages = FrameStages(pipeline, settings, earlier.kept, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
         frames = earlier.follow(_renumbered(source, settings))
         # Closed before the outputs, so that no thread writes into a file that is being removed.
         with closing(_process_frames(frames, stages, outputs, workers)) as numbers:
-            for number in numbers:
+            for count, number in enumerate(numbers):
+                if count == 0 and VideoFormat.NPY in plan.names and sidecar is None:
+                    _remove_stale_sidecar(plan)
                 earlier.add(number)
                 advance(1)
         if stages.first is None:
@@ -108,6 +106,12 @@ def _check_replaceable(plan: VideoPlan) -> None:
             check_replaceable_video(plan.path(which))
         if which is VideoFormat.JSON:
             check_replaceable(plan.path(which))
+
+
+def _remove_stale_sidecar(plan: VideoPlan) -> None:
+    """Remove the sidecar of an earlier run, which would state its camera for files without one."""
+    base = base_name(plan.names[VideoFormat.NPY])
+    remove_video_sidecar(plan.folder / f"{base}.json")
 
 
 def _sidecar(plan: VideoPlan, inputs: Sequence[Path], stack: ExitStack) -> Path | None:
