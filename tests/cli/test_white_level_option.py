@@ -87,7 +87,7 @@ def test_a_video_has_a_range_of_its_own(inside: Cli) -> None:
 
 
 def test_the_white_of_an_exr_is_1(inside: Cli) -> None:
-    gray = np.full((48, 64), 0.5, np.float32)
+    gray = np.tile(np.linspace(0.2, 0.7, 64, dtype=np.float32), (48, 1))
     folder = inside.folder / "plates"
     folder.mkdir()
     for number in range(2):

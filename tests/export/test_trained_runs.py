@@ -39,7 +39,10 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
         folder=folder,
         seed=7,
         settings=json.dumps(
-            [dataclasses.asdict(config), [NYU_PAPER, ("0001", "0003"), "", "model.onnx 1234"]]
+            [
+                dataclasses.asdict(config),
+                [NYU_PAPER, ("0001", "0003"), ["", {}, ()], "model.onnx 1234"],
+            ]
         ),
         paired=True,
         parameters=sum(weights.numel() for weights in small_network().parameters()),
@@ -60,6 +63,8 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
         {"start": "model.onnx 5678"},
         {"start": ""},
         {"extra": "9 extra pairs (photos)"},
+        {"extra_pairs": {"own pairs (photos)": ("a1",)}},
+        {"fingerprints": ("of the pairs", "of the extra pairs")},
         {"data": "own pairs (mine)"},
         {"train_ids": ("0001",)},
     ],
