@@ -36,11 +36,15 @@ class AnchorFiles:
             InputError: it cannot be read, or holds no known depth, or there is a scale and its
                 format has none.
         """
-        from depthcli.io.depth.known_depth import read_known_depth  # noqa: PLC0415 - needs numpy
-
         path = path_of(self.path)
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path} holds no known depth; give a file with {_ALTERNATIVES}")
+        return self.read_file(path)
+
+    def read_file(self, path: Path) -> AnchorPoints:
+        """Read one of the folder's files; raises the errors of :meth:`read`."""
+        from depthcli.io.depth.known_depth import read_known_depth  # noqa: PLC0415 - needs numpy
+
         return read_known_depth(path, self.scale)
 
     def file_for(

@@ -1,7 +1,7 @@
 """The request and the options of a batch."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from depthcli.core.anchors import AnchorPoints
@@ -51,7 +51,7 @@ class BatchOptions:
             file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
             if any(is_same_file(output, file) for output in outputs):
                 raise InputError(f"{file} is its known depth; choose another --out")
-            return replace(self.anchors, path=str(file)).read()
+            return self.anchors.read_file(file)
         return AnchorPoints.of(self.camera.anchors) if self.camera.anchors else None
 
     @property
