@@ -21,7 +21,8 @@ HEAD = """\
 
 # The whole command line
 
-The output of `--help` for each command, on one page. [usage.md](usage.md) explains how to use them.
+The commands and their options, as `--help` shows them, on one page. [usage.md](usage.md)
+explains how to use them.
 
 ```
 {root}```
@@ -72,7 +73,8 @@ def default(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
     """What holds without the option, if it is a plain value."""
     found = parameter.default
     if found is None or found is False or callable(found) or found in ("", (), []):
-        return "required" if parameter.required else ""
+        variable = f"`${parameter.envvar}`" if parameter.envvar else ""
+        return " or ".join(filter(None, [variable, "required" if parameter.required else ""]))
     if found is True:
         return "on"
     return f"`{found.value if isinstance(found, enum.Enum) else found}`"

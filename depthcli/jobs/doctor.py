@@ -28,6 +28,7 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
     yield from _guarded("codecs", _check_codecs)
     yield from _guarded("codec .exr", _check_openexr)
     yield from _guarded("codec .heic", _check_heif)
+    yield from _guarded("video codecs", _check_video)
 
 
 def _check_model(name: str | None, provider: str) -> Iterator[Check]:
@@ -88,6 +89,19 @@ def _check_heif() -> Iterator[Check]:
 
     found = f"libheif {libheif_version()}" if reads_heif() else f"not read; {INSTALL_HEIF}"
     yield Check("codec .heic", "ok", found)
+
+
+def _check_video() -> Iterator[Check]:
+    from depthcli.errors import OutputError
+    from depthcli.video.codecs import Codec, check_encoder
+
+    for codec in Codec:
+        try:
+            check_encoder(codec)
+        except OutputError as error:
+            yield Check(f"video codec {codec}", "warning", str(error))
+        else:
+            yield Check(f"video codec {codec}", "ok", "writes")
 
 
 def _guarded(name: str, checks: Callable[[], Iterator[Check]]) -> Iterator[Check]:

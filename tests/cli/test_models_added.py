@@ -55,6 +55,12 @@ def test_a_taken_name_is_refused_without_force(inside: Cli, download: Path) -> N
     assert Path(told["path"]) == inside.models / "mine"
 
 
+def test_quiet_adds_without_a_word(inside: Cli, download: Path) -> None:
+    done = inside("models", "add", download, "--card", "midas-small", "--quiet")
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+    assert (inside.models / "midas-small" / "card.json").is_file()
+
+
 def test_a_bundled_model_is_hidden_with_force_and_comes_back(cli: Cli, download: Path) -> None:
     own = {"DEPTHCLI_MODELS": str(cli.folder / "own")}
     bundled = json.loads(cli("models", "show", "default", **own).stdout)

@@ -204,6 +204,31 @@ def test_a_model_s_path_is_found_from_everywhere(home: Home, picture: Path) -> N
     assert told(home.run("predict", picture, "--profile", "p", "--json")[1])["model"] == "mine"
 
 
+def test_a_model_folder_named_without_a_slash_is_found_from_everywhere(home: Home) -> None:
+    write_model(home.cli.folder / "mine", name="mine")
+    home.run("profile", "save", "p", "--model", "mine")
+    home.run("profile", "save", "q", "--model", "default")
+    saved = [tomllib.loads((home.folder / f"{name}.toml").read_text()) for name in "pq"]
+    assert saved == [{"model": str(home.cli.folder / "mine")}, {"model": "default"}]
+
+
+def test_formats_of_other_commands_are_ignored(home: Home, picture: Path) -> None:
+    write_video(home.cli.folder / "clip.avi", flat_frames(range(3)))
+    home.write("p", 'format = ["png16", "preview", "mp4"]')
+    assert home.run("predict", picture, "--profile", "p")[0] == 0
+    names = {path.name for path in picture.parent.iterdir()}
+    assert names == {"room.png", "room.depth.png", "room.preview.png"}
+    assert home.run("video", "clip.avi", "--profile", "p")[0] == 0
+    names = {path.name for path in home.cli.folder.glob("clip.*")}
+    assert names == {"clip.avi", "clip.preview.mp4", *(f"clip.depth.{i:06}.png" for i in range(3))}
+    home.write("q", 'format = "ply"')
+    assert home.run("video", "clip.avi", "--profile", "q")[0] == 0
+    assert (home.cli.folder / "clip.depth.mkv").is_file()
+    home.write("r", 'format = ["png16", "prn"]')
+    code, _, err = home.run("video", "clip.avi", "--profile", "r")
+    assert (code, "'prn'" in err) == (2, True)
+
+
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name in PROFILE_COMMANDS])
 def test_every_such_command_takes_profiles_and_its_options_are_saved(name: str) -> None:
     command = shell.load_command(name)

@@ -68,6 +68,8 @@ def test_the_model_lies_beside_the_checkpoint_and_is_its_network(
     assert "(allowed 0.001)" in shown
     assert (card.name, card.version, card.license) == ("custom", "1.0.0", "NOASSERTION")
     assert card.onnx.opset == 17
+    assert main(["export-onnx", str(checkpoint), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
 
 
 def test_the_card_has_what_the_options_say(tmp_path: Path) -> None:

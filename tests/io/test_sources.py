@@ -63,7 +63,13 @@ def test_a_folder_that_cannot_be_listed_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "media", "video"),
-    [("a.jpg", True, False), ("a.MKV", True, True), (".a.jpg", False, False), ("a", False, False)],
+    [
+        ("a.jpg", True, False),
+        ("a.MKV", True, True),
+        ("a.mxf", True, True),
+        (".a.jpg", False, False),
+        ("a", False, False),
+    ],
 )
 def test_what_a_name_says(name: str, media: bool, video: bool) -> None:
     assert (is_media(name), is_video(name)) == (media, video)

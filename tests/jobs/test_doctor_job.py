@@ -8,6 +8,7 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import av
 import pytest
 from tiny import write_model
 
@@ -134,6 +135,15 @@ def test_what_works_only_in_part_is_a_warning(monkeypatch: pytest.MonkeyPatch) -
     assert "not tried" in found["provider tensorrt"].detail
     assert found["provider rocm"].status == "warning"
     assert (found["codec .webp"].status, found["codec .png"].status) == ("warning", "ok")
+
+
+@pytest.mark.usefixtures("models")
+def test_a_video_codec_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(av, "codecs_available", av.codecs_available - {"libx264"})
+    found = by_name(check_installation())
+    assert found["video codec ffv1"] == Check("video codec ffv1", "ok", "writes")
+    assert found["video codec h264"].status == "warning"
+    assert "no libx264" in found["video codec h264"].detail
 
 
 @pytest.mark.usefixtures("models", "without_heif")

@@ -126,8 +126,8 @@ CentrePxOption = Annotated[
     typer.Option(
         metavar="CX,CY",
         help="Principal point in pixels, for point clouds and for the metadata of the outputs; 0,0 "
-        "is the middle of the first pixel. Default: that of the input of 'convert', else the "
-        "middle of the picture.",
+        "is the middle of the first pixel. Default: the middle of the picture; for 'convert' that "
+        "of the input, if it states one.",
     ),
 ]
 FocalPxOption = Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments.numbers import field_of_view, not_negative
-from depthcli.cli.arguments.options import WeightsOption
+from depthcli.cli.arguments.options import QuietOption, WeightsOption
 from depthcli.cli.screen import console
 from depthcli.core.choices import Weights
 from depthcli.errors import ExitCode, UsageError
@@ -89,6 +89,7 @@ def export_onnx(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object to stdout.")
     ] = False,
+    quiet: QuietOption = False,
 ) -> int:
     """Export a checkpoint to ONNX, verify it against torch, and write its model card.
 
@@ -115,7 +116,10 @@ def export_onnx(
         weights,
     )
     done = export_checkpoint(checkpoint, _export_path(checkpoint, output), options)
-    (_print_export_json if as_json else _print_export)(done)
+    if as_json:
+        _print_export_json(done)
+    elif not quiet:
+        _print_export(done)
     return ExitCode.OK
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.arguments import completion
-from depthcli.cli.arguments.options import JsonOutputOption
+from depthcli.cli.arguments.options import JsonOutputOption, QuietOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
@@ -46,6 +46,7 @@ def add_model_file(
         str | None, typer.Option(metavar="HEX", help="SHA-256 checksum that the file must have.")
     ] = None,
     as_json: JsonOutputOption = False,
+    quiet: QuietOption = False,
 ) -> int:
     """Add an ONNX model after checking its card.
 
@@ -56,7 +57,7 @@ def add_model_file(
     from depthcli.io.storage.remote import is_remote, path_of
     from depthcli.jobs.install_model import add_model
 
-    with show_progress(silent=as_json) as progress:
+    with show_progress(silent=as_json or quiet) as progress:
         model = add_model(
             path_of(file), card, name=name, force=force, sha256=sha256, progress=progress
         )
@@ -65,6 +66,8 @@ def add_model_file(
             {"name": model.card.name, "path": str(model.path.parent), "sha256": model.sha256}
             | _preprocessing_json(model.card)
         )
+        return ExitCode.OK
+    if quiet:
         return ExitCode.OK
     added = f"{model.card.name}: {output_text(model.card)}, in {model.path.parent}"
     console.report(one_line(added))

@@ -1,7 +1,6 @@
 """``depthcli profile``: options saved under a name."""
 
 import copy
-import os
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -154,10 +153,16 @@ def _toml_value(key: str, value: Any) -> Value:  # noqa: ANN401 - any option val
     if isinstance(value, list | tuple):
         return [_toml_scalar(part) for part in value]
     word = _toml_scalar(value)
-    is_model = key == "model" and (os.sep in str(word) or str(word).endswith(".onnx"))
-    if (is_model or key in _PATHS) and Path(str(word)).exists():
+    is_path = key in _PATHS or (key == "model" and not _is_catalog_name(str(word)))
+    if is_path and Path(str(word)).exists():
         return str(Path(str(word)).resolve())  # so that it works from every folder
     return word
+
+
+def _is_catalog_name(word: str) -> bool:
+    from depthcli.models.locations import list_locations
+
+    return word in {name for name, _ in list_locations()}
 
 
 def _toml_scalar(value: Any) -> Scalar:  # noqa: ANN401 - any option value

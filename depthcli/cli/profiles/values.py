@@ -7,7 +7,7 @@ from depthcli.cli import profile_files
 from depthcli.cli.arguments import camera
 from depthcli.cli.arguments.unused import is_given
 from depthcli.cli.loading import plain_command, suggestion
-from depthcli.cli.profile_files import Value
+from depthcli.cli.profile_files import Scalar, Value
 from depthcli.cli.table import COMMANDS, PROFILE_COMMANDS
 from depthcli.errors import UsageError
 from depthcli.io.writers.formats import format_of
@@ -24,7 +24,7 @@ _ALTERNATIVES = (
     ("png_scale", "png_normalize"),
     ("colormap", "near"),
 )
-_FORMATS, _OUTPUT = "formats", "output"
+_FORMAT, _FORMATS, _OUTPUT = "format", "formats", "output"
 _FOLDERS_ONLY = "batch"
 
 
@@ -64,6 +64,8 @@ def apply(context: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN
     own = options_of(context.command)
     defaults: dict[str, Any] = {}
     for key, value in profile_files.read_profile(name).items():
+        if key == _FORMAT and not (value := _formats_of(own[key], value)):
+            continue
         if key in own:
             defaults[str(own[key].name)] = _check_value(context, name, key, own[key], value)
         elif key not in _all_keys():
@@ -89,6 +91,15 @@ def profiled_commands() -> Iterable[Any]:
 
 def _all_keys() -> set[str]:
     return {key for command in profiled_commands() for key in options_of(command)}
+
+
+def _formats_of(parameter: Any, value: Value) -> list[Scalar]:  # noqa: ANN401 - typer's own types
+    """The formats of a profile, without those of other commands only."""
+    found = value if isinstance(value, list) else [value]
+    all_formats = {
+        name for one in profiled_commands() for name in options_of(one)[_FORMAT].type.choices
+    }
+    return [name for name in found if name in parameter.type.choices or name not in all_formats]
 
 
 def _check_value(

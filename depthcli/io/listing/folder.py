@@ -19,7 +19,7 @@ EXR_SUFFIX = ".exr"
 """Not among ``PICTURE_SUFFIXES``: most such files in a folder hold no picture."""
 VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
-    *(".mts", ".m2ts", ".ts", ".wmv", ".flv", ".ogv", ".3gp"),
+    *(".mts", ".m2ts", ".ts", ".mxf", ".wmv", ".flv", ".ogv", ".3gp"),
 )
 _Identity: TypeAlias = tuple[int, int] | None
 
