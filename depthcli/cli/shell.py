@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,6 +89,7 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command; prints its error, if any, and returns the exit code."""
     state = console.State()
     try:
+        _refuse_empty(arguments)
         result = get_command(app)(
             args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state
         )
@@ -107,6 +109,16 @@ def run(arguments: Sequence[str]) -> int:
         console.error(message)
         return code
     return result if isinstance(result, int) else ExitCode.OK
+
+
+def _refuse_empty(arguments: Sequence[str]) -> None:
+    """Refuse empty words: a variable of a script that is not set, which would be the folder '.'."""
+    for before, word in zip((PROGRAM, *arguments), arguments, strict=False):
+        name = before if word == "" else word
+        if word == "" or re.fullmatch(r"--[\w-]+=", word):
+            raise UsageError(
+                f"the word after {name!r} is empty; is a variable of the command not set?"
+            )
 
 
 def _explain(error: Exception) -> tuple[str, int]:

@@ -14,6 +14,7 @@ from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
 
 _COLUMNS = 3
+_MAX_PIXEL = 2**31
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +37,14 @@ class AnchorPoints:
 
     @classmethod
     def of(cls, points: Sequence[Anchor]) -> Self:
-        """Points from a list."""
+        """Points from a list.
+
+        Raises:
+            UsageError: a column or row is larger than in any picture.
+        """
         columns = [[point[i] for point in points] for i in range(_COLUMNS)]
+        if any(abs(pixel) >= _MAX_PIXEL for pixel in (*columns[0], *columns[1])):
+            raise UsageError("the column or row of an anchor is too large; give pixels from 0")
         x, y = (np.array(column, np.int64) for column in columns[:2])
         return cls(x, y, np.array(columns[2], np.float64))
 
@@ -49,7 +56,7 @@ class AnchorPoints:
             UsageError: a column or row is not finite.
         """
         pixels = np.rint(table[:, :2].astype(np.float64))
-        if not (np.abs(pixels) < 2**31).all():
+        if not (np.abs(pixels) < _MAX_PIXEL).all():
             raise UsageError("the column or row of an anchor is not finite; give pixels from 0")
         x, y = pixels.astype(np.int64).T
         return cls(x, y, table[:, 2].astype(np.float64))

@@ -1,7 +1,8 @@
 """Choices for options of depth maps and models; free of numpy, so that help texts can list them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Self
 
 from depthcli.errors import UsageError
 
@@ -92,6 +93,12 @@ class Detail:
         object.__setattr__(self, "upsampling", Upsampling(self.upsampling))
         if self.tile_px is not None and self.tile_px < 0:
             raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
+
+    def without_limits(self) -> Self:
+        """The same, without the numbers of bytes if they do not change depth."""
+        is_needed = self.tile_px == AUTO_TILE and self.max_memory_bytes is not None
+        limit = self.max_memory_bytes if is_needed else None
+        return replace(self, max_memory_bytes=limit, use_bytes=0)
 
 
 DEFAULT_DETAIL = Detail()

@@ -1,6 +1,5 @@
 """An onnxruntime session with its provider and threads."""
 
-import os
 import re
 import threading
 from collections.abc import Mapping
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.parallel.cores import usable_cores
 from depthcli.core.text import one_line
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
@@ -145,7 +145,7 @@ def _load(
         if not isinstance(threads, (int, np.integer)) or not 0 < threads <= _MAX_THREADS:
             raise UsageError(f"threads has to be a whole number from 1 to {_MAX_THREADS}")
         options.intra_op_num_threads = int(threads)
-    if threads is None or threads > (os.cpu_count() or 1):
+    if threads is None or threads > usable_cores():
         # Threads that spin between operators take time from loading, decoding and encoding on the
         # other cores: without spinning, the first picture is faster and the next ones are as fast.
         # That holds for onnxruntime's default pinned threads, not for a given number; but more

@@ -11,7 +11,7 @@ from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
-from depthcli.errors import OutputError
+from depthcli.errors import InputError, OutputError
 from depthcli.io.exr_light import clip_warning, encode, primaries_matrix
 from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.temporary_folder import temporary_folder
@@ -59,6 +59,8 @@ def read_exr_picture(
     pixels = np.empty((whole.height, whole.width, len(names)), np.float32)
     for i, colour in enumerate(names):
         pixels[..., i] = channels.pop(colour).over(whole)  # each is freed when it is copied
+    if windows.valid.width * windows.valid.height and not np.isfinite(pixels).any():
+        raise InputError(f"{name} has no finite pixel; write it again")
     matrix, problem = primaries_matrix(part.chromaticities) if len(names) > 1 else (None, None)
     above = encode(pixels, options.exposure, matrix)
     warnings = (

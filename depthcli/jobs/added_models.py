@@ -23,7 +23,7 @@ def valid_name(name: str) -> str:
     """
     if not _NAME.fullmatch(name) or name.endswith(".onnx"):
         raise UsageError(
-            f"{name!r} is not a valid model name; give --name with letters, digits, '.', '_' and "
+            f"{name!r} is not a valid model name; use letters, digits, '.', '_' and "
             "'-', beginning with a letter or digit"
         )
     return name

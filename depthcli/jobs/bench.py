@@ -73,7 +73,7 @@ def run_bench(
     """
     given = request.picture
     picture = synthetic_picture(*request.synthetic_px) if given is None else read_bytes(given)
-    read_image(given, picture)  # an error names the file
+    read_image(given, picture, name="the picture")  # an error names the file
     workers, threads = share_cores(request.workers)
     each = replace(request.model, threads=threads)
     detail = Detail(request.upsampling)

@@ -34,7 +34,7 @@ class ConvertRequest:
     format: Format | None = None  #: of the target; None to take it from the suffix
     scale: float | None = None  #: units per metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
-    #: instead of that of the source; depth is not changed
+    #: instead of that of the source, and how the picture is read; depth is not changed
     camera: Camera = field(default_factory=Camera)
     #: of the same size, for the colours of a point cloud, or beside a preview
     picture: str | None = None
@@ -90,7 +90,8 @@ def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResu
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
     wanted = target_format(request.target, request.format)
     shown = _with_camera(stored.displayed, request.camera)
-    picture = None if request.picture is None else _colours(request.picture, shown)
+    given = None if request.picture is None else _colours(request, request.picture, shown)
+    picture = given
     if wanted.facts.has_overscan:
         depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
     else:
@@ -108,7 +109,8 @@ def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResu
         is_readable = wanted in _READABLE
         read_back = read_stored_depth(temporary, kind=depth.kind).depth if is_readable else None
     round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
-    warnings = (*stored.warnings_with_scale("--from-scale"), *warnings)
+    of_picture = given.warnings if given else ()
+    warnings = (*stored.warnings_with_scale("--from-scale"), *of_picture, *warnings)
     return ConvertResult(safe_name(request.source), name, shown, round_trip, warnings)
 
 
@@ -153,8 +155,8 @@ def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
     return replace(depth, provenance=replace(source, pixel_aspect=aspect))
 
 
-def _colours(picture: str, depth: DepthMap) -> Frame:
-    frame = displayed_frame(read_image(picture))
+def _colours(request: ConvertRequest, picture: str, depth: DepthMap) -> Frame:
+    frame = displayed_frame(read_image(picture, **request.camera.pictures._asdict()))
     if (frame.width, frame.height) != (depth.width, depth.height):
         raise InputError(
             f"{picture} has {frame.width}×{frame.height} pixels and the depth "

@@ -46,8 +46,14 @@ def write_stream(
     # The libraries of the formats write files only.
     with temporary_folder() as folder:
         path = folder / f"depth{Path(FORMATS[name].suffix).suffix}"
-        warnings = _write(options, name, depth, frame, path)
-        data = path.read_bytes()
+        try:
+            warnings = _write(options, name, depth, frame, path)
+            data = path.read_bytes()
+        except OSError as error:
+            raise OutputError(
+                f"cannot write a temporary file in {folder.parent}: {error.strerror or error}; set "
+                "TMPDIR to a folder with room"
+            ) from error
     try:
         stream.write(data)
         stream.flush()

@@ -318,3 +318,16 @@ def test_no_pixel_of_a_relative_map_is_lost_in_npy(inside: Cli) -> None:
     done = inside("convert", "r.exr", "r.npy", "--json")
     found = json.loads(done.stdout)
     assert (done.returncode, found["lost"]) == (0, 0)
+
+
+def test_the_picture_is_read_as_predict_reads_it(inside: Cli, files: Path) -> None:
+    """Of 12 bits in 16: without its white level, the colours of the cloud are almost black."""
+    cv2.imwrite(str(files / "p.png"), np.full((6, 8), 4095, np.uint16))
+    dark = inside("convert", "d.png", "a.ply", "--picture", "p.png")
+    assert (dark.returncode, b"--white-level 4095" in dark.stderr) == (0, True)
+    options = ("--picture", "p.png", "--white-level", "4095")
+    bright = inside("convert", "d.png", "b.ply", *options)
+    assert (bright.returncode, bright.stderr) == (0, b"")
+    assert (files / "b.ply").read_bytes()[-1] == 255
+    alone = inside("convert", "d.png", "c.ply", "--white-level", "4095")
+    assert (alone.returncode, b"for --picture" in alone.stderr) == (2, True)

@@ -61,3 +61,13 @@ def test_a_folder_without_a_manifest_is_one_line(inside: Cli) -> None:
             done.stderr
             == b"depthcli: error: no manifest in out; name the output folder of a batch\n"
         )
+
+
+def test_a_file_that_is_no_manifest_is_an_error(inside: Cli) -> None:
+    (inside.folder / "notes.txt").write_text("no rows\n")
+    for name in ("summary", "failed"):
+        done = inside("manifest", name, "notes.txt")
+        assert (done.returncode, done.stdout) == (2, b"")
+        assert b"is not a manifest of depthcli" in done.stderr
+    (inside.folder / "empty.jsonl").touch()
+    assert inside("manifest", "summary", "empty.jsonl").returncode == 0

@@ -341,3 +341,18 @@ def test_a_place_that_takes_no_profile_is_an_error_that_says_how_to_name_another
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     with pytest.raises(OutputError, match="Not a directory; set XDG_CONFIG_HOME"):
         write_profile("p", {"half": True}, force=False)
+
+
+def test_a_damaged_profile_hides_no_other(home: Home) -> None:
+    home.write("a", "hfov =")
+    home.write("b", "hfov = 60")
+    code, out, err = home.run("profile", "list")
+    assert (code, out) == (1, "b: hfov = 60\n")
+    assert "a.toml is not TOML" in err
+
+
+@pytest.mark.parametrize("text", ["hfov = true", "threads = 2.5", "threads = true"])
+def test_a_value_of_another_type_is_refused(home: Home, picture: Path, text: str) -> None:
+    home.write("p", text)
+    code, _, err = home.run("predict", picture, "--profile", "p")
+    assert (code, text in err.replace("True", "true")) == (2, True)

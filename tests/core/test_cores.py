@@ -5,10 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 import pytest
 
 from depthcli.core.parallel import cores
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @pytest.mark.parametrize(
@@ -39,3 +43,18 @@ def test_cores_that_the_process_may_not_use_do_not_count() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     assert done.stdout.split() == [b"1", b"1", b"1"]
+
+
+@pytest.mark.parametrize(
+    ("text", "usable"),
+    [("max 100000", 8), ("150000 100000", 2), ("1000 100000", 1), ("0 0", 8), ("?", 8), (None, 8)],
+)
+def test_a_quota_of_a_container_limits_the_cores(
+    text: str | None, usable: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if text is not None:
+        (tmp_path / "cpu.max").write_text(text)
+    monkeypatch.setattr(cores, "_CPU_MAX", tmp_path / "cpu.max")
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: set(range(8)), raising=False)
+    assert cores.usable_cores() == usable

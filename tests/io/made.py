@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -79,11 +79,13 @@ def tiff(
     photometric: int = -1,
     planes: int = 1,
     extra: tuple[int, ...] = (),
+    longs: Mapping[int, int] | None = None,
 ) -> bytes:
     """An uncompressed little-endian TIFF of the array's type; (H, W) or (H, W, C).
 
     With two ``planes`` the header says that each channel is by itself. ``extra`` are the kinds of
-    the last channels: 0 unknown, 1 associated alpha, 2 unassociated alpha.
+    the last channels: 0 unknown, 1 associated alpha, 2 unassociated alpha. ``longs`` are
+    further tags of one 32-bit number each.
     """
     height, width = pixels.shape[:2]
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
@@ -99,9 +101,10 @@ def tiff(
         284: [planes],
         339: [sample] * channels,
     } | ({338: [*extra]} if extra else {})
-    count = len(words) + 5
+    longs = {256: width, 257: height, 273: 0, 278: height, 279: pixels.nbytes} | dict(longs or {})
+    count = len(words) + len(longs)
     at = 8 + 2 + 12 * count + 4
-    longs = {256: width, 257: height, 273: at + 32, 278: height, 279: pixels.nbytes}
+    longs[273] = at + 32
     lists, tags = b"", b""
     for tag in sorted({**words, **longs}):
         if tag in longs:

@@ -205,12 +205,14 @@ def test_size_of(name: str) -> None:
         assert picture_size(data[: 12 if "WebP" in name else 9]) is None
 
 
-@pytest.mark.parametrize("focal", [28, 1, None])
-def test_exif_without_an_orientation_is_upright(focal: int | None) -> None:
+@pytest.mark.parametrize(
+    ("focal", "read"), [(28, 28), (3, 3), (1, None), (65535, None), (None, None)]
+)
+def test_exif_without_an_orientation_is_upright(focal: int | None, read: int | None) -> None:
     inner = tiff("<", False, {0xA405 if focal else 1: (3, (focal or 28,))})
     at = len(tiff("<", False, {0x8769: (4, (0,))})) + 8
     data = tiff("<", False, {0x8769: (4, (at,))}, after=inner)
-    assert tuple(read_exif(data)) == (1, focal)
+    assert tuple(read_exif(data)) == (1, read)
 
 
 @pytest.mark.parametrize(

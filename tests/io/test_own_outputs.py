@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import OutputError
+from depthcli.io.listing import own_outputs
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.writers.ply import PlyWriter
 from depthcli.io.writers.sidecar import SidecarWriter
@@ -44,3 +46,14 @@ def test_sidecars_are_own_and_other_json_is_not(tmp_path: Path, text: str, encod
     path.write_text(text, encoding)
     with pytest.raises(OutputError, match="was not written by depthcli"):
         check_replaceable(path)
+
+
+def test_a_file_that_may_not_be_read_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, _limit: int, *, first: int) -> bytes:
+        raise PermissionError(errno.EACCES, f"Permission denied after {first}", str(path))
+
+    monkeypatch.setattr(own_outputs, "read_regular", refuse)  # root may read everything
+    with pytest.raises(OutputError, match="may not be read"):
+        check_replaceable(tmp_path / "a.png")

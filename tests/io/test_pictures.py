@@ -7,6 +7,7 @@ import struct
 from typing import TYPE_CHECKING
 
 import cv2
+import made
 import numpy as np
 import pytest
 from hypothesis import given
@@ -124,7 +125,8 @@ def test_a_video_is_sent_to_the_command_for_videos() -> None:
 @pytest.mark.parametrize(
     ("name", "advice"),
     [
-        ("camera.DNG", "PNM, EXR); convert it to JPEG, PNG or TIFF first"),
+        ("camera.DNG", "whose first picture is a thumbnail; convert it to JPEG, PNG or TIFF first"),
+        ("a.psd", "PNM, EXR); convert it to JPEG, PNG or TIFF first"),
         *(
             (f"a.{suffix}", "PNM, EXR); convert it to EXR or 16-bit TIFF first")
             for suffix in ("dpx", "CIN", "tga", "hdr")
@@ -162,3 +164,30 @@ def test_content_counts_not_the_suffix(tmp_path: Path) -> None:
 
 def test_one_pixel_is_a_picture() -> None:
     assert read_image(None, encoded(".png", PICTURE[:1, :1])).pixels.shape == (1, 1, 3)
+
+
+@pytest.mark.parametrize("name", ["a.tif", "A.NEF"])
+@pytest.mark.parametrize("tags", [{254: 1, 330: 8}, {254: 0, 330: 8}, {254: 1}, {}])
+def test_camera_raw_is_known_by_its_directories_or_its_name(
+    name: str, tags: dict[int, int], tmp_path: Path
+) -> None:
+    pixels = np.full((4, 6, 3), 90, np.uint8)
+    path = tmp_path / name
+    path.write_bytes(made.tiff(pixels, longs=tags))
+    if name == "a.tif" and tags != {254: 1, 330: 8}:
+        np.testing.assert_array_equal(read_image(path).pixels, pixels)
+        return
+    with pytest.raises(InputError, match="camera raw file, whose first picture is a thumbnail"):
+        read_image(path)
+
+
+def test_an_animated_avif_is_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "a.avif"
+    path.write_bytes(encoded(".avif", np.full((16, 16, 3), 90, np.uint8)))
+    assert not read_image(path).warnings
+    frames = cv2.Animation()
+    frames.frames = [np.full((16, 16, 3), level, np.uint8) for level in (40, 90)]
+    frames.durations = np.array([100, 100])
+    path.write_bytes(cv2.imencodeanimation(".avif", frames)[1].tobytes())
+    (warning,) = read_image(path).warnings
+    assert "only the first picture is used" in warning

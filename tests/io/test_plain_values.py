@@ -406,7 +406,12 @@ def test_pil_pictures(mode: str, tmp_path: Path) -> None:
     if mode != "RGB":
         return
     facts = Image.Exif()
-    for orientation, focal, expected in ((6, 28, (6, 28.0)), (9, 0, (1, None)), (0, 1, (1, 1.0))):
+    for orientation, focal, expected in (
+        (6, 28, (6, 28.0)),
+        (9, 0, (1, None)),
+        (0, 3, (1, 3.0)),
+        (1, 1, (1, None)),
+    ):
         facts[0x0112] = orientation
         facts.get_ifd(0x8769)[0xA405] = focal
         image.save(tmp_path / "a.png", exif=facts)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from batches import NAMES, kept, outputs, pictures, request
 from tiny import synthetic_picture, write_picture
+from videos import flat_frames, write_video
 
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
@@ -48,7 +49,7 @@ def test_what_is_right_is_left_alone(tmp_path: Path) -> None:
         BatchOptions(writing=WriterOptions(png_normalize=True)),
         BatchOptions(detail=Detail(Upsampling.BILINEAR)),
         BatchOptions(detail=Detail(tile_px=AUTO_TILE)),
-        BatchOptions(detail=Detail(max_memory_bytes=1_000_000_000)),
+        BatchOptions(detail=Detail(tile_px=AUTO_TILE, max_memory_bytes=1_000_000_000)),
         BatchOptions(camera=Camera(focal_px=300.0)),
         BatchOptions(camera=Camera(hfov_deg=80.0)),
         BatchOptions(camera=Camera(pictures=PictureOptions(white_level=4095))),
@@ -175,3 +176,31 @@ def test_rows_that_are_not_ours_are_passed_over(tmp_path: Path) -> None:
     with (tmp_path / "out" / "manifest.jsonl").open("ab") as manifest:
         manifest.write(strange)
     assert kept(tmp_path) == {"a.png": True}
+
+
+def test_a_video_whose_name_is_no_longer_shared_is_done_again(tmp_path: Path) -> None:
+    write_video(tmp_path / "in" / "a.mp4", flat_frames(range(3)))
+    sibling = write_picture(tmp_path / "in" / "a.jpg")
+    assert kept(tmp_path) == {"a.jpg": False, "a.mp4": False}
+    assert (tmp_path / "out" / "a.mp4.depth.mkv").is_file()
+    sibling.unlink()
+    foreign = tmp_path / "out" / "a.depth.mkv"
+    write_video(foreign, flat_frames(range(3)))
+    before = foreign.read_bytes()
+    (refused,) = Batch(request(tmp_path))
+    assert "was not written by depthcli" in str(refused.row.error)
+    assert foreign.read_bytes() == before
+    foreign.unlink()
+    assert kept(tmp_path) == {"a.mp4": False}
+    assert kept(tmp_path) == {"a.mp4": True}
+
+
+def test_what_changes_no_byte_is_not_done_again(tmp_path: Path) -> None:
+    write_picture(tmp_path / "in" / "a.png")
+    write_video(tmp_path / "in" / "b.mp4", flat_frames(range(3)))
+    asked = BatchOptions((Format.PNG16, Format.EXR))
+    assert kept(tmp_path, options=asked) == {"a.png": False, "b.mp4": False}
+    limited = BatchOptions(
+        (Format.EXR, Format.PNG16), detail=Detail(max_memory_bytes=1_000_000_000)
+    )
+    assert kept(tmp_path, options=limited) == {"a.png": True, "b.mp4": True}

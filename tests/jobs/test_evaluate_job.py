@@ -66,6 +66,14 @@ def test_a_program_gets_the_table_and_the_figures(
     assert capsys.readouterr() == ("", "")
 
 
+def test_figures_are_not_written_among_the_pictures(tmp_path: Path) -> None:
+    for part in ("rgb", "depth/more"):
+        files = EvaluationFiles(figures=tmp_path / "pairs" / part)
+        with pytest.raises(UsageError, match="is among the inputs"):
+            files.check((tmp_path / "pairs",))
+    EvaluationFiles(figures=tmp_path / "pairs" / "figures").check((tmp_path / "pairs",))
+
+
 def test_what_a_model_settled_for_is_said_once(
     request_of_val: ModelsRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:

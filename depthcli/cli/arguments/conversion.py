@@ -31,10 +31,6 @@ def check_arguments(context: Any) -> None:  # noqa: ANN401 - typer's own
         UsageError: they are neither.
     """
     source, target, output = (context.params[name] for name in ("source", "target", "output"))
-    if "" in {source, target, output}:
-        raise UsageError(
-            "the name of a file or folder is empty; is a variable of the command not set?"
-        )
     name, place = safe_name(source), path_of(source)
     if target is not None and output is not None:
         raise UsageError("give OUT for a file, or --out for a folder, not both")

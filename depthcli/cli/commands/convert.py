@@ -123,6 +123,9 @@ def convert(
             help="Picture of the same size, for the colours of a point cloud or --side-by-side.",
         ),
     ] = None,
+    white_level: options.WhiteLevelOption = None,
+    exposure: options.ExposureOption = 0.0,
+    layer: options.LayerOption = None,
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
 ) -> int:
@@ -143,6 +146,8 @@ def convert(
     refuse_unused(context, (chosen,), USED_OPTIONS)
     if chosen is Format.PREVIEW and side_by_side != (picture is not None):
         raise UsageError("a preview needs both --side-by-side and --picture, or neither")
+    if picture is None and (white_level is not None or exposure or layer is not None):
+        raise UsageError("--white-level, --exposure and --layer are for --picture; give it as well")
     refuse_replacing(calibration, target)
     camera = choose_camera(context.params)
     writing = writer_options(context.params)

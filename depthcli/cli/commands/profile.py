@@ -65,14 +65,21 @@ def list_profiles(as_json: JsonOutputOption = False) -> int:
     names = profile_files.profile_names()
     if not names and not as_json:
         console.note("no profile is saved yet; 'depthcli profile save NAME' with options saves one")
+    code = ExitCode.OK
     for name in names:
+        try:
+            values = profile_files.read_profile(name)
+        except UsageError as error:
+            console.error(str(error))
+            code = ExitCode.SOME_FAILED
+            continue
         if as_json:
-            path, values = str(profile_files.profile_path(name)), profile_files.read_profile(name)
+            path = str(profile_files.profile_path(name))
             console.out_json({"name": name, "path": path, "options": values})
         else:
             options = profile_files.profile_text(name).strip().replace("\n", "; ")
             console.out(one_line(f"{name}: {options}"))
-    return ExitCode.OK
+    return code
 
 
 @app.command("show")

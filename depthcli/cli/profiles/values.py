@@ -112,6 +112,10 @@ def _check_value(
     """A value as the command line would give it, after checking it."""
     if parameter.multiple and not isinstance(value, list):
         value = [value]
+    for part in value if isinstance(value, list) else [value]:
+        if not _has_type(part, parameter):
+            kind = parameter.type.name
+            raise UsageError(f"profile {name!r}: {key} = {value!r} is not a valid {kind}")
     try:
         parameter.process_value(context, value)
     except Exception as error:
@@ -120,3 +124,11 @@ def _check_value(
             f"profile {name!r}: {key} = {value!r}: {str(message).rstrip('.')}"
         ) from error
     return value
+
+
+def _has_type(value: Scalar, parameter: Any) -> bool:  # noqa: ANN401 - typer's own types
+    """Whether a value keeps its meaning; typer takes true for 1, and 2.5 for 2."""
+    if isinstance(value, bool):
+        return bool(parameter.is_flag)
+    is_whole = not isinstance(value, float) or value.is_integer()
+    return is_whole or not parameter.type.name.startswith("int")

@@ -65,14 +65,21 @@ def replaced_head(path: Path) -> bytes:
     """First bytes of the file that an output would replace; empty if it cannot be read.
 
     Raises:
-        OutputError: a store does not answer.
+        OutputError: a store does not answer, or the file may not be read.
     """
+    is_remote = isinstance(path, RemotePath)
     try:
         return _head(path)
-    except (FileNotFoundError, PermissionError):
-        return b""  # without the right to list, S3 answers 403 for missing objects
+    except FileNotFoundError:
+        return b""
+    except PermissionError as error:
+        if is_remote:
+            return b""  # without the right to list, S3 answers 403 for missing objects
+        raise OutputError(
+            f"{path} may not be read, so it may be another program's; choose another output"
+        ) from error
     except OSError as error:
-        if isinstance(path, RemotePath):
+        if is_remote:
             raise OutputError(f"cannot write {path}: {error.strerror}") from error
         return b""  # writing it tells why
 

@@ -13,9 +13,9 @@ OWN = "written by depthcli"
 EXCLUDED = "excluded"
 NOT_INCLUDED = "not included"
 TWICE = "listed twice"
-_CAMERA_RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf")
+CAMERA_RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf")
 _CONVERSIONS = {
-    **dict.fromkeys((*HEIF_SUFFIXES, ".jxl", ".jp2", ".psd", *_CAMERA_RAW), "JPEG, PNG or TIFF"),
+    **dict.fromkeys((*HEIF_SUFFIXES, ".jxl", ".jp2", ".psd", *CAMERA_RAW), "JPEG, PNG or TIFF"),
     **dict.fromkeys((".dpx", ".cin", ".tga", ".hdr"), "EXR or 16-bit TIFF"),
 }
 """What to convert pictures of other formats to, by suffix."""

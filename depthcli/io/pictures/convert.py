@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.io.pictures.exif import EXIF_IFD, FOCAL_35MM, ORIENTATION
+from depthcli.io.pictures.exif import EXIF_IFD, FOCAL_35MM, ORIENTATION, plausible_focal
 from depthcli.io.pictures.levels import check_white_level, full_range
 from depthcli.io.pictures.read import read_image, upright
 from depthcli.io.storage.remote import path_of
@@ -110,7 +110,7 @@ def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
         np.ascontiguousarray(upright(pixels, orientation)),
         Path(image.filename) if getattr(image, "filename", "") else None,
         orientation=orientation,
-        focal_35mm=float(focal_35mm) if isinstance(focal_35mm, int) and focal_35mm > 0 else None,
+        focal_35mm=plausible_focal(focal_35mm),
     )
 
 

@@ -10,11 +10,13 @@ _GIF_IMAGE, _GIF_EXTENSION, _GIF_TABLE = 0x2C, 0x21, 0x80
 
 
 def count_warnings(data: bytes) -> tuple[str, ...]:
-    """A warning about a TIFF of several pages or an animated GIF, PNG or WebP; empty for others.
+    """A warning about a TIFF of several pages or an animated picture; empty for others.
 
     Args:
         data: a whole file that can be decoded.
     """
+    if data[4:12] == b"ftypavis":
+        return ("is an animated AVIF; only the first picture is used",)
     count = _picture_count(data)
     return (f"has {count} pictures; only the first is used",) if count > 1 else ()
 

@@ -1,6 +1,7 @@
 """Decoding a picture file to pixels, after checks of untrusted files."""
 
 import re
+import struct
 from pathlib import Path
 
 import cv2
@@ -14,12 +15,12 @@ from depthcli.errors import InputError, is_out_of_memory
 from depthcli.io.listing.folder import is_video
 from depthcli.io.listing.heif import reads_heif
 from depthcli.io.listing.own_outputs import EXR_MAGIC
-from depthcli.io.listing.skipped import convert_to
+from depthcli.io.listing.skipped import CAMERA_RAW, convert_to
 from depthcli.io.pictures.decoder_messages import decoder_messages
 from depthcli.io.pictures.heif import is_heif
 from depthcli.io.pictures.integrity import find_problem
 from depthcli.io.pictures.size import is_os2, picture_size
-from depthcli.io.pictures.tiff import TIFF_STARTS, with_colours_as_stored
+from depthcli.io.pictures.tiff import TIFF_STARTS, has_thumbnail_only, with_colours_as_stored
 from depthcli.io.png.chunks import static_image
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath
@@ -126,6 +127,11 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         raise InputError(f"{name} is empty")
     if is_heif(data) and not reads_heif():
         raise InputError(f"{name} is HEIC, which needs pillow-heif; {INSTALL_HEIF}")
+    if _is_raw(data, name):
+        raise InputError(
+            f"{name} is a camera raw file, whose first picture is a thumbnail; convert it to JPEG, "
+            "PNG or TIFF first"
+        )
     size = picture_size(data)
     if size is None:
         raise InputError(f"{name} {_why_no_picture(data, name)}")
@@ -136,6 +142,15 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
     found = find_problem(data)
     if found is not None:
         raise InputError(f"{name} {found}")
+
+
+def _is_raw(data: bytes, name: str) -> bool:
+    if not data.startswith(TIFF_STARTS):
+        return False
+    try:
+        return name.lower().endswith(CAMERA_RAW) or has_thumbnail_only(data)
+    except struct.error:
+        return False  # the check of its size tells
 
 
 def check_size(name: str, width: int, height: int, max_pixels: int | PictureLimit) -> None:

@@ -14,6 +14,7 @@ from depthcli.io.png.chunks import SIGNATURE, read_chunks
 ORIENTATION, EXIF_IFD, FOCAL_35MM = 0x0112, 0x8769, 0xA405
 """Tags, the second of which is the place of the directory with the third."""
 _ORIENTATIONS = range(1, 9)
+_FOCAL_35MM_MM = range(3, 20_001)  # from fisheyes to telescopes; others are mistakes
 _APP1, _HEAD = 0xE1, b"Exif\0\0"
 _ROTATED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
 _MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such turns do
@@ -34,6 +35,13 @@ def read_exif(data: bytes) -> Exif:
     if data[4:8] == b"ftyp":
         return Exif(_property_orientation(data), _parse(heif_exif(data)).focal_35mm)
     return _parse(_tiff_part(data))
+
+
+def plausible_focal(focal_35mm: object) -> float | None:
+    """A 35-mm-equivalent focal length in millimetres; None if no camera has it."""
+    if isinstance(focal_35mm, int) and focal_35mm in _FOCAL_35MM_MM:
+        return float(focal_35mm)
+    return None
 
 
 def _tiff_part(data: bytes) -> bytes:
@@ -64,9 +72,8 @@ def _parse(tiff: bytes) -> Exif:
     first = _first_values(tiff, (ORIENTATION, EXIF_IFD))
     orientation = first.get(ORIENTATION, 1)
     inner = _first_values(tiff, (FOCAL_35MM,), first[EXIF_IFD]) if EXIF_IFD in first else {}
-    focal = inner.get(FOCAL_35MM, 0)
     return Exif(
-        orientation if orientation in _ORIENTATIONS else 1, float(focal) if focal > 0 else None
+        orientation if orientation in _ORIENTATIONS else 1, plausible_focal(inner.get(FOCAL_35MM))
     )
 
 

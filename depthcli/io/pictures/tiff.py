@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
-_SUBFILE_TYPE, _REDUCED_OR_MASK = 254, 0b101
+_SUBFILE_TYPE, _REDUCED, _REDUCED_OR_MASK, _SUB_DIRECTORIES = 254, 0b1, 0b101, 330
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
 _PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS, _FLOAT = 262, 277, 284, 338, 339, 3
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _PLANAR, _EIGHT = (0,), (1,), (2,), 8
@@ -119,6 +119,16 @@ def tiff_directories(data: bytes) -> Iterator[bool]:
         (tag,) = _unpack(order + "H", data, first)  # in ascending order, so this one is first
         (kind,) = _unpack(order + "I", data, first + layout.value)
         yield not (tag == _SUBFILE_TYPE and kind & _REDUCED_OR_MASK)
+
+
+def has_thumbnail_only(data: bytes) -> bool:
+    """Whether the first picture is a reduced copy of one in another chain, as in camera raw files.
+
+    Raises:
+        struct.error: the file is truncated.
+    """
+    tags = dict(tiff_tags(data, (_SUBFILE_TYPE, _SUB_DIRECTORIES)))
+    return _SUB_DIRECTORIES in tags and bool(tags.get(_SUBFILE_TYPE, (0,))[0] & _REDUCED)
 
 
 def tiff_size(data: bytes) -> tuple[int, int] | None:

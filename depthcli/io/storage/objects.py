@@ -229,7 +229,7 @@ def _store(uri: str) -> ObjectStore:
     retry: RetryConfig = {"max_retries": _retries()}
     parts = urlsplit(uri)
     if parts.scheme == "s3":
-        provider = _aws_credentials()
+        provider = _aws_credentials(uri)
         return from_url(
             uri, client_options=client, retry_config=retry, credential_provider=provider
         )
@@ -244,7 +244,7 @@ def _store(uri: str) -> ObjectStore:
     return HTTPStore.from_url(uri, client_options=client, retry_config=retry)
 
 
-def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
+def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
     """Credentials of profiles, single sign-on and roles; None if obstore reads the environment."""
     if {"AWS_ACCESS_KEY_ID", "AWS_SKIP_SIGNATURE"} & os.environ.keys():
         return None
@@ -259,6 +259,7 @@ def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
             errno.EACCES,
             "no AWS credentials found; sign in ('aws configure'), or set AWS_SKIP_SIGNATURE=true "
             "for a public bucket",
+            uri,
         ) from None
 
 

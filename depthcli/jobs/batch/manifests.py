@@ -49,9 +49,13 @@ def read_rows(path: Path) -> Rows:
             raise UsageError(f"no manifest in {path}; name the output folder of a batch")
         return rows
     try:
-        return Rows([open_rows(path)], WHOLE)
+        file = open_rows(path)
+        is_empty = path.is_file() and not path.stat().st_size
     except OSError as error:
         raise UsageError(f"cannot read the manifest {path}: {error.strerror}") from error
+    if not (is_empty or file.is_own()):
+        raise UsageError(f"{path} is not a manifest of depthcli; name one, or a batch's --out")
+    return Rows([file], WHOLE)
 
 
 def summarize(rows: Rows) -> Summary:

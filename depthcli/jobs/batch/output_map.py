@@ -10,6 +10,7 @@ from depthcli.errors import UsageError
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.manifest.journal import Rows
+from depthcli.io.manifest.row import Row
 from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.jobs.batch.input_plan import Plan
 from depthcli.jobs.batch.suspects import has_crashed
@@ -68,8 +69,7 @@ class OutputMap:
     def picture(self, file: InputFile, rows: Rows) -> Task[Format]:
         """The task for a picture, given the rows of earlier batches."""
         outputs, row = self._of_picture(file), rows.row(file.name)
-        names = [path.relative_to(self.plan.out).as_posix() for path in outputs.values()]
-        has_names = row is not None and [file.path for file in row.outputs] == names
+        has_names = row is not None and self._names(outputs.values()) == _made_names(row)
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
         shares_stem = self.plan.stems.is_shared(file.name)
@@ -78,12 +78,8 @@ class OutputMap:
 
     def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
         """The task for a video, given the rows of earlier batches."""
-        row = rows.row(file.name)
-        # The number of frames is not known in advance.
-        start = f"{self.plan.names.base(file.name)}."
-        made = row.outputs if row else ()
-        has_names = bool(made) and all(file.path.startswith(start) for file in made)
-        outputs = self._of_video(file)
+        outputs, row = self._of_video(file), rows.row(file.name)
+        has_names = row is not None and self._names(outputs.values()) == _made_names(row)
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
         lens = self.plan.lenses.get(file.name)
@@ -91,17 +87,18 @@ class OutputMap:
 
     def _unless_taken(self, file: InputFile, outputs: Iterable[Path], rows: Rows) -> InputFile:
         """The input, with a problem if its output is that of a file which is left out."""
-        names = {path.relative_to(self.plan.out).as_posix() for path in outputs}
+        names = self._names(outputs)
         for other in self.plan.unlisted.get(file.name, ()):
             row = rows.row(other)
-            for made in row.outputs if row else ():
-                # Frames of a sequence are named by their pattern.
-                if names & {made.path, re.sub(r"\d{6,}(?=\.\w+$)", "%06d", made.path)}:
-                    return file._replace(
-                        problem=f"{self.plan.out / made.path} is the output for {other}, which "
-                        "this batch leaves out; list both, or choose another --out"
-                    )
+            for taken in names & _made_names(row) if row else ():
+                return file._replace(
+                    problem=f"{self.plan.out / taken} is the output for {other}, which "
+                    "this batch leaves out; list both, or choose another --out"
+                )
         return file
+
+    def _names(self, outputs: Iterable[Path]) -> set[str]:
+        return {path.relative_to(self.plan.out).as_posix() for path in outputs}
 
     def _of_picture(self, file: InputFile) -> dict[Format, Path]:
         base = self.plan.names.base(file.name)
@@ -111,3 +108,11 @@ class OutputMap:
         base = self.plan.names.base(file.name)
         chosen = [COUNTERPARTS[which] for which in self.formats if which in COUNTERPARTS]
         return {which: self.plan.out / (base + VIDEO_FORMATS[which].suffix) for which in chosen}
+
+
+def _made_names(row: Row) -> set[str]:
+    """Names of the outputs of an earlier run, relative to the output folder.
+
+    Frames have the name of their sequence, as their number is not known in advance.
+    """
+    return {re.sub(r"(?<=\.depth\.)\d{6,}(?=\.\w+$)", "%06d", file.path) for file in row.outputs}

@@ -1,6 +1,6 @@
 """The specification of a worker, which can be pickled."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli._version import __version__
@@ -48,10 +48,10 @@ class WorkerSpec:
         # Providers differ in the last digits; threads, workers and batch sizes do not. The card
         # matters as much as the weights, and is not part of their file.
         checksum = fingerprint(
-            options.formats,
+            sorted(set(options.formats)),
             options.writing,
             options.camera,
-            replace(options.detail, use_bytes=0),  # it follows from formats and writing
+            options.detail.without_limits(),
             session.provider,
             self.model.provider_options,
             (loaded.card.input, loaded.card.output, loaded.card.camera),

@@ -35,6 +35,9 @@ class EvaluationFiles:
         if self.figures is not None and self.figures.is_file():
             raise UsageError(f"--figures {self.figures} is a file; name a folder")
         sources = [Path(source) for source in inputs if source is not None]
+        data = [source.resolve() / part for source in sources for part in ("rgb", "depth")]
+        if self.figures is not None and any(map(self.figures.resolve().is_relative_to, data)):
+            raise UsageError(f"--figures {self.figures} is among the inputs; name another folder")
         for path, start in ((self.csv, b"name,"), (self.html, b"<!doctype html>")):
             if path is not None and path.is_dir():
                 raise UsageError(f"{path} is a folder; name a file")

@@ -165,6 +165,6 @@ def _origin(
         pipeline.session.provider,
         sorted(pipeline.session.provider_options.items()),
         (card.input, card.output, card.camera),
-        pipeline.detail,
+        pipeline.detail.without_limits(),
         (settings.writing, settings.camera, settings.span, settings.fps, settings.start_number),
     )
