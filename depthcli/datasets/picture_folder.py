@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 from depthcli.datasets.files import IMAGE_SUFFIXES, read_image_rgb
 from depthcli.datasets.paired_folder import list_files
+from depthcli.errors import DatasetError
+from depthcli.io.listing.own_outputs import is_own_output
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +54,11 @@ def open_picture_folder(path: Path) -> PictureFolder:
     """List the pictures of a folder and its subfolders, or of its ``rgb/`` if it has one.
 
     Raises:
-        DatasetError: there is none, or two differ in their suffix only.
+        DatasetError: there is none but outputs of depthcli, or two differ in their suffix only.
     """
     root, kind = (path, "rgb") if (path / "rgb").is_dir() else (path.parent, path.name)
-    files = list_files(root, kind, IMAGE_SUFFIXES)
+    listed = list_files(root, kind, IMAGE_SUFFIXES)
+    files = {name: file for name, file in listed.items() if not is_own_output(str(file))}
+    if not files:
+        raise DatasetError(f"{root / kind} holds outputs of depthcli only; name photographs")
     return PictureFolder(tuple(sorted(files)), tuple(files[name] for name in sorted(files)))

@@ -46,12 +46,13 @@ class Split:
 def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> frozenset[str]:
     """Scenes that are held out from training: every ``every``-th by name, from ``offset`` on.
 
-    Names begin with the type of the scene, so types with many scenes are represented.
+    Names begin with the type of the scene, so types with many scenes are represented. Pairs whose
+    scene is not known ("") are not held out.
 
     >>> sorted(held_out_scenes(["a", "b", "b", "c", "d", "e"], every=2, offset=1))
     ['b', 'd']
     """
-    return frozenset(sorted(set(scenes))[offset::every])
+    return frozenset(sorted(set(scenes) - {""})[offset::every])
 
 
 def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:

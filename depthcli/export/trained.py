@@ -5,6 +5,7 @@ import hashlib
 import json
 from pathlib import Path
 
+from depthcli._version import __version__
 from depthcli.core.choices import Weights
 from depthcli.datasets.splits import NYU
 from depthcli.errors import ModelError, OutputError, UsageError
@@ -80,7 +81,8 @@ def export_run(run: TrainedRun, fallback_folder: Path, weights: Weights = Weight
     """
     checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAMES[weights]
     with checkpoint.open("rb") as file:
-        version = f"checkpoint-{hashlib.file_digest(file, 'sha256').hexdigest()[:_HASH_LENGTH]}"
+        digest = hashlib.file_digest(file, "sha256").hexdigest()[:_HASH_LENGTH]
+    version = f"checkpoint-{digest}-{__version__}"  # other versions may export other models
     if _version(cached) == version:
         return cached
     options = ExportOptions(name=run.name, version=version, weights=weights)

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 
 from depthcli.core.camera import Camera
+from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.map_camera import with_centre, with_focal
 from depthcli.core.overscan import displayed_frame
 from depthcli.core.types import DepthMap, Frame, Provenance
@@ -156,7 +157,9 @@ def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
 
 
 def _colours(request: ConvertRequest, picture: str, depth: DepthMap) -> Frame:
-    frame = displayed_frame(read_image(picture, **request.camera.pictures._asdict()))
+    limit = max(MAX_PIXELS, depth.values.size)
+    options = request.camera.pictures._asdict()
+    frame = displayed_frame(read_image(picture, max_pixels=limit, **options))
     if (frame.width, frame.height) != (depth.width, depth.height):
         raise InputError(
             f"{picture} has {frame.width}×{frame.height} pixels and the depth "

@@ -1,5 +1,6 @@
 """The folder of a run: names of its files, and the error if it cannot be written."""
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,6 @@ def write_errors(folder: Path) -> Iterator[None]:
     except (OSError, OutputError) as error:
         cause = error if isinstance(error, OSError) else error.__cause__
         reason = getattr(cause, "strerror", None) or str(error)
-        raise TrainingError(
-            f"cannot write to {folder} ({reason}): free some space or give another --out"
-        ) from error
+        is_full = getattr(cause, "errno", None) in {errno.ENOSPC, errno.EDQUOT}
+        advice = "free some space or give another --out" if is_full else "give another --out"
+        raise TrainingError(f"cannot write to {folder} ({reason}): {advice}") from error

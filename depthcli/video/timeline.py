@@ -86,8 +86,11 @@ class Timeline:
         if measured_s is None:
             return index / self._rate if self.time_s < 0 else self.time_s + 1 / self._rate
         time_s = index / self._rate if self._is_regular(index, measured_s) else measured_s
-        # Timestamps can repeat or go back where streams were joined.
-        return time_s if time_s > self.time_s else self.time_s + 1 / self._rate
+        if time_s > self.time_s:
+            return time_s
+        # Timestamps repeat or go back a little by rounding, and a lot where streams were joined.
+        is_rounding = self.time_s - time_s < 1 / self._rate
+        return self.time_s + (self._tick_s if is_rounding else 1 / self._rate)
 
     def _is_regular(self, index: int, measured_s: Fraction) -> bool:
         return abs(index / self._rate - measured_s) <= self._rounding_s

@@ -13,7 +13,7 @@ from folders import tree
 from tiny import write_model
 from videos import write_mp4
 
-from depthcli.cli.screen import console, progress
+from depthcli.cli.screen import console, progress, training
 from depthcli.cli.screen.training import JsonCallback, TextCallback
 from depthcli.training.callbacks import TrainStart
 from depthcli.training.checkpoint import RunProgress
@@ -124,3 +124,17 @@ def test_a_training_run_that_goes_on_has_a_bar_from_where_it_was(
     assert "training" in shown
     assert " 400/1000 " in shown
     assert re.search(r"\d steps/s +\d+:\d\d to go", shown)
+
+
+def test_the_rate_of_training_is_that_of_its_steps(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Reading the data, before the first step, does not count."""
+    clock = iter([0.0, 100.0, 102.0])
+    monkeypatch.setattr(training.time, "monotonic", lambda: next(clock))
+    with ExitStack() as stack:
+        lines = TextCallback(stack)
+        for step in range(1, 12):
+            lines.on_step_end(RunProgress(step=step), 131, {})
+        lines.on_epoch_end(RunProgress(step=11, epoch=1))
+    assert "5.00 steps/s  0 min to go" in capfd.readouterr().err

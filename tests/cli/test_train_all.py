@@ -112,7 +112,7 @@ def test_a_failing_method_stops_no_other(folder: Path) -> None:
     (broken / "last.ckpt").write_bytes(b"no checkpoint")
     in_the_way = folder / "runs" / "cyclegan-seed0"
     in_the_way.write_text("a file where a folder should be")
-    done = _train(folder, "--methods", "cut,cyclegan,fastcut", "--json")
+    done = _train(folder, "--methods", "cut,cyclegan,fastcut", "--json", "--quiet")
     assert done.returncode == 1
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     ends = {line["run"]: line["state"] for line in lines if "state" in line}

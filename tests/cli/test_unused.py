@@ -63,6 +63,8 @@ def test_batch_and_video_refuse_them_too(tmp_path: Path, monkeypatch: pytest.Mon
         run("batch", "in", "--out", "out", "--legend")
     with pytest.raises(UsageError, match=r"^--lock is for mkv, mp4, webm or mov, and only png16 "):
         run("video", "clip.mp4", "--out", "frames/", "--format", "png16", "--lock", "2")
+    with pytest.raises(UsageError, match=r"^--no-audio is for mp4, webm or mov, and only mkv "):
+        run("video", "clip.mp4", "--format", "mkv", "--no-audio")
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 

@@ -120,6 +120,11 @@ def test_predictions_have_their_own_unit(data: Path, capsys: pytest.CaptureFixtu
         assert (told in shown.err) is (not more)
     assert main(["eval", "pairs", str(data), "--predictions-scale", "256"]) == ExitCode.USAGE
     assert "--predictions-scale needs --predictions DIR" in capsys.readouterr().err
+    assert main(["eval", "pairs", str(data), "--predictions-kind", "inverse"]) == ExitCode.USAGE
+    assert "--predictions-kind needs --predictions DIR" in capsys.readouterr().err
+    for option in (("--upsample", "guided"), ("--tile", "auto")):
+        assert main([*words, *option]) == ExitCode.USAGE
+        assert "are for models, and none is compared" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,9 @@ def test_the_model_lies_beside_the_checkpoint_and_is_its_network(
     assert "(allowed 0.001)" in shown
     assert (card.name, card.version, card.license) == ("custom", "1.0.0", "NOASSERTION")
     assert card.onnx.opset == 17
+    loud = path.with_name("other.ONNX")
+    assert main(["export-onnx", str(checkpoint), "-o", str(loud), "-q"]) == 0
+    assert loud.is_file()
     assert main(["export-onnx", str(checkpoint), "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
 
@@ -197,7 +200,7 @@ def test_int8_needs_pictures_and_excludes_fp16(
         (["--int8", str(pictures), "--fp16"], "exclude each other"),
         (["--float-model", "float"], "--float-model needs --int8"),
         (["--int8", str(pictures), "--float-model", "a/b"], "has to be a model's name, not 'a/b'"),
-        (["--license", ""], "license has to be"),
+        (["--license", " "], "license has to be"),
     ):
         assert main(["export-onnx", str(checkpoint), "-o", str(path), *wrong]) == 2
         assert message in capsys.readouterr().err

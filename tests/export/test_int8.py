@@ -11,9 +11,11 @@ import pytest
 from onnx.numpy_helper import to_array
 from tiny import synthetic_picture, write_picture
 
+from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
 from depthcli.export.graph import build_graph
 from depthcli.export.int8 import calibration_batches, quantize
+from depthcli.io.writers.png16 import Png16Writer
 from depthcli.models.card_specs import Colour, Fit, InputSpec
 from depthcli.training.networks.efficient import EfficientGenerator
 
@@ -65,6 +67,15 @@ def test_calibration_takes_subfolders_but_no_depth(tmp_path: Path) -> None:
     (tmp_path / "depth").mkdir()
     with pytest.raises(UsageError, match=r"has depth beside its pictures; give .*rgb for int8"):
         calibration_batches(tmp_path, SPEC)
+
+
+def test_calibration_takes_neither_outputs_nor_other_files(tmp_path: Path) -> None:
+    for number in range(300):
+        (tmp_path / f"{number:03}.json").touch()
+    write_picture(tmp_path / "a.png", np.full((48, 64, 3), 9, np.uint8))
+    Png16Writer().write(DepthMap(np.ones((48, 64), np.float32)), tmp_path / "a.depth.png")
+    (batch,) = calibration_batches(tmp_path, SPEC)
+    assert round((batch.mean() + 1) * 127.5) == 9
 
 
 def test_calibration_needs_pictures(tmp_path: Path) -> None:

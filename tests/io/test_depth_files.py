@@ -312,3 +312,11 @@ def test_a_file_that_is_read_and_written_again_keeps_its_facts(tmp_path: Path) -
     ExrWriter().write(read_stored_depth(tmp_path / "a.png").displayed, tmp_path / "b.exr")
     facts = read_metadata(tmp_path / "b.exr")
     assert (facts["model"], facts["focal_px"]) == ("nyu", "518.75")
+
+
+def test_a_large_map_is_not_refused_with_an_option_that_depth_commands_lack(tmp_path: Path) -> None:
+    path = tmp_path / "large.png"
+    path.write_bytes(made.png([], 20_000, 16, 0, height=13_000))
+    with pytest.raises(InputError) as refused:  # its rows are missing
+        read_stored_depth(path)
+    assert "--max-pixels" not in str(refused.value)

@@ -191,3 +191,12 @@ def test_an_animated_avif_is_warned_of(tmp_path: Path) -> None:
     path.write_bytes(cv2.imencodeanimation(".avif", frames)[1].tobytes())
     (warning,) = read_image(path).warnings
     assert "only the first picture is used" in warning
+
+
+def test_a_side_that_no_decoder_reads_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "long.png"
+    path.write_bytes(made.png([bytes(1_000_001)], 1_000_001, 8, 0))
+    with pytest.raises(InputError, match="no side may be longer than 1,000,000"):
+        read_image(path)
+    path.write_bytes(made.png([bytes(1_000_000)], 1_000_000, 8, 0))
+    assert read_image(path).pixels.shape == (1, 1_000_000)

@@ -38,7 +38,10 @@ def _alternatives(names: Sequence[str]) -> str:
 
 def given_options(context: Any) -> dict[str, str]:  # noqa: ANN401 - typer's own
     """The options given on the command line: parameter name -> option."""
-    parameters = {str(parameter.name): parameter.opts for parameter in context.command.params}
+    parameters = {}
+    for parameter in context.command.params:
+        is_off = parameter.secondary_opts and context.params.get(parameter.name) is False
+        parameters[str(parameter.name)] = parameter.secondary_opts if is_off else parameter.opts
     return {
         name: max(words, key=len) for name, words in parameters.items() if is_given(context, name)
     }

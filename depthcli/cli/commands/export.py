@@ -126,7 +126,7 @@ def export_onnx(
 def _export_path(checkpoint: Path, output: Path | None) -> Path:
     if output is None:
         return checkpoint.with_suffix(".onnx")
-    return output if output.suffix == ".onnx" else output / "model.onnx"
+    return output if output.suffix.lower() == ".onnx" else output / "model.onnx"
 
 
 def _print_export(done: ExportResult) -> None:

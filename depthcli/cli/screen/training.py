@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import sys
 import time
 from contextlib import ExitStack, contextmanager
@@ -31,7 +32,7 @@ _SHOWN = ("abs_rel", "rmse", "d1")
 def callback_for(*, as_json: bool, quiet: bool) -> Iterator[Callback]:
     """The callback for the options and the terminal."""
     with ExitStack() as stack:
-        yield Callback() if quiet else JsonCallback() if as_json else TextCallback(stack)
+        yield JsonCallback() if as_json else Callback() if quiet else TextCallback(stack)
 
 
 def show_config(config: TrainConfig) -> None:
@@ -124,15 +125,15 @@ class TextCallback(_Reporter):
         super().on_train_start(start)
         if sys.stderr.isatty():
             self._display = self._stack.enter_context(show_progress(silent=False))
-        self._started_s = time.monotonic()
 
     def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
         """Advance the bar."""
         if self._first_step is None:
-            self._first_step = progress.step - 1
+            self._first_step = progress.step  # its own time is not measured
+            self._started_s = time.monotonic()
             if self._display:
                 self._stage = self._display.begin("training", steps, "steps")
-                self._stage.skip(self._first_step)
+                self._stage.skip(progress.step - 1)
         self._steps = steps
         super().on_step_end(progress, steps, losses)
         if self._stage:
@@ -141,7 +142,8 @@ class TextCallback(_Reporter):
     def on_epoch_end(self, progress: RunProgress) -> None:
         """Print losses, scores, rate and remaining time."""
         elapsed_s = time.monotonic() - self._started_s
-        rate = (progress.step - (self._first_step or 0)) / elapsed_s
+        done = progress.step - (self._first_step or 0)
+        rate = done / elapsed_s if done else math.inf
         to_go_min = (self._steps - progress.step) / rate / 60
         losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
         scores = " ".join(

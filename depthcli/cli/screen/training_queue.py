@@ -15,7 +15,7 @@ class QueueScreen:
 
     def print_event(self, event: RunStarted | EpochDone | RunStatus) -> None:
         """Print the start, an epoch or the status of a run."""
-        if self._quiet:
+        if self._quiet and not self._as_json:
             return
         if isinstance(event, EpochDone):
             console.out_json({"run": event.run.name, **event.line})

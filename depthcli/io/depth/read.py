@@ -16,7 +16,7 @@ from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
 from depthcli.io.depth.quantization import denormalized, dequantized
 from depthcli.io.depth.sidecar import with_sidecar
 from depthcli.io.depth.stored import StepScale, StoredDepth, step_scale
-from depthcli.io.pictures.decode import decode, read_bytes
+from depthcli.io.pictures.decode import OPENCV_MAX_PIXELS, decode, read_bytes
 from depthcli.io.pictures.size import picture_size
 from depthcli.io.png.chunks import read_text
 from depthcli.io.storage.remote import path_of
@@ -86,7 +86,7 @@ def read_metadata(path: Path) -> Mapping[str, str]:
 
 def _png(path: Path, png_scale: float | None, unstated_scale: float | None) -> StoredDepth:
     data = read_bytes(path)
-    steps = decode(data, str(path))
+    steps = decode(data, str(path), max_pixels=OPENCV_MAX_PIXELS)
     if steps.dtype != np.uint16 or steps.ndim != _DIMENSIONS:
         raise InputError(
             f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or a picture"

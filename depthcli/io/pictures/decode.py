@@ -27,6 +27,8 @@ from depthcli.io.storage.remote import RemotePath
 
 MAX_FILE_BYTES = 2**32
 """More than a picture of ``MAX_PIXELS`` takes in float32 RGB."""
+OPENCV_MAX_PIXELS = 2**30
+_MAX_SIDE = 1_000_000  # libpng and OpenCV decode no longer ones
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 _OS2_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION  # else its colours become gray
 # After such messages of libjpeg or libtiff, pixels are made up. Extraneous bytes before a JPEG's
@@ -139,6 +141,11 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
     if width <= 0 or height <= 0:
         raise InputError(f"{name} claims {width}×{height} pixels; the picture is empty")
     check_size(name, width, height, max_pixels)
+    if max(width, height) > _MAX_SIDE:
+        raise InputError(
+            f"{name} has {width}×{height} pixels, and no side may be longer than {_MAX_SIDE:,}; "
+            "divide it"
+        )
     found = find_problem(data)
     if found is not None:
         raise InputError(f"{name} {found}")

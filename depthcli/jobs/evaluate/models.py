@@ -124,6 +124,8 @@ def _open_predictors(
     kind, scale = request.predictions_kind, request.predictions_scale
     if scale is not None and not request.predictions:
         raise UsageError("--predictions-scale needs --predictions DIR")
+    if kind is not None and not request.predictions:
+        raise UsageError("--predictions-kind needs --predictions DIR")
     truth_scale = request.units_per_metre
     files = [
         open_predictions(folder, task.ids, kind, scale, truth_scale)

@@ -37,7 +37,10 @@ class PairStore:
 
     def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:
         if not positions:
-            raise DatasetError("no pair to train on: check the data folder and holdout_every")
+            raise DatasetError(
+                "no pair to train on: check the data folder, data.holdout_every and "
+                "data.holdout_offset"
+            )
         size = _stored_size(dataset.image(positions[0]).shape, data)
         shape = (len(positions), 3, size[1], size[0])
         self.rgb = torch.empty(shape, dtype=torch.uint8)

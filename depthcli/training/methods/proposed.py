@@ -23,7 +23,9 @@ class Proposed(CycleGan):
     TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", *PAIRED_LOSSES}
     SETTINGS: ClassVar = CycleGan.SETTINGS | {
         "loss.adversarial_backward",
+        "data.extra_share",
         "loss.contrast",
+        "loss.extra_scale",
         "loss.l1_backward",
         "loss.weight_penalty",
     }

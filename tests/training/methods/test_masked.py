@@ -13,10 +13,12 @@ from lightning_fabric import Fabric
 from rooms import room_data
 from tiny_methods import SIZES, batch
 
+from depthcli.core.types import DepthMap
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import CheckpointError, DatasetError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
+from depthcli.io.writers.png16 import Png16Writer
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.config.overrides import updated
@@ -154,6 +156,17 @@ def test_the_pictures_of_pairs_are_those_in_rgb(pictures: Path, tmp_path: Path) 
     (tmp_path / "pairs" / "depth").mkdir()
     cv2.imwrite(str(tmp_path / "pairs" / "depth" / "x.png"), np.ones((4, 4), np.uint16))
     assert len(open_training_data(tmp_path / "pairs", paired=True, depth=False).dataset) == 6
+
+
+def test_outputs_of_depthcli_are_no_photographs(pictures: Path) -> None:
+    write = Png16Writer().write
+    write(DepthMap(np.ones((4, 4), np.float32)), pictures / "x.depth.png")
+    assert len(open_training_data(pictures, paired=True, depth=False).dataset) == 6
+    for path in pictures.rglob("*"):
+        if path.is_file() and path.name != "x.depth.png":
+            path.unlink()
+    with pytest.raises(DatasetError, match="outputs of depthcli only"):
+        open_training_data(pictures, paired=True, depth=False)
 
 
 def test_a_folder_without_pictures_is_refused(tmp_path: Path) -> None:

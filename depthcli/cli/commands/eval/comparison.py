@@ -33,6 +33,8 @@ def compare(
     as_json, is_silent = given["as_json"], given["quiet"] or given["as_json"]
     if given["per_image"] and not as_json:
         raise UsageError("--per-image is part of the JSON output: add --json")
+    if not models and (given["tile"] is not None or given["upsample"] != HEADLINE.upsampling):
+        raise UsageError("--upsample and --tile are for models, and none is compared: remove them")
     files = EvaluationFiles(given["csv"], given["figures"], given["html"])
     files.check((given["data"], *(given["predictions"] or ()), *models))
     workers, threads = share_cores(given["workers"], given["threads"])
