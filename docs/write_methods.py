@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import statistics
 from pathlib import Path
 
@@ -26,18 +27,22 @@ CONTROLS = {  # name: (text, whether it uses pairs)
     "l1-10": ("λ6 = 10", "used"),
     "unpaired": ("unpaired (λ6 = 0)", "no"),
 }
+TRAINED_AGAIN = ("l1",)
+"""Rows of the first file that were trained again with both seeds."""
 
 _Row = dict[str, str]
 
 
 def rows(align: str) -> dict[str, list[_Row]]:
-    """The rows of each method or control, one a seed; that of L1 alone is of both seeds."""
+    """The rows of each method or control, one a seed."""
     found: dict[str, list[_Row]] = {}
-    for name in ("table-seed0.csv", "table-seed1.csv"):
-        with (RESULTS / name).open(encoding="utf-8", newline="") as file:
+    for file_name in ("table-seed0.csv", "table-seed1.csv"):
+        with (RESULTS / file_name).open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
-                if row["align"] == align and row["source"] != "published":
-                    found.setdefault(row["name"].removesuffix("-seed1"), []).append(row)
+                name = re.sub(r"-seed\d+$", "", row["name"])
+                is_old = file_name == "table-seed0.csv" and name in TRAINED_AGAIN
+                if row["align"] == align and row["source"] != "published" and not is_old:
+                    found.setdefault(name, []).append(row)
     return found | {name: found[name][:1] for name in MEANS}
 
 

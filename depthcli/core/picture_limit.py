@@ -19,6 +19,11 @@ class PictureLimit(NamedTuple):
     pixels: int  #: maximum number of pixels (``--max-pixels``)
     detail: Detail = DEFAULT_DETAIL  #: contains the memory limit (``--max-memory``)
 
+    @classmethod
+    def of(cls, pixels: "int | PictureLimit") -> "PictureLimit":
+        """A limit of its number of pixels, or the limit itself."""
+        return cls(pixels) if isinstance(pixels, int) else pixels
+
     def check(self, name: str, width: int, height: int, pixel_bytes: int = 1) -> None:
         """Refuse a picture by the size that its header claims.
 

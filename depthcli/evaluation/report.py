@@ -175,5 +175,5 @@ def _difference_json(difference: Difference) -> dict[str, Any]:
 
 
 def scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:
-    """Scores by name; NaN becomes None."""
-    return {name: None if math.isnan(value) else value for name, value in scores.items()}
+    """Scores by name; those that are not finite become None."""
+    return {name: value if math.isfinite(value) else None for name, value in scores.items()}

@@ -47,7 +47,7 @@ def read_exr_picture(
     from depthcli.io.depth.exr_colours import colour_channels  # noqa: PLC0415
 
     name = name or str(path)
-    limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
+    limit = PictureLimit.of(max_pixels)
     channels = read_exr_channels(path, name=name, limit=limit)
     names, doubt = colour_channels(name, list(channels), options.layer)
     part = channels[names[0]].part

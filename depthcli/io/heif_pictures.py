@@ -39,7 +39,7 @@ def read_heif_picture(data: bytes, name: str, max_pixels: int | PictureLimit = M
         InputError: truncated, damaged, too large, also for the memory, or pillow-heif is missing.
     """
     check(data, name, max_pixels)
-    limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
+    limit = PictureLimit.of(max_pixels)
     try:
         with decoder_messages():
             pixels, warnings = _decoded(data, name, limit)

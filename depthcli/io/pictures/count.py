@@ -2,6 +2,7 @@
 
 import struct
 
+from depthcli.io.pictures.riff import riff_chunks
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_directories
 from depthcli.io.png.chunks import SIGNATURE, read_chunks
 
@@ -31,11 +32,7 @@ def _picture_count(data: bytes) -> int:
             heads = (body for kind, body, _ in read_chunks(data) if kind == b"acTL")
             count = int.from_bytes(next(heads, b"")[:4], "big")
         elif data[:4] == b"RIFF" and data[12:16] == b"VP8X":
-            at = 12
-            while at < len(data):
-                count += data[at : at + 4] == b"ANMF"
-                (size,) = struct.unpack_from("<I", data, at + 4)
-                at += 8 + size + size % 2
+            count = sum(kind == b"ANMF" for kind, _ in riff_chunks(data))
         elif data.startswith(_GIF_STARTS):
             at = 13 + _gif_table_bytes(data[10])
             while data[at] in (_GIF_IMAGE, _GIF_EXTENSION):

@@ -166,8 +166,7 @@ def check_size(name: str, width: int, height: int, max_pixels: int | PictureLimi
     Raises:
         InputError: it is.
     """
-    limit = PictureLimit(max_pixels) if isinstance(max_pixels, int) else max_pixels
-    limit.check(name, width, height)
+    PictureLimit.of(max_pixels).check(name, width, height)
 
 
 def _without_alpha(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:

@@ -1,13 +1,14 @@
 """The two EXIF tags that depth estimation needs: orientation and focal length."""
 
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from contextlib import suppress
 from typing import NamedTuple
 
 from depthcli.io.pictures.boxes import find_box
 from depthcli.io.pictures.heif import heif_exif
 from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
+from depthcli.io.pictures.riff import riff_chunks
 from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
 from depthcli.io.png.chunks import SIGNATURE, read_chunks
 
@@ -52,18 +53,10 @@ def _tiff_part(data: bytes) -> bytes:
         parts = (content for marker, content in jpeg_segments(data) if marker == _APP1)
         found = (part for part in parts if part.startswith(_HEAD))
     elif data[:4] == b"RIFF" and data[8:12] == b"WEBP":
-        found = (body for kind, body in _riff_chunks(data) if kind == b"EXIF")
+        found = (body for kind, body in riff_chunks(data) if kind == b"EXIF")
     else:
         return data
     return next(found, b"").removeprefix(_HEAD)
-
-
-def _riff_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    at = 12
-    while at + 8 <= len(data):
-        kind, length = struct.unpack_from("<4sI", data, at)
-        yield kind, data[at + 8 : at + 8 + length]
-        at += 8 + length + length % 2  # odd lengths are padded
 
 
 def _parse(tiff: bytes) -> Exif:
