@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
 _DLOPEN_NO_MEMORY = "failed to map segment"  # part of dlopen's message
+_CHECK_EACH_INPUT = {"predict", "video"}  # one that is empty fails, and the others are processed
 # Metavars in help, instead of typer's type names, which depend on its version.
 _PLACEHOLDERS = {
     "int": "N",
@@ -114,11 +115,14 @@ def run(arguments: Sequence[str]) -> int:
 def _refuse_empty(arguments: Sequence[str]) -> None:
     """Refuse empty words: a variable of a script that is not set, which would be the folder '.'."""
     for before, word in zip((PROGRAM, *arguments), arguments, strict=False):
-        name = before if word == "" else word
-        if word == "" or re.fullmatch(r"--[\w-]+=", word):
-            raise UsageError(
-                f"the word after {name!r} is empty; is a variable of the command not set?"
-            )
+        is_value = before.startswith("-")
+        if word == "" and (is_value or arguments[0] not in _CHECK_EACH_INPUT):
+            name = before if is_value else f"the word after {before!r}"
+        elif re.fullmatch(r"--[\w-]+=", word):
+            name = word[:-1]
+        else:
+            continue
+        raise UsageError(f"{name} is empty; is a variable of the command not set?")
 
 
 def _explain(error: Exception) -> tuple[str, int]:
