@@ -177,6 +177,8 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
         DatasetError: the folder is missing, holds nothing usable, or two files share a name.
     """
     folder = root / kind
+    if not root.is_dir():
+        raise DatasetError(f"{root} is not a folder: name one with rgb/ and depth/")
     if not folder.is_dir():
         raise DatasetError(f"{folder} is missing: the data set needs rgb/ and depth/ side by side")
     found: dict[str, Path] = {}

@@ -68,6 +68,7 @@ def test_the_model_lies_beside_the_checkpoint_and_is_its_network(
     assert "(allowed 0.001)" in shown
     assert (card.name, card.version, card.license) == ("custom", "1.0.0", "NOASSERTION")
     assert card.onnx.opset == 17
+    assert main(["export-onnx", str(checkpoint.parent), "--quiet"]) == 0
     loud = path.with_name("other.ONNX")
     assert main(["export-onnx", str(checkpoint), "-o", str(loud), "-q"]) == 0
     assert loud.is_file()

@@ -22,7 +22,8 @@ app = typer.Typer(rich_markup_mode=None)
 @app.command()
 def export_onnx(
     checkpoint: Annotated[
-        Path, typer.Argument(metavar="CKPT", help="Checkpoint written by depthcli train.")
+        Path,
+        typer.Argument(metavar="CKPT", help="Checkpoint written by depthcli train, or its folder."),
     ],
     output: Annotated[
         Path | None,
@@ -115,6 +116,8 @@ def export_onnx(
         float_model,
         weights,
     )
+    if checkpoint.is_dir():
+        checkpoint /= "last.ckpt"
     done = export_checkpoint(checkpoint, _export_path(checkpoint, output), options)
     if as_json:
         _print_export_json(done)
