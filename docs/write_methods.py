@@ -49,9 +49,8 @@ def rows(align: str) -> dict[str, list[_Row]]:
 def cell(row: list[_Row], metric: str) -> str:
     """Mean over seeds, and ± where there are several."""
     decimals, values = METRICS[metric], [float(one[metric]) for one in row]
-    deviation = statistics.stdev(values) if len(values) > 1 else row[0].get(f"{metric}_sd") or None
     text = _number(statistics.mean(values), decimals)
-    return text if deviation is None else f"{text} ± {_number(float(deviation), decimals)}"
+    return text if len(values) == 1 else f"{text} ± {_number(statistics.stdev(values), decimals)}"
 
 
 def table(align: str, *, pairs: bool) -> str:

@@ -91,4 +91,3 @@ def test_deviations_are_over_seeds() -> None:
     rows = [{"rmse": "1.10"}, {"rmse": "1.14"}]
     assert write_methods.cell(rows, "rmse") == "1.120 ± .028"
     assert write_methods.cell(rows[:1], "rmse") == "1.100"
-    assert write_methods.cell([{"d1": ".5", "d1_sd": ".01"}], "d1") == ".5000 ± .0100"
