@@ -37,6 +37,8 @@ def main() -> None:
     arguments = parser.parse_args()
     mpl.rcParams |= {"svg.hashsalt": "depthcli", "svg.fonttype": "none"}
     figure, axes = plt.subplots(figsize=(8, 4.5))
+    colours = mpl.rcParams["axes.prop_cycle"]
+    axes.set_prop_cycle(plt.cycler(linestyle=["-", "--"]) * colours)
     for log in sorted(arguments.runs.glob("*/metrics.jsonl")):
         axes.plot(*curve(log, arguments.metric), marker=".", label=log.parent.name)
     axes.set(xlabel="share of the epochs", ylabel=f"{arguments.metric}, held-out scenes")
