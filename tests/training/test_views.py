@@ -71,6 +71,23 @@ def test_a_turned_view_is_what_a_turned_camera_sees(
             assert length == pytest.approx(math.hypot(x, y, 1), rel=1e-4)
 
 
+@pytest.mark.parametrize("aspect", [1 / 2, 9 / 16, 3 / 4, 1, 4 / 3, 16 / 9, 21 / 9])
+@pytest.mark.parametrize("halves", [NYU, (0.7, 0.7), (0.4, 0.7)])
+def test_rotated_views_of_any_aspect_stay_inside_and_use_their_margin(
+    aspect: float, halves: tuple[float, float]
+) -> None:
+    fov = torch.tensor([halves], dtype=torch.float64).expand(2000, 2)
+    data = replace(DATA, rotate_deg=11.4, turn=0.0, aspects=(aspect,))
+    grid = draw_views(2000, data.view_sides(aspect), data, seeded(2), fov).grid
+    assert grid.abs().max() <= 1 + 1e-5
+    assert grid.abs().amax((0, 1, 2)).min() > 0.97  # of pixel centres
+    across = grid[:, :, -1] - grid[:, :, 0]  # a rotated row also leads up or down
+    rise = torch.atan2(across[..., 1] * halves[1], across[..., 0].abs() * halves[0])
+    largest_deg = math.degrees(float(rise.abs().max()))
+    square = max(halves[0] / halves[1], halves[1] / halves[0])
+    assert largest_deg == pytest.approx(min(11.4, math.degrees(0.2 / square)), rel=0.05)
+
+
 def _cosine(
     a: tuple[int, int],
     b: tuple[int, int],
