@@ -114,15 +114,30 @@ def run(arguments: Sequence[str]) -> int:
 
 def _refuse_empty(arguments: Sequence[str]) -> None:
     """Refuse empty words: a variable of a script that is not set, which would be the folder '.'."""
-    for before, word in zip((PROGRAM, *arguments), arguments, strict=False):
-        is_value = before.startswith("-")
-        if word == "" and (is_value or arguments[0] not in _CHECK_EACH_INPUT):
+    words = list(arguments)
+    if "--" in words:  # what follows are inputs, of any name
+        words = words[: words.index("--")]
+    for before, word in zip((PROGRAM, *words), words, strict=False):
+        is_value = before.startswith("-") and before != "-"
+        if word == "" and (is_value or words[0] not in _CHECK_EACH_INPUT):
+            if words[0] in _CHECK_EACH_INPUT and before in _flags(words[0]):
+                continue
             name = before if is_value else f"the word after {before!r}"
         elif re.fullmatch(r"--[\w-]+=", word):
             name = word[:-1]
         else:
             continue
         raise UsageError(f"{name} is empty; is a variable of the command not set?")
+
+
+def _flags(name: str) -> set[str]:
+    parameters = plain_command(name).params
+    return {
+        word
+        for p in parameters
+        if getattr(p, "is_flag", False)
+        for word in (*p.opts, *p.secondary_opts)
+    }
 
 
 def _explain(error: Exception) -> tuple[str, int]:

@@ -52,7 +52,7 @@ def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> f
     >>> sorted(held_out_scenes(["a", "b", "b", "c", "d", "e"], every=2, offset=1))
     ['b', 'd']
     """
-    return frozenset(sorted(set(scenes) - {""})[offset::every])
+    return frozenset(sorted(set(scenes))[offset::every]) - {""}
 
 
 def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:

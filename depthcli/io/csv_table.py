@@ -49,14 +49,11 @@ class CsvTable:
         """Read the first line.
 
         Raises:
-            InputError: it is not CSV, or two columns have one name.
+            InputError: it is not CSV.
         """
         text = StringIO(data.decode("utf-8-sig", "surrogateescape"), newline="")
         self._name, self._lines = name, csv.reader(text, strict=True, skipinitialspace=True)
         self.columns = [word.strip() for word in next(self._cells(), [])]
-        twice = next((word for word in self.columns if word and self.columns.count(word) > 1), None)
-        if twice is not None:
-            raise InputError(f"{name} has two columns {short_repr(twice)}; remove one")
 
     def __iter__(self) -> Iterator[CsvRow]:
         """The rows after the first line that are not empty, once.

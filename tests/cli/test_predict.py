@@ -616,3 +616,9 @@ def test_a_focal_length_that_scales_nothing_is_told(inside: Cli, picture: Path) 
     assert done.returncode == 0
     assert done.stderr.count(b"does not scale depth") == 1
     assert b"no focal length is known" not in done.stderr
+
+
+def test_an_empty_input_after_a_switch_costs_the_others_nothing(inside: Cli) -> None:
+    room(inside)
+    done = inside("predict", "room.png", "--quiet", "", "--format", "npy")
+    assert (done.returncode, here(inside)) == (1, {"room.png", "room.depth.npy"})

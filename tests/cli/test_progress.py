@@ -130,11 +130,14 @@ def test_the_rate_of_training_is_that_of_its_steps(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Reading the data, before the first step, does not count."""
-    clock = iter([0.0, 100.0, 102.0])
+    clock = iter([0.0, 100.0, 100.5, 102.0])
     monkeypatch.setattr(training.time, "monotonic", lambda: next(clock))
     with ExitStack() as stack:
         lines = TextCallback(stack)
-        for step in range(1, 12):
+        lines.on_step_end(RunProgress(step=1), 131, {})
+        lines.on_epoch_end(RunProgress(step=1, epoch=1))
+        assert "steps/s" not in capfd.readouterr().err  # the first step is not measured
+        for step in range(2, 12):
             lines.on_step_end(RunProgress(step=step), 131, {})
-        lines.on_epoch_end(RunProgress(step=11, epoch=1))
+        lines.on_epoch_end(RunProgress(step=11, epoch=2))
     assert "5.00 steps/s  0 min to go" in capfd.readouterr().err

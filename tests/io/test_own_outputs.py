@@ -55,5 +55,7 @@ def test_a_file_that_may_not_be_read_is_not_replaced(
         raise PermissionError(errno.EACCES, f"Permission denied after {first}", str(path))
 
     monkeypatch.setattr(own_outputs, "read_regular", refuse)  # root may read everything
+    check_replaceable(tmp_path / "a.png")  # in a folder that may not be searched
+    (tmp_path / "a.png").touch()
     with pytest.raises(OutputError, match="may not be read"):
         check_replaceable(tmp_path / "a.png")

@@ -125,7 +125,7 @@ def test_a_video_is_sent_to_the_command_for_videos() -> None:
 @pytest.mark.parametrize(
     ("name", "advice"),
     [
-        ("camera.DNG", "whose first picture is a thumbnail; convert it to JPEG, PNG or TIFF first"),
+        ("camera.DNG", "is a camera raw file; convert it to JPEG, PNG or TIFF first"),
         ("a.psd", "PNM, EXR); convert it to JPEG, PNG or TIFF first"),
         *(
             (f"a.{suffix}", "PNM, EXR); convert it to EXR or 16-bit TIFF first")
@@ -177,7 +177,7 @@ def test_camera_raw_is_known_by_its_directories_or_its_name(
     if name == "a.tif" and tags != {254: 1, 330: 8}:
         np.testing.assert_array_equal(read_image(path).pixels, pixels)
         return
-    with pytest.raises(InputError, match="camera raw file, whose first picture is a thumbnail"):
+    with pytest.raises(InputError, match=r"camera raw files?( do)?; convert it"):
         read_image(path)
 
 
@@ -200,3 +200,12 @@ def test_a_side_that_no_decoder_reads_is_named(tmp_path: Path) -> None:
         read_image(path)
     path.write_bytes(made.png([bytes(1_000_000)], 1_000_000, 8, 0))
     assert read_image(path).pixels.shape == (1, 1_000_000)
+
+
+def test_a_tiff_with_empty_tags_is_an_ordinary_one(tmp_path: Path) -> None:
+    data = bytearray(made.tiff(PICTURE, longs={254: 1, 330: 8}))
+    path = tmp_path / "a.tif"
+    for tag in (254, 330):
+        at = data.index(struct.pack("<HHI", tag, 4, 1))
+        path.write_bytes(data[: at + 4] + bytes(4) + data[at + 8 :])  # no value
+        np.testing.assert_array_equal(read_image(path).pixels, PICTURE)

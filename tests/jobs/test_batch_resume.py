@@ -204,3 +204,10 @@ def test_what_changes_no_byte_is_not_done_again(tmp_path: Path) -> None:
         (Format.EXR, Format.PNG16), detail=Detail(max_memory_bytes=1_000_000_000)
     )
     assert kept(tmp_path, options=limited) == {"a.png": True, "b.mp4": True}
+
+
+def test_a_picture_that_is_named_like_a_frame_is_not_done_again(tmp_path: Path) -> None:
+    write_picture(tmp_path / "in" / "shot.depth.000123.jpg")
+    asked = BatchOptions((Format.PLY, Format.JSON))
+    for is_kept in (False, True):
+        assert kept(tmp_path, options=asked) == {"shot.depth.000123.jpg": is_kept}

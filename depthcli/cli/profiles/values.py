@@ -114,8 +114,9 @@ def _check_value(
         value = [value]
     for part in value if isinstance(value, list) else [value]:
         if not _has_type(part, parameter):
-            kind = parameter.type.name
-            raise UsageError(f"profile {name!r}: {key} = {value!r} is not a valid {kind}")
+            kind = "a whole number" if isinstance(part, float) else "a switch"
+            what = "has to be" if isinstance(part, float) else "is not"
+            raise UsageError(f"profile {name!r}: {key} {what} {kind}")
     try:
         parameter.process_value(context, value)
     except Exception as error:

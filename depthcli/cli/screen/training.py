@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import sys
 import time
 from contextlib import ExitStack, contextmanager
@@ -143,14 +142,16 @@ class TextCallback(_Reporter):
         """Print losses, scores, rate and remaining time."""
         elapsed_s = time.monotonic() - self._started_s
         done = progress.step - (self._first_step or 0)
-        rate = done / elapsed_s if done else math.inf
-        to_go_min = (self._steps - progress.step) / rate / 60
+        speed = ""
+        if done and elapsed_s > 0:
+            rate = done / elapsed_s
+            to_go_min = (self._steps - progress.step) / rate / 60
+            speed = f"  {rate:.2f} steps/s  {to_go_min:.0f} min to go"
         losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
         scores = " ".join(
             f"{name} {progress.scores[name]:.4f}" for name in _SHOWN if progress.scores
         )
-        held_out = f"held out: {scores}  " if scores else ""
+        held_out = f"  held out: {scores}" if scores else ""
         console.note(
-            f"epoch {progress.epoch}  step {progress.step}/{self._steps}  {losses}  "
-            f"{held_out}{rate:.2f} steps/s  {to_go_min:.0f} min to go"
+            f"epoch {progress.epoch}  step {progress.step}/{self._steps}  {losses}{held_out}{speed}"
         )

@@ -1,5 +1,6 @@
 """Recognizing outputs of depthcli among its inputs."""
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -73,7 +74,7 @@ def replaced_head(path: Path) -> bytes:
     except FileNotFoundError:
         return b""
     except PermissionError as error:
-        if is_remote:
+        if is_remote or not os.path.isfile(path):  # noqa: PTH113 - never raises
             return b""  # without the right to list, S3 answers 403 for missing objects
         raise OutputError(
             f"{path} may not be read, so it may be another program's; choose another output"

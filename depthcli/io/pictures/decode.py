@@ -2,6 +2,7 @@
 
 import re
 import struct
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -129,11 +130,8 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         raise InputError(f"{name} is empty")
     if is_heif(data) and not reads_heif():
         raise InputError(f"{name} is HEIC, which needs pillow-heif; {INSTALL_HEIF}")
-    if _is_raw(data, name):
-        raise InputError(
-            f"{name} is a camera raw file, whose first picture is a thumbnail; convert it to JPEG, "
-            "PNG or TIFF first"
-        )
+    if data.startswith(TIFF_STARTS):
+        _check_no_raw(data, name)
     size = picture_size(data)
     if size is None:
         raise InputError(f"{name} {_why_no_picture(data, name)}")
@@ -151,13 +149,13 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
         raise InputError(f"{name} {found}")
 
 
-def _is_raw(data: bytes, name: str) -> bool:
-    if not data.startswith(TIFF_STARTS):
-        return False
-    try:
-        return name.lower().endswith(CAMERA_RAW) or has_thumbnail_only(data)
-    except struct.error:
-        return False  # the check of its size tells
+def _check_no_raw(data: bytes, name: str) -> None:
+    what = "is a camera raw file" if name.lower().endswith(CAMERA_RAW) else None
+    with suppress(struct.error):  # the check of its size tells
+        if what is None and has_thumbnail_only(data):
+            what = "has a thumbnail as its first picture, as camera raw files do"
+    if what is not None:
+        raise InputError(f"{name} {what}; convert it to JPEG, PNG or TIFF first")
 
 
 def check_size(name: str, width: int, height: int, max_pixels: int | PictureLimit) -> None:

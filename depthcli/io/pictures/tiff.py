@@ -128,7 +128,8 @@ def has_thumbnail_only(data: bytes) -> bool:
         struct.error: the file is truncated.
     """
     tags = dict(tiff_tags(data, (_SUBFILE_TYPE, _SUB_DIRECTORIES)))
-    return _SUB_DIRECTORIES in tags and bool(tags.get(_SUBFILE_TYPE, (0,))[0] & _REDUCED)
+    is_reduced = any(kind & _REDUCED for kind in tags.get(_SUBFILE_TYPE, ()))
+    return is_reduced and bool(tags.get(_SUB_DIRECTORIES))
 
 
 def tiff_size(data: bytes) -> tuple[int, int] | None:

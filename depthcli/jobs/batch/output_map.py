@@ -79,7 +79,7 @@ class OutputMap:
     def video(self, file: InputFile, rows: Rows) -> Task[VideoFormat]:
         """The task for a video, given the rows of earlier batches."""
         outputs, row = self._of_video(file), rows.row(file.name)
-        has_names = row is not None and self._names(outputs.values()) == _made_names(row)
+        has_names = row is not None and self._names(outputs.values()) == _sequence_names(row)
         if not has_names:
             file = self._unless_taken(file, outputs.values(), rows)
         lens = self.plan.lenses.get(file.name)
@@ -90,7 +90,7 @@ class OutputMap:
         names = self._names(outputs)
         for other in self.plan.unlisted.get(file.name, ()):
             row = rows.row(other)
-            for taken in names & _made_names(row) if row else ():
+            for taken in names & (_made_names(row) | _sequence_names(row)) if row else ():
                 return file._replace(
                     problem=f"{self.plan.out / taken} is the output for {other}, which "
                     "this batch leaves out; list both, or choose another --out"
@@ -111,8 +111,10 @@ class OutputMap:
 
 
 def _made_names(row: Row) -> set[str]:
-    """Names of the outputs of an earlier run, relative to the output folder.
+    """Names of the outputs of an earlier run, relative to the output folder."""
+    return {file.path for file in row.outputs}
 
-    Frames have the name of their sequence, as their number is not known in advance.
-    """
-    return {re.sub(r"(?<=\.depth\.)\d{6,}(?=\.\w+$)", "%06d", file.path) for file in row.outputs}
+
+def _sequence_names(row: Row) -> set[str]:
+    """The same for a video, whose frames have the name of their sequence: their number varies."""
+    return {re.sub(r"(?<=\.depth\.)\d{6,}(?=\.\w+$)", "%06d", name) for name in _made_names(row)}
