@@ -13,8 +13,7 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from depthcli.datasets.files import sample_positions
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.preprocess import prepare
-from depthcli.io.listing.folder import is_media, is_video
-from depthcli.io.listing.own_outputs import is_own_output
+from depthcli.io.listing.folder import is_video, list_folder
 from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.models.card_specs import InputSpec
@@ -57,19 +56,15 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.fl
         raise UsageError(f"{folder} is not a folder; give one with pictures to calibrate int8")
     if all((folder / name).is_dir() for name in ("rgb", "depth")):
         raise UsageError(f"{folder} has depth beside its pictures; give {folder / 'rgb'} for int8")
-    files = sorted(path for path in folder.rglob("*") if _is_picture(path))
+    listed = list_folder(str(folder)).media
+    files = sorted(Path(file.path) for file in listed if not is_video(file.name))
     batches = []
-    for path in [files[i] for i in sample_positions(len(files), MAX_PICTURES)]:
+    for i in sample_positions(len(files), MAX_PICTURES):
         with suppress(InputError):  # damaged ones
-            batches.append(prepare(spec, read_image(path))[0])
+            batches.append(prepare(spec, read_image(files[i]))[0])
     if not batches:
         raise UsageError(f"{folder} has no picture; give one with pictures to calibrate int8")
     return batches
-
-
-def _is_picture(path: Path) -> bool:
-    is_picture = is_media(path.name) and not is_video(path.name) and path.is_file()
-    return is_picture and not is_own_output(str(path))
 
 
 @contextmanager

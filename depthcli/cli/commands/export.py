@@ -98,6 +98,7 @@ def export_onnx(
     """
     from depthcli.export.onnx import export_checkpoint
     from depthcli.export.options import ExportOptions
+    from depthcli.training.folder import CHECKPOINT
 
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")
@@ -117,7 +118,7 @@ def export_onnx(
         weights,
     )
     if checkpoint.is_dir():
-        checkpoint /= "last.ckpt"
+        checkpoint /= CHECKPOINT
     done = export_checkpoint(checkpoint, _export_path(checkpoint, output), options)
     if as_json:
         _print_export_json(done)

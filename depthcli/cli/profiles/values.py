@@ -95,11 +95,11 @@ def _all_keys() -> set[str]:
 
 def _formats_of(parameter: Any, value: Value) -> list[Scalar]:  # noqa: ANN401 - typer's own types
     """The formats of a profile, without those of other commands only."""
-    found = value if isinstance(value, list) else [value]
-    all_formats = {
-        name for one in profiled_commands() for name in options_of(one)[_FORMAT].type.choices
-    }
-    return [name for name in found if name in parameter.type.choices or name not in all_formats]
+    found, own = value if isinstance(value, list) else [value], parameter.type.choices
+    if all(name in own for name in found):
+        return found  # the other commands are not imported
+    of_any = {name for one in profiled_commands() for name in options_of(one)[_FORMAT].type.choices}
+    return [name for name in found if name in own or name not in of_any]
 
 
 def _check_value(
