@@ -15,11 +15,17 @@ The tree::
     └── TrainingError             exit 3   training cannot go on (a loss that is not finite, say)
 
 Messages are one line and say what to do. Libraries raise them; only ``depthcli.cli`` turns them
-into text and exit codes.
+into exit codes and names the options of the command line in them.
 """
 
+from __future__ import annotations
+
+import re
 from enum import IntEnum
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar, Self
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 NO_THREADS = (
     "no more threads can be started; give fewer --workers, or see 'ulimit -v' and 'ulimit -u'"
@@ -39,10 +45,56 @@ class ExitCode(IntEnum):
     INTERRUPTED = 130
 
 
+class Message(str):
+    """One line about a problem; as text it names parameters, :meth:`worded` names options.
+
+    Attributes:
+        problem: the fact, with names of files and values as they are.
+        advice: what to do, with parameters in braces: ``"raise {max_pixels}"``.
+        option: the parameter whose value is wrong; stands before the problem.
+    """
+
+    __slots__ = ("advice", "option", "problem")
+    problem: str
+    advice: str
+    option: str
+
+    def __new__(cls, problem: str, advice: str = "", *, option: str = "") -> Self:  # noqa: D102
+        message = super().__new__(cls, _joined(problem, advice, option, str))
+        message.problem, message.advice, message.option = problem, advice, option
+        return message
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _message, (self.problem, self.advice, self.option)
+
+    def worded(self, word: Callable[[str], str]) -> str:
+        """The line with each parameter as ``word`` names it, ``--max-pixels`` for example."""
+        return _joined(self.problem, self.advice, self.option, word)
+
+    def about(self, subject: str) -> Message:
+        """The message with what it is about before the problem: ``"a.png: …"``."""
+        return Message(f"{subject}: {self.problem}", self.advice, option=self.option)
+
+
+def _message(problem: str, advice: str, option: str) -> Message:
+    return Message(problem, advice, option=option)
+
+
+def _joined(problem: str, advice: str, option: str, word: Callable[[str], str]) -> str:
+    told = re.sub(r"\{([a-z_]+)\}", lambda found: word(found[1]), advice)
+    line = "; ".join(part for part in (problem, told) if part)
+    return f"{word(option)}: {line}" if option else line
+
+
 class DepthcliError(Exception):
-    """Base of every error raised on purpose."""
+    """Base of every error raised on purpose; ``str(error)`` is its :class:`Message`."""
 
     exit_code: ClassVar[ExitCode] = ExitCode.FAILURE
+
+    def __init__(self, problem: str = "", advice: str = "", *, option: str = "") -> None:
+        is_message = isinstance(problem, Message) and not advice and not option
+        self.message = problem if is_message else Message(problem, advice, option=option)
+        super().__init__(self.message)
 
 
 class DepthcliWarning(UserWarning):

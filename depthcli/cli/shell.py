@@ -143,7 +143,7 @@ def _flags(name: str) -> set[str]:
 def _explain(error: Exception) -> tuple[str, int]:
     """One-line message and exit code of an error."""
     if isinstance(error, DepthcliError):
-        return str(error), error.exit_code
+        return error.message, error.exit_code
     if isinstance(error, typer.Abort):
         return "interrupted", ExitCode.INTERRUPTED
     if hasattr(error, "format_message"):  # typer's own errors, all about usage

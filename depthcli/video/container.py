@@ -34,7 +34,7 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
     else:
         _check_file(source)
         if source.suffix.lower() in HEIF_SUFFIXES:  # FFmpeg would take its first tile for a video
-            raise InputError(single_picture_advice(str(source)))
+            raise InputError(single_picture_advice(str(source)) or "")
         # FFmpeg does not take an absolute path for a protocol.
         file = os.path.abspath(source)  # noqa: PTH100 - links stay as named
     container = None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, cast
 
 from depthcli.core.exit_hooks import exit_hook
 from depthcli.core.text import one_line
-from depthcli.errors import ExitCode
+from depthcli.errors import ExitCode, Message
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -86,6 +86,13 @@ def out_json(values: Mapping[str, object]) -> None:
     sys.stdout.flush()
 
 
+def worded(text: str) -> str:
+    """A message with the names of options; another text as it is."""
+    if isinstance(text, Message):
+        return text.worded(lambda name: f"--{name.replace('_', '-')}")
+    return text
+
+
 def note(text: str) -> None:
     """Print a line about the run to standard error."""
     _write_line(sys.stderr, text)
@@ -93,12 +100,12 @@ def note(text: str) -> None:
 
 def warn(text: str) -> None:
     """Print a warning as one line to standard error."""
-    _write_line(sys.stderr, f"depthcli: warning: {one_line(text)}")
+    _write_line(sys.stderr, f"depthcli: warning: {one_line(worded(text))}")
 
 
 def error(text: str) -> None:
     """Print an error as one line to standard error."""
-    _write_line(sys.stderr, f"depthcli: error: {one_line(text)}")
+    _write_line(sys.stderr, f"depthcli: error: {one_line(worded(text))}")
 
 
 def report_lost_output(problem: OSError, code: int) -> int:
