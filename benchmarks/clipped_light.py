@@ -18,7 +18,7 @@ import depthcli
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.table import plan_nyu
-from depthcli.io.exr_light import encode
+from depthcli.io.exr.image import encode
 
 STOPS = (0.25, 0.5, 1, 1.5, 2, 2.5, 3)
 SHARES = (0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1)

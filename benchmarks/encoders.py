@@ -22,7 +22,7 @@ from timing import Timing, alternate
 
 import depthcli
 from depthcli.io.depth.quantization import quantized
-from depthcli.io.png.encode import encode_png
+from depthcli.io.images.png import encode_png
 from depthcli.io.writers.metadata import metadata_texts
 from depthcli.io.writers.preview import PreviewWriter
 

@@ -41,8 +41,7 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline, load
     from depthcli.inference.session import Session
     from depthcli.io.calibration import read_calibration
-    from depthcli.io.pictures.convert import Picture
-    from depthcli.io.pictures.read import read_image
+    from depthcli.io.images.read import Picture, read_image
     from depthcli.models.card import ModelCard
     from depthcli.models.catalog import Model, find_model
 
@@ -103,8 +102,7 @@ _HOMES = {
     "depthcli.inference.pipeline": ("Pipeline", "load"),
     "depthcli.inference.session": ("Session",),
     "depthcli.io.calibration": ("read_calibration",),
-    "depthcli.io.pictures.read": ("read_image",),
-    "depthcli.io.pictures.convert": ("Picture",),
+    "depthcli.io.images.read": ("Picture", "read_image"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -21,7 +21,7 @@ import depthcli
 from depthcli.core.choices import Colormap
 from depthcli.datasets.rooms.pair import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
 from depthcli.export.trained import export_run, open_run
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.read import read_image
 from depthcli.visual.colormaps import colour_table
 from depthcli.visual.contact_sheet import contact_sheet
 

@@ -28,15 +28,15 @@ from depthcli.errors import DepthcliWarning, InputError, ModelError, UsageError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.providers import AUTO
-from depthcli.io.pictures.convert import frame_of
-from depthcli.io.pictures.levels import check_white_level
+from depthcli.io.images.decode import check_white_level
+from depthcli.io.images.read import frame_of
 from depthcli.models.locations import DEFAULT_MODEL
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 
     from depthcli.api.picture_batches import PictureBatch
-    from depthcli.io.pictures.convert import Picture
+    from depthcli.io.images.read import Picture
     from depthcli.models.card import ModelCard
 
 _BATCH_RANK = 4

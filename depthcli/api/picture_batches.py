@@ -8,12 +8,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.core.types import Frame
-from depthcli.io.pictures.convert import frame_of
+from depthcli.io.images.read import frame_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from depthcli.io.pictures.convert import Picture
+    from depthcli.io.images.read import Picture
 
 
 class PictureBatch(NamedTuple):

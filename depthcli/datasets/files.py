@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.errors import DatasetError, InputError
-from depthcli.io.pictures.decode import MAX_FILE_BYTES, check, decoded
-from depthcli.io.png.chunks import SIGNATURE
+from depthcli.io.images.decode import MAX_FILE_BYTES, check, decoded
+from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.regular import read_regular
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")

@@ -13,8 +13,8 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from depthcli.datasets.files import sample_positions
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.preprocess import prepare
+from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_video, list_folder
-from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.models.card_specs import InputSpec
 

@@ -10,8 +10,8 @@ import cv2
 from depthcli.core.calibration import Calibration
 from depthcli.core.camera_ranges import FOCAL_PX
 from depthcli.errors import InputError
-from depthcli.io.opencv_log import silent_opencv
-from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.images.decode import read_bytes
+from depthcli.io.images.native_log import silent_opencv
 from depthcli.io.storage.remote import path_of
 
 _WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")

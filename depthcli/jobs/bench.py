@@ -17,8 +17,8 @@ from depthcli.inference.latency import Latency, measure_latency
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.preprocess import prepare
-from depthcli.io.pictures.decode import read_bytes
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.decode import read_bytes
+from depthcli.io.images.read import read_image
 from depthcli.io.storage.temporary_folder import temporary_folder
 from depthcli.io.writers.png16 import Png16Writer
 

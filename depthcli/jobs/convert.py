@@ -13,8 +13,8 @@ from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth
+from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import check_replaceable
-from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.io.writers.formats import FILE_SUFFIXES, MILLIMETRES, Format, format_of

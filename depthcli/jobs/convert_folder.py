@@ -11,12 +11,12 @@ from depthcli.core.camera import Camera
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliError, InputError, UsageError
+from depthcli.io.images.native_log import silent_opencv
 from depthcli.io.listing.folder import InputFile, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter
 from depthcli.io.listing.own_outputs import check_replaceable, is_own_picture
 from depthcli.io.listing.skipped import HIDDEN, Skipped, skip_summary
 from depthcli.io.listing.store import list_objects, walk_sort_key
-from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.storage.remote import (
     RemotePath,
     check_writable,

@@ -68,7 +68,7 @@ def _check_providers(name: str | None) -> Iterator[Check]:
 
 
 def _check_codecs() -> Iterator[Check]:
-    from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_round_trip
+    from depthcli.io.images.decode import PICTURE_SUFFIXES, can_round_trip
 
     for suffix in PICTURE_SUFFIXES:
         works = can_round_trip(suffix)
@@ -84,7 +84,7 @@ def _check_openexr() -> Iterator[Check]:
 
 def _check_heif() -> Iterator[Check]:
     from depthcli.core.extras import INSTALL_HEIF
-    from depthcli.io.heif_pictures import libheif_version
+    from depthcli.io.images.libheif import libheif_version
     from depthcli.io.listing.heif import reads_heif
 
     found = f"libheif {libheif_version()}" if reads_heif() else f"not read; {INSTALL_HEIF}"

@@ -12,9 +12,9 @@ from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window
 from depthcli.errors import InputError
-from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
+from depthcli.io.exr.image import read_exr_picture, read_exr_rate
+from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_exr
-from depthcli.io.pictures.read import read_image
 from depthcli.video.frames import FrameSource
 from depthcli.video.number_ranges import NumberRanges, missing_numbers
 from depthcli.video.rates import FALLBACK_RATE, exact_rate

@@ -14,8 +14,8 @@ from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.pixel_aspect import pixel_aspect_of
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.io.pictures.decode import check_size
-from depthcli.io.pictures.read import upright
+from depthcli.io.images.decode import check_size
+from depthcli.io.images.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
 from depthcli.video.depth import LABEL_PREFIX

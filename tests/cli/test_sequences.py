@@ -18,7 +18,7 @@ from videos import flat_frames, write_video
 from depthcli.cli.arguments.span import parse_fps
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.exr_pictures import read_exr_rate
+from depthcli.io.exr.image import read_exr_rate
 from depthcli.video.depth import DepthVideo
 from depthcli.video.frame_source import is_sequence, open_frames
 from depthcli.video.number_pattern import base_name, number_in, numbered_name

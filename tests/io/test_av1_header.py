@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from depthcli.io.pictures.avif import avif_size
-from depthcli.io.pictures.size import picture_size
+from depthcli.io.images.decode import picture_size
+from depthcli.io.images.isobmff import avif_size
 
 
 class Bits:

@@ -18,12 +18,11 @@ from PIL import Image
 from depthcli.datasets.files import depth_shape, read_image_rgb
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.images import native_log as decoder_messages
+from depthcli.io.images.decode import PICTURE_SUFFIXES, can_round_trip, decoded
+from depthcli.io.images.native_log import WARNINGS, set_log_level
+from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import is_own_picture
-from depthcli.io.opencv_log import WARNINGS, set_log_level
-from depthcli.io.pictures import decoder_messages
-from depthcli.io.pictures.codecs import PICTURE_SUFFIXES, can_round_trip
-from depthcli.io.pictures.decode import decoded
-from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.regular import read_regular
 
 if TYPE_CHECKING:

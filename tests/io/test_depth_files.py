@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.exr_layers import depth_channel
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.png.encode import encode_png
+from depthcli.io.exr.layers import depth_channel
+from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, writer_class

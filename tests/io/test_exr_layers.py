@@ -9,9 +9,8 @@ import OpenEXR
 import pytest
 
 from depthcli.errors import InputError
-from depthcli.io.depth.exr_colours import colour_channels
-from depthcli.io.depth.exr_layers import depth_channel
-from depthcli.io.pictures.read import read_image
+from depthcli.io.exr.layers import colour_channels, depth_channel
+from depthcli.io.images.read import read_image
 from depthcli.video.frame_source import open_frames
 
 if TYPE_CHECKING:

@@ -10,9 +10,8 @@ import pytest
 
 from depthcli.core.picture_options import PictureOptions
 from depthcli.errors import UsageError
-from depthcli.io.exr_light import primaries_matrix
-from depthcli.io.exr_pictures import read_exr_picture
-from depthcli.io.pictures.read import read_image
+from depthcli.io.exr.image import primaries_matrix, read_exr_picture
+from depthcli.io.images.read import read_image
 
 if TYPE_CHECKING:
     from pathlib import Path

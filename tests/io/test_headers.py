@@ -11,11 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from depthcli.io.pictures.exif import read_exif
-from depthcli.io.pictures.integrity import find_problem
-from depthcli.io.pictures.size import picture_size
-from depthcli.io.pictures.tiff import tiff_problem, tiff_tags
-from depthcli.io.png.chunks import read_text, text_chunk
+from depthcli.io.images.decode import find_problem, picture_size
+from depthcli.io.images.exif import read_exif
+from depthcli.io.images.png import read_text, text_chunk
+from depthcli.io.images.tiff import tiff_problem, tiff_tags
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from made import exif, jpeg_with_exif
 from PIL import Image
 
-from depthcli.io.pictures.exif import Exif, read_exif
-from depthcli.io.pictures.size import picture_size
+from depthcli.io.images.decode import picture_size
+from depthcli.io.images.exif import Exif, read_exif
 
 SIDES = st.integers(1, 300)
 _JPEG = st.fixed_dictionaries(

@@ -16,14 +16,12 @@ from heifs import heic, pillow_heif
 from depthcli.core.choices import Detail
 from depthcli.core.picture_limit import PictureLimit, bytes_needed
 from depthcli.errors import InputError
+from depthcli.io.images.decode import check, picture_size
+from depthcli.io.images.isobmff import find_box, heif_problem, is_heif
+from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_picture
 from depthcli.io.listing.heif import reads_heif
 from depthcli.io.listing.skipped import Skipped, conversion_hint, convert_to
-from depthcli.io.pictures.boxes import find_box
-from depthcli.io.pictures.decode import check
-from depthcli.io.pictures.heif import heif_problem, is_heif
-from depthcli.io.pictures.read import read_image
-from depthcli.io.pictures.size import picture_size
 
 if TYPE_CHECKING:
     import numpy.typing as npt

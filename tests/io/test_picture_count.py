@@ -14,8 +14,8 @@ from PIL import Image
 from tiny import write_model
 
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.pictures.count import count_warnings
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.decode import count_warnings
+from depthcli.io.images.read import read_image
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch

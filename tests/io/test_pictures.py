@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import InputError
-from depthcli.io.pictures.exif import read_exif
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.exif import read_exif
+from depthcli.io.images.read import read_image
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,16 +20,15 @@ from PIL import Image
 
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth import exr_channels, sidecar
-from depthcli.io.depth.exr import _has_all_rows, write_exr
-from depthcli.io.depth.exr_channels import read_exr_channels
-from depthcli.io.depth.exr_library import silenced
+from depthcli.io.depth import sidecar
 from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.quantization import denormalized, dequantized, normalized, quantized
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
-from depthcli.io.pictures.convert import frame_of
-from depthcli.io.png.encode import encode_png
+from depthcli.io.exr import file as exr_channels
+from depthcli.io.exr.file import _has_all_rows, read_exr_channels, silenced, write_exr
+from depthcli.io.exr.image import read_exr_picture, read_exr_rate
+from depthcli.io.images.png import encode_png
+from depthcli.io.images.read import frame_of
 from depthcli.io.writers.png16 import Png16Writer, stretched
 from depthcli.io.writers.preview import PreviewWriter, nearness, percentiles
 from depthcli.io.writers.sidecar import SidecarWriter

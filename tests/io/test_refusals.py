@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.errors import InputError
-from depthcli.io.pictures.read import read_image
-from depthcli.io.pictures.size import picture_size
+from depthcli.io.images.decode import picture_size
+from depthcli.io.images.read import read_image
 
 if TYPE_CHECKING:
     from pathlib import Path

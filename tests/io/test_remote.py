@@ -23,8 +23,8 @@ from watched import Watched
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.images.decode import read_bytes
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.pictures.decode import read_bytes
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.regular import read_regular

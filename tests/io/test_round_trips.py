@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
-from depthcli.io.depth.exr_map import depth_channel
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.png.chunks import read_text
+from depthcli.io.exr.depth import depth_channel
+from depthcli.io.images.png import read_text
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, format_of, writer_class
 from depthcli.io.writers.npy import NpyWriter

@@ -16,7 +16,7 @@ import depthcli
 from depthcli.core.types import AnchorFit, CameraSource, DepthKind, DepthMap, Provenance
 from depthcli.io.depth.metadata import provenance_of
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.png.encode import encode_png
+from depthcli.io.images.png import encode_png
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.formats import FORMATS, Format, writer_class
 from depthcli.io.writers.metadata import metadata_texts

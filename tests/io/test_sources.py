@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from depthcli.io.images.png import encode_png
 from depthcli.io.listing.folder import is_media, is_video, list_folder, why_skipped
 from depthcli.io.listing.path_list import listed_inputs, parse_list
 from depthcli.io.listing.skipped import Skipped, conversion_hint, skip_summary
-from depthcli.io.png.encode import encode_png
 
 if TYPE_CHECKING:
     from pathlib import Path

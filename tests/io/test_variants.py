@@ -14,8 +14,8 @@ import pytest
 from PIL import Image
 
 from depthcli.errors import InputError
-from depthcli.io.pictures.exif import read_exif
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.exif import read_exif
+from depthcli.io.images.read import read_image
 
 if TYPE_CHECKING:
     import numpy.typing as npt

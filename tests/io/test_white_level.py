@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from depthcli.errors import UsageError
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.read import read_image
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

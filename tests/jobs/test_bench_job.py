@@ -13,7 +13,7 @@ import pytest
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline, load
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.read import read_image
 from depthcli.jobs import bench as speed
 from depthcli.models.catalog import find_model
 

@@ -15,7 +15,7 @@ from tiny import write_model
 from depthcli.errors import ModelError
 from depthcli.inference import providers
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.pictures import codecs
+from depthcli.io.images import decode as codecs
 from depthcli.jobs.doctor import check_installation
 from depthcli.jobs.doctor_packages import Check, check_conflicts, check_modules, check_versions
 from depthcli.jobs.verify_models import verify_models

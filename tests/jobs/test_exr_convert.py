@@ -14,7 +14,7 @@ from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, wr
 from depthcli.core import scaling
 from depthcli.core.camera import Camera
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.exr_pictures import read_exr_rate
+from depthcli.io.exr.image import read_exr_rate
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert
 

@@ -21,8 +21,8 @@ from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.images.read import read_image
 from depthcli.io.manifest.row import OK
-from depthcli.io.pictures.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.metadata import camera_text
 from depthcli.io.writers.options import WriterOptions

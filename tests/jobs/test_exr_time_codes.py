@@ -9,10 +9,8 @@ import numpy as np
 import OpenEXR
 from plates import CROP, DISPLAY, time_code_of, write_plate
 
-from depthcli.io.depth.exr import read_exr_header
-from depthcli.io.depth.exr_part import ExrPart
-from depthcli.io.depth.time_code import time_code_attribute
-from depthcli.io.pictures.read import read_image
+from depthcli.io.exr.file import ExrPart, read_exr_header, time_code_attribute
+from depthcli.io.images.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files

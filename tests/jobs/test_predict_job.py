@@ -20,7 +20,7 @@ from depthcli.core.camera import Anchor, Camera
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.read import read_image
 from depthcli.io.writers.formats import Format
 from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.failed import FailedInput

@@ -36,9 +36,13 @@ from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchor_files import AnchorFiles
-from depthcli.io.depth.exr import write_exr
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.exr_pictures import read_exr_picture, read_exr_rate
+from depthcli.io.exr.file import write_exr
+from depthcli.io.exr.image import read_exr_picture, read_exr_rate
+from depthcli.io.images.decode import find_problem, picture_size
+from depthcli.io.images.exif import read_exif
+from depthcli.io.images.png import encode_png
+from depthcli.io.images.read import read_image
 from depthcli.io.lens_table import read_lenses
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
@@ -46,11 +50,6 @@ from depthcli.io.manifest.files import TableRows
 from depthcli.io.manifest.row import parse_row
 from depthcli.io.manifest.table import write_rows
 from depthcli.io.parquet import column_texts
-from depthcli.io.pictures.exif import read_exif
-from depthcli.io.pictures.integrity import find_problem
-from depthcli.io.pictures.read import read_image
-from depthcli.io.pictures.size import picture_size
-from depthcli.io.png.encode import encode_png
 from depthcli.io.writers.exr import ExrWriter
 from depthcli.io.writers.png16 import Png16Writer
 from depthcli.io.writers.sidecar import SidecarWriter

@@ -16,7 +16,7 @@ from depthcli.datasets.base import DepthDataset
 from depthcli.errors import UsageError
 from depthcli.evaluation.predictors.base import Predictor, Sample
 from depthcli.evaluation.table import EvalTask
-from depthcli.io.png.encode import encode_png
+from depthcli.io.images.png import encode_png
 from depthcli.io.writers.preview import PreviewWriter
 from depthcli.metrics.alignment import SUITABLE, align
 from depthcli.visual.colormaps import colour_table

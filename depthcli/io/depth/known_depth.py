@@ -11,7 +11,7 @@ from depthcli.core.validation import Rule
 from depthcli.errors import InputError, UsageError
 from depthcli.io.csv_table import CsvTable
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.pictures.decode import read_bytes
+from depthcli.io.images.decode import read_bytes
 
 _WITHOUT_SCALE = (".csv", ".exr")
 _PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: -0.5 <= px < 1e9)  # noqa: PLR2004

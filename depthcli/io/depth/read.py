@@ -16,9 +16,8 @@ from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
 from depthcli.io.depth.quantization import denormalized, dequantized
 from depthcli.io.depth.sidecar import with_sidecar
 from depthcli.io.depth.stored import StepScale, StoredDepth, step_scale
-from depthcli.io.pictures.decode import OPENCV_MAX_PIXELS, decode, read_bytes
-from depthcli.io.pictures.size import picture_size
-from depthcli.io.png.chunks import read_text
+from depthcli.io.images.decode import OPENCV_MAX_PIXELS, decode, picture_size, read_bytes
+from depthcli.io.images.png import read_text
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import MILLIMETRES
 
@@ -58,7 +57,7 @@ def read_stored_depth(
             stored = _png(path, png_scale, unstated_scale)
         case ".exr":
             # Reading PNG need not wait for OpenEXR.
-            from depthcli.io.depth.exr_map import read_exr_depth  # noqa: PLC0415
+            from depthcli.io.exr.depth import read_exr_depth  # noqa: PLC0415
 
             stored = read_exr_depth(path)
         case ".npy":

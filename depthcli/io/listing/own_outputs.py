@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from depthcli.errors import OutputError
-from depthcli.io.png.chunks import SIGNATURE, read_text
+from depthcli.io.images.png import SIGNATURE, read_text
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath, path_of
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.io.depth.exr_layers import depth_channel
+from depthcli.io.exr.layers import depth_channel
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.writers.formats import FILE_SUFFIXES, FORMATS, Format, format_of, writer_class
 

@@ -8,10 +8,10 @@ from typing import Literal
 
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.session import Session
+from depthcli.io.images.decode import check
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.manifest.journal import Rows, known_rows
 from depthcli.io.manifest.row import Origin
-from depthcli.io.pictures.decode import check
 from depthcli.io.storage.remote import safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.options import BatchRequest

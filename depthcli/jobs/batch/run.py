@@ -13,9 +13,9 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
+from depthcli.io.images.native_log import silent_opencv
 from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.rows_folder import rows_folder
-from depthcli.io.opencv_log import silent_opencv
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporaries import remove_stale
 from depthcli.jobs.batch.engines.engine import Engine

@@ -23,7 +23,7 @@ _FormatT = TypeVar("_FormatT", Format, VideoFormat)
 _CRASH_TEXT = "ends the process that decodes it"
 _DECODE_PICTURE = """
 import sys
-from depthcli.io.pictures.read import read_image
+from depthcli.io.images.read import read_image
 read_image(None, sys.stdin.buffer.read())
 """
 _DECODE_VIDEO = """

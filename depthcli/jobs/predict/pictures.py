@@ -16,8 +16,8 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.trial import check_network
+from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import check_replaceable
-from depthcli.io.pictures.read import read_image
 from depthcli.io.storage.remote import path_of
 from depthcli.io.writers.formats import Format, writer_class
 from depthcli.jobs.failed import FailedInput, failure_reason

@@ -13,7 +13,7 @@ import cv2
 from depthcli._version import __version__
 from depthcli.core.progress import NO_PROGRESS
 from depthcli.errors import EngineError
-from depthcli.io.opencv_log import silent_opencv
+from depthcli.io.images.native_log import silent_opencv
 from depthcli.io.storage.remote import RemotePath
 from depthcli.jobs.batch.videos import VideoTask, VideoWorker
 

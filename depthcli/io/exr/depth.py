@@ -10,12 +10,11 @@ from depthcli.core.text import one_line
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.core.windows import Windows
 from depthcli.errors import InputError
-from depthcli.io.depth.exr import read_exr_texts
-from depthcli.io.depth.exr_channels import StoredChannel, read_exr_channels
-from depthcli.io.depth.exr_layers import depth_channel, layer_of
 from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
 from depthcli.io.depth.sidecar import with_sidecar
 from depthcli.io.depth.stored import StoredDepth
+from depthcli.io.exr.file import StoredChannel, read_exr_channels, read_exr_texts
+from depthcli.io.exr.layers import depth_channel, layer_of
 from depthcli.io.storage.transfer import local_copy
 
 _COLOURS = ("G", "B", "RY", "BY")

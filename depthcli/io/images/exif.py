@@ -5,12 +5,11 @@ from collections.abc import Collection
 from contextlib import suppress
 from typing import NamedTuple
 
-from depthcli.io.pictures.boxes import find_box
-from depthcli.io.pictures.heif import heif_exif
-from depthcli.io.pictures.jpeg import JPEG_START, jpeg_segments
-from depthcli.io.pictures.riff import riff_chunks
-from depthcli.io.pictures.tiff import TIFF_STARTS, tiff_tags
-from depthcli.io.png.chunks import SIGNATURE, read_chunks
+from depthcli.io.images.isobmff import find_box, heif_exif
+from depthcli.io.images.jpeg import JPEG_START, jpeg_segments
+from depthcli.io.images.png import SIGNATURE, read_chunks
+from depthcli.io.images.tiff import TIFF_STARTS, tiff_tags
+from depthcli.io.images.webp import riff_chunks
 
 ORIENTATION, EXIF_IFD, FOCAL_35MM = 0x0112, 0x8769, 0xA405
 """Tags, the second of which is the place of the directory with the third."""

@@ -11,10 +11,9 @@ from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.transfer import transfer_warning
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.io.pictures.decode import check
-from depthcli.io.pictures.decoder_messages import decoder_messages
-from depthcli.io.pictures.exif import read_exif
-from depthcli.io.pictures.levels import scaled
+from depthcli.io.images.decode import check, scaled
+from depthcli.io.images.exif import read_exif
+from depthcli.io.images.native_log import decoder_messages
 
 _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha

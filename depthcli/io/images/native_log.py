@@ -16,10 +16,31 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING
 
-from depthcli.io.opencv_log import SILENT, WARNINGS, set_log_level, silent_opencv
+import cv2
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+SILENT, WARNINGS = 0, 3
+
+
+def set_log_level(level: int) -> int:
+    """Set OpenCV's log level, for all threads; return the level before."""
+    log = getattr(cv2.utils, "logging", cv2)  # OpenCV 4 has these in cv2 itself
+    before: int = log.getLogLevel()
+    log.setLogLevel(level)
+    return before
+
+
+@contextmanager
+def silent_opencv() -> Iterator[None]:
+    """Keep OpenCV silent, in all threads at once."""
+    level = set_log_level(SILENT)
+    try:
+        yield
+    finally:
+        set_log_level(level)
+
 
 _OPENCV = (b"[ WARN:", b"[ERROR:")
 _POINTER_BYTES = ctypes.sizeof(ctypes.c_void_p)

@@ -1,0 +1,320 @@
+"""Reading the pixels of OpenEXR files, and the windows that they are in."""
+
+import os
+import struct
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO, cast
+
+import numpy as np
+import numpy.typing as npt
+import OpenEXR
+
+from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.windows import Window, over_window
+from depthcli.errors import InputError
+from depthcli.io.images.decode import read_bytes
+from depthcli.io.images.native_log import decoder_messages
+from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.transfer import local_copy
+
+OPENEXR_ERRORS = (RuntimeError, ValueError, TypeError, OSError, MemoryError, ArithmeticError)
+_LOCK = threading.Lock()  # standard output is redirected meanwhile
+
+
+class _OtherThreads:
+    """Standard output that drops what one thread writes."""
+
+    def __init__(self, output: TextIO) -> None:
+        self._output, self._thread = output, threading.get_ident()
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever else a stream has
+        return getattr(self._output, name)
+
+    def write(self, text: str) -> int:
+        """Pass on what other threads write."""
+        return len(text) if threading.get_ident() == self._thread else self._output.write(text)
+
+
+@contextmanager
+def silenced() -> Iterator[None]:
+    """Keep OpenEXR from printing to standard output and error."""
+    others = cast("TextIO", _OtherThreads(sys.stdout))
+    with _LOCK, decoder_messages(), redirect_stdout(others):
+        yield
+
+
+@contextmanager
+def utf8_name(path: Path) -> Iterator[str]:
+    """A UTF-8 name of the same file, because OpenEXR accepts no others."""
+    if isinstance(path, RemotePath):
+        with local_copy(path) as copy:
+            yield str(copy)
+        return
+    name = os.fspath(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        with temporary_folder() as folder:
+            link = folder / "depth.exr"
+            link.symlink_to(path.absolute())
+            yield str(link)
+    else:
+        yield name
+
+
+def stated_rate(header: Mapping[str, Any]) -> Fraction | None:
+    """Frames a second that a header states; None if it does not, or not above 0."""
+    stated = header.get("framesPerSecond")
+    if not isinstance(stated, Fraction):  # releases of OpenEXR differ
+        d = getattr(stated, "d", None)
+        stated = Fraction(stated.n, d) if stated is not None and d else None
+    return stated if stated and stated > 0 else None
+
+
+_FIELDS = (
+    *("hours", "minutes", "seconds", "frame"),
+    *("dropFrame", "colorFrame", "fieldPhase", "bgf0", "bgf1", "bgf2"),
+)
+_GROUPS, _GROUP_BITS = 8, 4
+
+
+def stated_time_code(header: Mapping[str, Any]) -> tuple[int, ...] | None:
+    """The numbers of the time code that a header states; None if there is no valid one."""
+    stated = header.get("timeCode")
+    if not isinstance(stated, OpenEXR.TimeCode):
+        return None
+    shifts = range(0, _GROUPS * _GROUP_BITS, _GROUP_BITS)
+    groups = (stated.userData >> shift & (1 << _GROUP_BITS) - 1 for shift in shifts)
+    numbers = (*(int(getattr(stated, field)) for field in _FIELDS), *groups)
+    try:
+        time_code_attribute(numbers)
+    except OPENEXR_ERRORS:  # 45 hours, for instance
+        return None
+    return numbers
+
+
+def time_code_attribute(numbers: tuple[int, ...]) -> Any:  # noqa: ANN401 - OpenEXR has no types
+    """The attribute of a header.
+
+    Args:
+        numbers: hours, minutes, seconds, frame; six flags (drop frame, colour frame, field phase,
+            three of binary groups); eight binary groups of four bits.
+
+    Raises:
+        RuntimeError: one is out of its range.
+    """
+    return OpenEXR.TimeCode(*numbers)
+
+
+_CHROMATICITIES = 8
+
+
+class ExrPart(NamedTuple):
+    """A part, without its channels."""
+
+    data: Window  #: its data window
+    display: Window  #: its display window
+    pixel_aspect: float  #: width by height of a pixel
+    rate: Fraction | None  #: frames a second; None if they are not stated
+    time_code: tuple[int, ...] | None  #: of the frame; None if no valid one is stated
+    #: CIE x and y of red, green, blue and white; None if it does not state them
+    chromaticities: tuple[float, ...] | None
+
+    @classmethod
+    def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
+        """What a header states, as OpenEXR reads it.
+
+        A part that states no rate, no time code or no primaries has those of the first part.
+        """
+        stated: Any = header.get("chromaticities")
+        if not (isinstance(stated, tuple) and len(stated) == _CHROMATICITIES):
+            stated = first.chromaticities if first else None
+        return cls(
+            header_window(header["dataWindow"]),
+            header_window(header["displayWindow"]),
+            float(header["pixelAspectRatio"]),
+            stated_rate(header) or (first.rate if first else None),
+            stated_time_code(header) or (first.time_code if first else None),
+            stated,
+        )
+
+
+def header_window(corners: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) -> Window:
+    """A window of a header, which names the first and the last pixel."""
+    (left, top), (right, bottom) = (map(int, corner) for corner in corners)
+    return Window(left, top, right + 1, bottom + 1)
+
+
+_WINDOWS = ("dataWindow", "displayWindow")
+_DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
+_SAMPLE_BYTES, _GRAY_BYTES = 2, 4  # at least, of each channel of a file; of a frame
+
+
+class StoredChannel(NamedTuple):
+    """One channel of a part."""
+
+    pixels: npt.NDArray[Any]  #: (H, W) over the data window: float32, float16 or uint32
+    part: ExrPart  #: what the header of its part states
+
+    def over(self, window: Window) -> npt.NDArray[np.float32]:
+        """The pixels of a window, (H, W) float32, NaN outside the data."""
+        values = np.ascontiguousarray(self.pixels, np.float32)
+        left, top = self.part.data[:2]  # a channel may have fewer columns and rows than its window
+        height, width = values.shape
+        return over_window(values, Window(left, top, left + width, top + height), window)
+
+
+def read_exr_channels(
+    path: Path, *, name: str | None = None, limit: PictureLimit | None = None
+) -> dict[str, StoredChannel]:
+    """All channels of all parts, by name.
+
+    In a file of several parts, a part's name precedes the names of its channels.
+
+    Args:
+        path: the file.
+        name: what messages call it; None for its path.
+        limit: windows that are larger are refused before pixels are decoded; None for
+            ``MAX_PIXELS``, without advice to change it.
+
+    Raises:
+        InputError: missing, damaged, deep, or too large.
+    """
+    read_bytes(path)
+    shown = name or str(path)
+    channels: dict[str, StoredChannel] = {}
+    problem = "is not an EXR file that can be read"
+    try:
+        with utf8_name(path) as file, silenced():
+            for part in OpenEXR.File(file, header_only=True).parts:
+                if part.header["type"] in _DEEP:
+                    raise InputError(f"{shown} holds deep data; flatten it first")
+                _check_pixel_count(shown, part.header, limit)
+            problem = "is damaged: its pixels cannot be read; copy it again"
+            parts = OpenEXR.File(file, separate_channels=True).parts
+        if not parts or not all(part.channels for part in parts):  # all that becomes of damage
+            raise InputError(f"{shown} {problem}")
+        first = ExrPart.of(parts[0].header)
+        for part in parts:
+            layer = f"{part.header['name']}." if len(parts) > 1 else ""
+            stated = ExrPart.of(part.header, first)
+            for channel, content in part.channels.items():
+                channels[layer + channel] = StoredChannel(content.pixels, stated)
+    except OPENEXR_ERRORS as error:
+        raise InputError(f"{shown} {problem}") from error
+    return channels
+
+
+def _check_pixel_count(name: str, header: dict[str, Any], limit: PictureLimit | None) -> None:
+    least = _SAMPLE_BYTES * len(header["channels"]) + _GRAY_BYTES
+    for which, pixel_bytes in zip(_WINDOWS, (least, _GRAY_BYTES), strict=True):
+        size = header_window(header[which])
+        if limit is not None:
+            limit.check(name, size.width, size.height, pixel_bytes)
+        elif size.width * size.height > MAX_PIXELS:
+            claimed = f"{size.width}×{size.height} pixels"
+            raise InputError(f"{name} claims {claimed}, more than {MAX_PIXELS:,}")
+
+
+_FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
+
+
+def write_exr(
+    path: Path,
+    channels: Mapping[str, npt.NDArray[Any]],
+    texts: Mapping[str, str],
+    rate: Fraction | None = None,
+    *,
+    pixel_aspect: float = 1.0,
+    windows: tuple[Window, Window] | None = None,
+    time_code: tuple[int, ...] | None = None,
+) -> None:
+    """Write one part, ZIP-compressed.
+
+    Args:
+        path: the file.
+        channels: (H, W) float32 or float16 by name.
+        texts: text attributes by name.
+        rate: frames a second of the sequence that the file belongs to.
+        pixel_aspect: width by height of a pixel, from 1e-6 to 1e6.
+        windows: the data window, which the channels cover, and the display window; None if both
+            begin at (0, 0) and are of the channels' size.
+        time_code: of the frame, as ``Frame`` has it; None for none.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "pixelAspectRatio": pixel_aspect,
+        **texts,
+    }
+    if windows is not None:
+        header |= zip(("dataWindow", "displayWindow"), map(_corners, windows), strict=True)
+    if rate is not None:
+        header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
+    if time_code is not None:
+        header["timeCode"] = time_code_attribute(time_code)
+    try:
+        with utf8_name(path) as name:
+            OpenEXR.File(header, dict(channels)).write(name)
+    except RuntimeError as error:
+        # 'Failed to ... image file "name". No space left on device.'
+        raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
+    if not _has_all_rows(path, len(next(iter(channels.values())))):
+        raise OSError("its end did not reach the disk, which may be full")
+
+
+def _corners(window: Window) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The first and the last pixel of a window, as headers name them."""
+    return (window.left, window.top), (window.right - 1, window.bottom - 1)
+
+
+def _has_all_rows(path: Path, height: int) -> bool:
+    """Whether a file of one part has all its rows: OpenEXR reports no error if they are missing."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+        try:
+            at = _FIRST_ATTRIBUTE
+            while head[at]:  # name, type, size and value of an attribute
+                at = head.index(0, head.index(0, at) + 1) + 1
+                at += 4 + int.from_bytes(head[at : at + 4], "little")
+            offsets = struct.unpack_from(f"<{-(-height // _ROWS_A_BLOCK)}Q", head, at + 1)
+        except (IndexError, ValueError, struct.error):
+            return False
+        file.seek(offsets[-1] + 4)
+        size = int.from_bytes(file.read(4), "little")
+    return all(offsets) and path.stat().st_size == offsets[-1] + 8 + size
+
+
+def read_exr_texts(path: Path) -> dict[str, str]:
+    """Text attributes of the first part.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    header = read_exr_header(path)
+    return {name: value for name, value in header.items() if isinstance(value, str)}
+
+
+def read_exr_header(path: Path) -> dict[str, Any]:
+    """All attributes of the first part.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    read_bytes(path)
+    try:
+        with utf8_name(path) as name, silenced():
+            header: dict[str, Any] = OpenEXR.File(name, header_only=True).header()
+            return header
+    except OPENEXR_ERRORS as error:
+        raise InputError(f"{path} is not an EXR file that can be read") from error

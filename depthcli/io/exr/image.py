@@ -1,0 +1,226 @@
+"""Pictures in OpenEXR files, converted from linear light to sRGB."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.bands import row_bands
+from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
+from depthcli.core.types import Frame
+from depthcli.core.windows import Window, Windows
+from depthcli.errors import InputError, OutputError
+from depthcli.io.listing.folder import is_exr
+from depthcli.io.storage.temporary_folder import temporary_folder
+
+_LINEAR_UP_TO = 0.0031308
+_REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+"""CIE x and y of red, green, blue and white."""
+_SAME_PRIMARIES = 0.02  # those of Rec. 601 differ by 0.01, which changes no depth
+_BRADFORD = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)
+"""From CIE XYZ to cone responses, in which one white is adapted to another."""
+_MOST_GAIN = 100.0
+"""No matrix of real primaries has larger values."""
+_NO_PRIMARIES = "the header's chromaticities are not valid primaries; those of Rec. 709 are assumed"
+_MOST_LIGHT = 1e6
+_MANY = 0.3
+"""Share of clipped pixels from which abs_rel grows by .01 (benchmarks/clipped_light.py)."""
+
+
+def encode(
+    pixels: npt.NDArray[np.float32],
+    exposure: float = 0.0,
+    matrix: npt.NDArray[np.float32] | None = None,
+) -> int:
+    """Encode linear light as sRGB (IEC 61966-2-1), in place.
+
+    It is clipped to [0, 1]; NaN becomes 0.
+
+    Args:
+        pixels: (H, W, C).
+        exposure: stops by which it is brightened.
+        matrix: (3, 3), from the colours of the pixels to those of Rec. 709; None for none.
+
+    Returns:
+        How many pixels are above 1, in the colour that has most of them.
+    """
+    height, width, colours = pixels.shape
+    above = np.zeros(colours, np.int64)
+    gain = np.float32(2**exposure)
+    for rows in row_bands(width, height):  # of the whole, it takes several times its memory
+        light = np.clip(np.nan_to_num(pixels[rows]), -_MOST_LIGHT, _MOST_LIGHT) * gain
+        if matrix is not None:
+            light = np.matmul(light, matrix.T, dtype=np.float32)
+        above += np.count_nonzero(light > 1, axis=(0, 1))
+        pixels[rows] = _srgb(light)
+    return int(above.max())
+
+
+def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    light = np.clip(linear, 0, 1)
+    curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
+    shown: npt.NDArray[np.float32] = np.where(
+        light <= _LINEAR_UP_TO, light * np.float32(12.92), curve
+    )
+    return shown
+
+
+def clip_warning(share: float) -> str | None:
+    """A warning about many pixels above 1; None about few.
+
+    ``share`` is that of the pixels above 1 in the colour that has most of them.
+    """
+    if share < _MANY:
+        return None
+    return (
+        f"{share:.0%} of its pixels are above 1 and become white; for better depth, give a lower "
+        "exposure (--exposure -1)"
+    )
+
+
+def primaries_matrix(
+    chromaticities: Sequence[float] | None,
+) -> tuple[npt.NDArray[np.float32] | None, str | None]:
+    """From colours of stated primaries to those of Rec. 709, whose white is adapted (Bradford).
+
+    Args:
+        chromaticities: CIE x and y of red, green, blue and white; None for those of Rec. 709.
+
+    Returns:
+        (3, 3), or None if there is nothing to convert; and a warning if they are no primaries.
+    """
+    if chromaticities is None or np.allclose(chromaticities[:6], _REC_709[:6], 0, _SAME_PRIMARIES):
+        return None, None
+    try:
+        to_xyz, white = _to_xyz(chromaticities)
+        target_to_xyz, target_white = _to_xyz(_REC_709)
+        adapted = np.diag(_BRADFORD @ target_white / (_BRADFORD @ white))
+        adaptation = np.linalg.solve(_BRADFORD, adapted @ _BRADFORD)
+        matrix = np.linalg.solve(target_to_xyz, adaptation @ to_xyz)
+    except (np.linalg.LinAlgError, ValueError):
+        return None, _NO_PRIMARIES
+    if not np.abs(matrix).max() < _MOST_GAIN:  # nor if it is not a number
+        return None, _NO_PRIMARIES
+    return matrix.astype(np.float32), None
+
+
+def _to_xyz(
+    chromaticities: Sequence[float],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """The matrix from linear RGB to CIE XYZ, and XYZ of white, whose Y is 1.
+
+    Raises:
+        LinAlgError, ValueError: there is none.
+    """
+    x, y = np.reshape(np.asarray(chromaticities, np.float64), (4, 2)).T
+    if not y[3] > 0:
+        msg = "white has no light"
+        raise ValueError(msg)
+    corners = np.stack([x, y, 1 - x - y])
+    white = corners[:, 3] / y[3]
+    return corners[:, :3] * np.linalg.solve(corners[:, :3], white), white
+
+
+def read_exr_picture(
+    path: Path,
+    *,
+    name: str | None = None,
+    max_pixels: int | PictureLimit = MAX_PIXELS,
+    overscan: Window | None = None,
+    options: PictureOptions = NO_OPTIONS,
+) -> Frame:
+    """The colours of an EXR, encoded for display, and what its header states.
+
+    Args:
+        path: the file; its R, G and B, or its Y, or those of the layer that is its picture.
+        name: what messages call it; None for its path.
+        max_pixels: pictures with more are refused before they are decoded.
+        overscan: the window to read, relative to the corner of the display window; None for the
+            display window and all that the data window has around it.
+        options: exposure and layer.
+
+    Returns:
+        (H, W, 3) RGB or (H, W) gray, float32 in [0, 1]: linear light of Rec. 709 primaries in the
+        sRGB curve, clipped; 0 where there is no data.
+
+    Raises:
+        InputError: missing, damaged, without colours or the layer, or too large.
+    """
+    # OpenEXR is slow to load.
+    from depthcli.io.exr.file import read_exr_channels  # noqa: PLC0415
+    from depthcli.io.exr.layers import colour_channels  # noqa: PLC0415
+
+    name = name or str(path)
+    limit = PictureLimit.of(max_pixels)
+    channels = read_exr_channels(path, name=name, limit=limit)
+    names, doubt = colour_channels(name, list(channels), options.layer)
+    part = channels[names[0]].part
+    whole = part.display.union(part.data)
+    if overscan is not None:
+        whole = overscan.moved(part.display.left, part.display.top)
+    limit.check(name, whole.width, whole.height)
+    windows = Windows(whole, part.data, part.display)
+    pixels = np.empty((whole.height, whole.width, len(names)), np.float32)
+    for i, colour in enumerate(names):
+        pixels[..., i] = channels.pop(colour).over(whole)  # each is freed when it is copied
+    if windows.valid.width * windows.valid.height and not np.isfinite(pixels).any():
+        raise InputError(f"{name} has no finite pixel; write it again")
+    matrix, problem = primaries_matrix(part.chromaticities) if len(names) > 1 else (None, None)
+    above = encode(pixels, options.exposure, matrix)
+    warnings = (
+        doubt,
+        clip_warning(above / max(1, windows.valid.width * windows.valid.height)),
+        problem,
+    )
+    return Frame(
+        pixels if len(names) > 1 else pixels[..., 0],
+        path,
+        rate=part.rate,
+        warnings=tuple(filter(None, warnings)),
+        pixel_aspect=part.pixel_aspect,
+        windows=windows,
+        time_code=part.time_code,
+    )
+
+
+def read_exr_data(
+    data: bytes,
+    name: str,
+    max_pixels: int | PictureLimit = MAX_PIXELS,
+    options: PictureOptions = NO_OPTIONS,
+) -> Frame:
+    """What :func:`read_exr_picture` returns, of the content of a file; without a path.
+
+    ``name`` is what messages call it.
+
+    Raises:
+        InputError: damaged, without colours or the layer, or too large.
+        OutputError: there is no room for a temporary copy, which OpenEXR needs.
+    """
+    with temporary_folder() as folder:
+        copy = folder / "picture.exr"
+        try:
+            copy.write_bytes(data)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write a temporary file: {error.strerror}; set TMPDIR"
+            ) from error
+        frame = read_exr_picture(copy, name=name, max_pixels=max_pixels, options=options)
+    return replace(frame, path=None)
+
+
+def read_exr_rate(path: Path) -> Fraction | None:
+    """Frames a second that an EXR's header states; None for other files, or if it does not."""
+    if not is_exr(path.name):
+        return None
+    # OpenEXR is slow to load.
+    from depthcli.io.exr.file import read_exr_header, stated_rate  # noqa: PLC0415
+
+    return stated_rate(read_exr_header(path))

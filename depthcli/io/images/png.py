@@ -1,0 +1,144 @@
+"""PNG files: their chunks (PNG specification, third edition, chapters 5 and 11.3.3); encoding.
+
+The encoder is faster than OpenCV's and its files are smaller; see docs/performance.md.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from contextlib import suppress
+from functools import cache, partial
+from itertools import chain
+from typing import TYPE_CHECKING, TypeAlias
+
+from depthcli.errors import OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    import numpy as np
+    import numpy.typing as npt
+
+    Pixels: TypeAlias = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+    Compressor: TypeAlias = Callable[[npt.NDArray[np.uint8]], bytes | bytearray]
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+MAX_LENGTH = 2**31 - 1
+"""Most bytes of a chunk, and most columns or rows of a picture."""
+_ANIMATION = (b"acTL", b"fcTL", b"fdAT")
+
+
+def chunk(kind: bytes, body: bytes | bytearray | memoryview) -> tuple[bytes | memoryview, ...]:
+    """The parts of a chunk, which the caller joins with all others in one copy.
+
+    The kind has four letters, the body at most ``MAX_LENGTH`` bytes.
+    """
+    check = zlib.crc32(body, zlib.crc32(kind))
+    return struct.pack(">I4s", len(body), kind), memoryview(body), struct.pack(">I", check)
+
+
+def read_chunks(png: bytes) -> Iterator[tuple[bytes, memoryview, int]]:
+    """Kind, body and checksum of each chunk, up to the first incomplete one."""
+    view, at = memoryview(png), len(SIGNATURE)
+    with suppress(struct.error):
+        while True:
+            length, kind = struct.unpack_from(">I4s", png, at)
+            (checksum,) = struct.unpack_from(">I", png, at + 8 + length)
+            yield kind, view[at + 8 : at + 8 + length], checksum
+            at += 12 + length
+
+
+def static_image(png: bytes) -> bytes:
+    """The static image of an animated PNG, which OpenCV does not always decode.
+
+    All other files are returned unchanged.
+    """
+    if not png.startswith(SIGNATURE) or b"acTL" not in png:
+        return png
+    chunks = (chunk(kind, body) for kind, body, _ in read_chunks(png) if kind not in _ANIMATION)
+    return b"".join((SIGNATURE, *(part for parts in chunks for part in parts)))
+
+
+def text_chunk(keyword: str, text: str) -> tuple[bytes | memoryview, ...]:
+    """The parts of a chunk that holds a text, by a keyword of 1-79 Latin-1 characters.
+
+    A text that is not Latin-1 is stored as UTF-8.
+    """
+    name = keyword.encode("latin-1")
+    try:
+        return chunk(b"tEXt", name + b"\0" + text.encode("latin-1"))
+    except UnicodeEncodeError:
+        return chunk(b"iTXt", name + b"\0\0\0\0\0" + text.encode())
+
+
+def read_text(png: bytes) -> dict[str, str]:
+    """The tEXt and uncompressed iTXt chunks of a PNG file; damaged ones are left out."""
+    texts = {}
+    for kind, body, _ in read_chunks(png):
+        if kind not in (b"tEXt", b"iTXt"):
+            continue
+        keyword, _, rest = bytes(body).partition(b"\0")
+        if kind == b"tEXt":
+            texts[keyword.decode("latin-1")] = rest.decode("latin-1")
+        elif rest.startswith(b"\0\0"):
+            text = rest[2:].split(b"\0", 2)[-1]
+            texts[keyword.decode("latin-1")] = text.decode("utf-8", "replace")
+    return texts
+
+
+_GRAY, _RGB = 0, 2  # colour types of the header
+# Depth changes little from row to row: of the five filters this one is fastest and leaves least.
+_FILTER_UP = 2
+# Higher levels gain a tenth of the size for twice the time.
+_LEVEL = 1
+
+
+def encode_png(pixels: Pixels, texts: Mapping[str, str] | None = None) -> bytes:
+    """A PNG file of gray (H, W) or RGB (H, W, 3); the same pixels and texts give the same bytes.
+
+    Texts, keyword -> text, are as for :func:`text_chunk`. Filtering and compression release the
+    GIL.
+
+    Raises:
+        OutputError: there are no pixels, or more than PNG allows.
+    """
+    height, width = pixels.shape[:2]
+    if not (0 < height <= MAX_LENGTH and 0 < width <= MAX_LENGTH):
+        raise OutputError(f"pixels of shape {pixels.shape} do not go into a PNG; use EXR or NPY")
+    colour = _GRAY if pixels.ndim == 2 else _RGB  # noqa: PLR2004
+    header = struct.pack(">IIBBBBB", width, height, 8 * pixels.itemsize, colour, 0, 0, 0)
+    data = memoryview(_compressor()(_filtered(pixels)))
+    chunks = [
+        chunk(b"IHDR", header),
+        *(text_chunk(keyword, text) for keyword, text in (texts or {}).items()),
+        *(chunk(b"IDAT", data[at : at + MAX_LENGTH]) for at in range(0, len(data), MAX_LENGTH)),
+        chunk(b"IEND", b""),
+    ]
+    return b"".join((SIGNATURE, *chain.from_iterable(chunks)))
+
+
+def _filtered(pixels: Pixels) -> npt.NDArray[np.uint8]:
+    """Rows filtered with type Up: the filter's number, then the differences to the row above."""
+    import numpy as np  # noqa: PLC0415 - commands recognize own files before they load it
+
+    big_endian = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">"))
+    rows = big_endian.reshape(len(pixels), -1).view(np.uint8)
+    filtered = np.empty((rows.shape[0], rows.shape[1] + 1), np.uint8)
+    filtered[:, 0] = _FILTER_UP
+    filtered[0, 1:] = rows[0]  # above the first row is zero
+    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
+    return filtered
+
+
+@cache
+def _compressor() -> Compressor:
+    """The compressor of libdeflate if there is a build for this machine, else Python's zlib.
+
+    Both give valid files with the same pixels; libdeflate takes half the time.
+    """
+    try:
+        from deflate import zlib_compress  # noqa: PLC0415 - may be missing
+    except ImportError:
+        return partial(zlib.compress, level=_LEVEL)
+    return partial(zlib_compress, compresslevel=_LEVEL)
