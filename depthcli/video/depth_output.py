@@ -28,7 +28,6 @@ def depth_video(
     timing: Timing,
     scale: float,
     inputs: Sequence[Path],
-    written: Path | None = None,
     colours: PreviewWriter = _COLOURS,
 ) -> Iterator[VideoOutput]:
     """A lossless depth video, written atomically or into a pipe.
@@ -38,11 +37,9 @@ def depth_video(
         timing: of the frames.
         scale: units per metre.
         inputs: files that must not be replaced.
-        written: path of the incomplete file, which stays if the block fails; None for a temporary
-            one.
         colours: whose ends are those of a normalized file.
     """
-    with video_file(target, Codec.FFV1, timing, inputs, written=written) as file:
+    with video_file(target, Codec.FFV1, timing, inputs) as file:
         yield DepthVideoOutput(file, timing, scale, colours)
 
 

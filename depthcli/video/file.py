@@ -168,8 +168,6 @@ def video_file(
     timing: Timing,
     inputs: Sequence[Path],
     audio: AudioTrack | None = None,
-    *,
-    written: Path | None = None,
 ) -> Iterator[VideoFile]:
     """A video file that is written atomically, or a pipe.
 
@@ -179,16 +177,12 @@ def video_file(
         timing: rate and time base.
         inputs: files that must not be replaced.
         audio: the audio track; None for none.
-        written: path of the incomplete file, which stays if the block fails; None for a temporary
-            one.
     """
     with ExitStack() as stack:
         if not isinstance(target, OutputPipe):
             target = stack.enter_context(atomic_path(target, inputs=inputs))
-        file = VideoFile(written or target, codec, timing, audio)
+        file = VideoFile(target, codec, timing, audio)
         try:
             yield file
         finally:
             file.close()
-        if written is not None and not isinstance(target, OutputPipe):
-            written.replace(target)

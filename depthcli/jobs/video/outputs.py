@@ -3,7 +3,6 @@
 from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
 from functools import partial
-from pathlib import Path
 
 from depthcli.io.writers.options import WriterOptions
 from depthcli.io.writers.preview import PreviewWriter
@@ -26,7 +25,6 @@ def open_output(
     writing: WriterOptions,
     source: FrameSource,
     rate: Fraction,
-    written: Path | None = None,
 ) -> AbstractContextManager[VideoOutput]:
     """Open the output of one format.
 
@@ -36,7 +34,6 @@ def open_output(
         writing: options of the formats.
         source: the video or sequence that is read.
         rate: frames per second of the output.
-        written: path of a depth video until it is complete; None for a temporary name.
     """
     target, inputs = plan.target(which), source.paths
     step = source.rate / rate
@@ -44,7 +41,7 @@ def open_output(
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
     if which is VideoFormat.MKV:
         colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
-        return depth_video(target, timing, writing.png_scale, inputs, written, colours)
+        return depth_video(target, timing, writing.png_scale, inputs, colours)
     picture = VIDEO_FORMATS[which].picture
     if picture is None:
         raise ValueError(which)

@@ -67,9 +67,7 @@ def write_video(
         rate = settings.span.rate(source.rate)
         earlier = stack.enter_context(earlier_frames(plan, source, pipeline, settings))
         outputs = [
-            stack.enter_context(
-                open_output(which, plan, settings.writing, source, rate, earlier.written)
-            )
+            stack.enter_context(open_output(which, plan, settings.writing, source, rate))
             for which in plan.names
             if which is not VideoFormat.JSON
         ]
@@ -77,7 +75,7 @@ def write_video(
         scale = rounding_scale(plan, pipeline, settings)
         stages = FrameStages(pipeline, settings, earlier.kept, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
-        frames = earlier.follow(_renumbered(source, settings))
+        frames = _renumbered(source, settings)
         # Closed before the outputs, so that no thread writes into a file that is being removed.
         with closing(_process_frames(frames, stages, outputs, workers)) as numbers:
             for count, number in enumerate(numbers):
