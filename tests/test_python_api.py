@@ -388,7 +388,6 @@ def test_one_buffer_serves_a_whole_stream(
     [
         ([b"no picture"], "not a picture"),
         ([np.zeros((2, 2))], "float64"),
-        ([np.zeros((2000, 2000), np.uint8)], "max_memory_bytes"),
         ([PIXELS[:5, :5]], "outside"),
         ([], "the camera is gone"),
     ],
@@ -401,8 +400,7 @@ def test_maps_before_an_error_are_not_lost(
         raise OSError("the camera is gone")
 
     folder = model.pipeline.session.model.path.parent
-    detail = depthcli.Detail(max_memory_bytes=9_000_000)
-    model = depthcli.load_model(folder, provider="cpu", detail=detail)
+    model = depthcli.load_model(folder, provider="cpu")
     depths = model.predict_many(pictures(), anchors=[(60, 40, 2.0)], **options)
     for _ in range(4):
         next(depths)
@@ -520,15 +518,11 @@ def test_values_of_a_wrong_type_are_errors_of_depthcli(
 
 def test_errors_name_parameters_of_python(tmp_path: Path) -> None:
     folder, large = write_model(tmp_path / "m"), np.zeros((400, 600), np.uint8)
-    for detail, told in (
-        (depthcli.Detail(tile_px=2), "give tile_px="),
-        (depthcli.Detail(max_memory_bytes=1000), "more than max_memory_bytes 1K"),
-    ):
-        tight = depthcli.load_model(folder, provider="cpu", detail=detail)
-        for use in (tight.predict, lambda one, used=tight: list(used.predict_many([one]))):
-            with pytest.raises(depthcli.InputError, match=told) as error:
-                use(large)
-            assert "--" not in str(error.value)
+    tight = depthcli.load_model(folder, provider="cpu", detail=depthcli.Detail(tile_px=2))
+    for use in (tight.predict, lambda one: list(tight.predict_many([one]))):
+        with pytest.raises(depthcli.InputError, match="tile") as error:
+            use(large)
+        assert "--" not in str(error.value)
     with pytest.raises(depthcli.UsageError, match="with provider, or remove provider_options"):
         depthcli.load_model(folder, provider_options={"a": "b"})
 

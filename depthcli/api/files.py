@@ -10,7 +10,6 @@ import numpy as np
 from depthcli.api.depth_map import DepthMap
 from depthcli.core import types
 from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import Frame
 from depthcli.errors import DepthcliWarning, InputError
 from depthcli.io.depth import read as depth_files
@@ -32,9 +31,7 @@ class DepthVideo(depth_videos.DepthVideo):
 class VideoSource(video_frames.VideoSource):
     """Frames of a video; a ``DepthcliWarning`` tells what is wrong with it."""
 
-    def __init__(
-        self, source: str | Path | InputPipe, *, max_pixels: int | PictureLimit = MAX_PIXELS
-    ) -> None:
+    def __init__(self, source: str | Path | InputPipe, *, max_pixels: int = MAX_PIXELS) -> None:
         """As below, with a warning if colours or times are doubtful."""
         super().__init__(source, max_pixels=max_pixels)
         for text in self.warnings:

@@ -9,8 +9,6 @@ from depthcli.errors import DepthcliError
 _PARAMETERS = {
     "--tile ": "tile_px=",
     "--tile": "tile_px",
-    "--max-memory": "max_memory_bytes",
-    "--max-pixels": "max_pixels of read_image",
     "--white-level ": "white_level=",
     "--provider-option": "provider_options",
     "--provider": "provider",

@@ -1,10 +1,9 @@
 """Choices for options of depth maps and models; free of numpy, so that help texts can list them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Self
 
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 
 
 class Upsampling(StrEnum):
@@ -60,8 +59,6 @@ GPU_BATCH = 8
 """Batch size of the network on other providers than the CPU."""
 MAX_PIXELS = 250_000_000
 """Larger pictures are refused, unless another limit is given."""
-DEPTH_BYTES = 4
-"""Bytes of a pixel of a depth map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +68,10 @@ class Detail:
     Attributes:
         upsampling: how depth is upsampled to the picture's size.
         tile_px: width of tiles in pixels of the picture; None for no tiles, 0 for 3/4 of its width.
-        max_memory_bytes: limit of memory for one picture: its pixels, its depth, intermediate
-            arrays and writing the depth, but not the program and the model; None for no limit.
-        use_bytes: memory of writing the depth, in bytes a pixel; counts towards the limit.
     """
 
     upsampling: Upsampling = Upsampling.GUIDED
     tile_px: int | None = None
-    max_memory_bytes: int | None = None
-    use_bytes: int = 0
 
     def __post_init__(self) -> None:
         """Accept strings for the choices.
@@ -94,12 +86,19 @@ class Detail:
         if self.tile_px is not None and self.tile_px < 0:
             raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
 
-    def without_limits(self) -> Self:
-        """The same, without the numbers of bytes if they do not change depth."""
-        is_needed = self.tile_px == AUTO_TILE and self.max_memory_bytes is not None
-        limit = self.max_memory_bytes if is_needed else None
-        return replace(self, max_memory_bytes=limit, use_bytes=0)
-
 
 DEFAULT_DETAIL = Detail()
-"""Guided upsampling, no tiles, no limit."""
+"""Guided upsampling, no tiles."""
+
+
+def check_pixel_count(name: str, width: int, height: int, max_pixels: int = MAX_PIXELS) -> None:
+    """Refuse an image by the size that its header claims, before any of it is decoded.
+
+    Raises:
+        InputError: it has more than ``max_pixels``.
+    """
+    if width * height > max_pixels:
+        raise InputError(
+            f"{name} claims {width}×{height} pixels, more than {max_pixels:,}",
+            "raise {max_pixels} if you trust the file",
+        )

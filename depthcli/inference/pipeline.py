@@ -9,17 +9,19 @@ import numpy.typing as npt
 
 from depthcli.core import scaling
 from depthcli.core.camera import Lens
-from depthcli.core.choices import DEFAULT_DETAIL, Detail
+from depthcli.core.choices import AUTO_TILE, DEFAULT_DETAIL, Detail
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.errors import ModelError
+from depthcli.errors import InputError, ModelError
 from depthcli.inference.camera import PictureCamera, camera_of
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.memory import tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import Layout, prepare
 from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
 from depthcli.models.card import ModelCard
+from depthcli.models.card_specs import InputSpec
+
+_MAX_CELLS_A_PIXEL = 4  # of a tiled map; more show nothing of the picture
 
 
 class Pipeline:
@@ -59,7 +61,7 @@ class Pipeline:
             (H, W) at the picture's size, of the card's kind.
 
         Raises:
-            InputError: the picture needs more memory than the detail's limit.
+            InputError: the tiles are too small for the picture.
             ModelError: the network failed.
             UsageError: the focal length is not valid.
         """
@@ -86,7 +88,7 @@ class Pipeline:
             What :meth:`predict` returns for each, in their order.
 
         Raises:
-            InputError: a picture needs more memory than the detail's limit.
+            InputError: the tiles are too small for a picture.
             ModelError: the network failed.
             UsageError: the focal length is not valid.
         """
@@ -156,6 +158,29 @@ class Pipeline:
             time_s=frame.timestamp_s,
             pixel_aspect=frame.pixel_aspect,
         )
+
+
+def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
+    """Width of the tiles of a picture in its pixels; None if it is not tiled.
+
+    Raises:
+        InputError: tiles of this width have less detail than the network's input.
+    """
+    if detail.tile_px is None:
+        return None
+    width, chosen = frame.width, detail.tile_px
+    if chosen == AUTO_TILE:
+        chosen = max(-(-3 * width // 4), spec.width)
+    finest_px = math.ceil(
+        math.sqrt(spec.width * spec.height * width / (_MAX_CELLS_A_PIXEL * frame.height))
+    )
+    if chosen < min(finest_px, width):
+        raise InputError(
+            f"tiles of {chosen} pixels have less detail than the network's input, and those of "
+            f"{finest_px} have not",
+            "give a wider {tile}, or leave it out",
+        )
+    return chosen if chosen < width else None
 
 
 def load(

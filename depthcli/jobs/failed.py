@@ -15,7 +15,7 @@ class FailedInput(NamedTuple):
 def failure_reason(error: Exception) -> str:
     """The reason why an input failed, in one line."""
     if isinstance(error, DepthcliError):
-        return str(error)
+        return error.message
     if is_out_of_memory(error):
         return "does not fit into memory; make it smaller"
     if is_out_of_threads(error):

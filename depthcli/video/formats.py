@@ -24,7 +24,6 @@ class VideoFormatFacts:
     counterpart: Format | None
     #: options of the command that it uses, by the names of their parameters
     options: tuple[str, ...]
-    use_bytes: int  #: memory of writing it, in bytes a pixel, as for pictures
 
     @property
     def is_sequence(self) -> bool:
@@ -37,19 +36,17 @@ class VideoFormatFacts:
         return self.picture is Format.PREVIEW
 
 
-def _preview(
-    file_suffix: str, counterpart: Format | None = None, *, use_bytes: int = 20
-) -> VideoFormatFacts:
+def _preview(file_suffix: str, counterpart: Format | None = None) -> VideoFormatFacts:
     options = (*FORMATS[Format.PREVIEW].options, "lock", "codec", "audio")
     suffix = f".preview{file_suffix}"
-    return VideoFormatFacts(suffix, file_suffix, Format.PREVIEW, counterpart, options, use_bytes)
+    return VideoFormatFacts(suffix, file_suffix, Format.PREVIEW, counterpart, options)
 
 
 def _frames(picture: Format, *, is_counterpart: bool = True) -> VideoFormatFacts:
     facts = FORMATS[picture]
     suffix = f".depth.{FRAME_NUMBER}{facts.file_suffix}"
     counterpart = picture if is_counterpart else None
-    return VideoFormatFacts(suffix, None, picture, counterpart, facts.parameters, facts.use_bytes)
+    return VideoFormatFacts(suffix, None, picture, counterpart, facts.parameters)
 
 
 class VideoFormat(StrEnum):
@@ -75,21 +72,18 @@ class VideoFormat(StrEnum):
             None,
             Format.PNG16,
             ("png_scale", "centre_px", "lock", "vmin", "vmax"),
-            use_bytes=16,
         ),
     )
     MP4 = "mp4", _preview(".mp4", Format.PREVIEW)
     WEBM = "webm", _preview(".webm")
-    MOV = "mov", _preview(".mov", use_bytes=24)
+    MOV = "mov", _preview(".mov")
     PNG16 = "png16", _frames(Format.PNG16, is_counterpart=False)
     EXR = "exr", _frames(Format.EXR)
     NPY = "npy", _frames(Format.NPY)
     # What the numbers of the others mean.
     JSON = (
         "json",
-        VideoFormatFacts(
-            ".depth.json", ".json", None, Format.JSON, Format.JSON.facts.parameters, use_bytes=10
-        ),
+        VideoFormatFacts(".depth.json", ".json", None, Format.JSON, Format.JSON.facts.parameters),
     )
 
 

@@ -14,7 +14,6 @@ from depthcli.video.number_pattern import is_pattern
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from depthcli.core.picture_limit import PictureLimit
     from depthcli.video.frames import FrameSource
     from depthcli.video.pipes import InputPipe
 
@@ -36,7 +35,7 @@ def open_frames(
     source: Path | InputPipe,
     *,
     rate: Fraction | None = None,
-    max_pixels: int | PictureLimit = MAX_PIXELS,
+    max_pixels: int = MAX_PIXELS,
     options: PictureOptions = NO_OPTIONS,
 ) -> FrameSource:
     """Open a video or a sequence.

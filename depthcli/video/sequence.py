@@ -7,7 +7,6 @@ from fractions import Fraction
 from pathlib import Path
 
 from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window
@@ -36,7 +35,7 @@ class ImageSequence(FrameSource):
         path: Path,
         *,
         rate: Fraction | None = None,
-        max_pixels: int | PictureLimit = MAX_PIXELS,
+        max_pixels: int = MAX_PIXELS,
         options: PictureOptions = NO_OPTIONS,
     ) -> None:
         """Find the pictures of a folder or of a pattern such as ``%04d``.

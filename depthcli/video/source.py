@@ -9,12 +9,10 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 
-from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.choices import MAX_PIXELS, check_pixel_count
 from depthcli.core.pixel_aspect import pixel_aspect_of
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.io.images.decode import check_size
 from depthcli.io.images.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
@@ -42,9 +40,7 @@ class VideoSource(FrameSource):
     height: int  #: rows of an upright frame
     is_own_depth: bool  #: whether it is depth that depthcli wrote
 
-    def __init__(
-        self, source: str | Path | InputPipe, *, max_pixels: int | PictureLimit = MAX_PIXELS
-    ) -> None:
+    def __init__(self, source: str | Path | InputPipe, *, max_pixels: int = MAX_PIXELS) -> None:
         """Open any video that FFmpeg reads, except playlists; larger frames are refused.
 
         Raises:
@@ -133,16 +129,14 @@ class VideoSource(FrameSource):
         """Close the file."""
         self._container.close()
 
-    def _check_size(self, width: int, height: int, max_pixels: int | PictureLimit) -> None:
+    def _check_size(self, width: int, height: int, max_pixels: int) -> None:
         try:
-            check_size(str(self._source), width, height, max_pixels)
+            check_pixel_count(str(self._source), width, height, max_pixels)
         except InputError:
             self.close()
             raise
 
-    def _inspect(
-        self, first: VideoFrame, stream: VideoStream, max_pixels: int | PictureLimit
-    ) -> None:
+    def _inspect(self, first: VideoFrame, stream: VideoStream, max_pixels: int) -> None:
         """Read the properties that only a decoded frame has."""
         self._check_size(first.width, first.height, max_pixels)
         self._orientation = orientation_of(first)

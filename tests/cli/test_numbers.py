@@ -19,7 +19,6 @@ DIGITS = "9" * 5000
         ("predict a.png --threads 2147483648", "--threads"),
         (f"predict a.png --threads {DIGITS}", "--threads"),
         (f"predict a.png --tile {DIGITS}", "--tile"),
-        (f"predict a.png --max-memory {DIGITS}", "--max-memory"),
         ("predict a.png --png-scale 1e-300", "--png-scale"),
         ("predict a.png --png-scale 1e300", "--png-scale"),
         ("predict a.png --png-scale nan", "--png-scale"),

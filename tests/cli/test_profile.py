@@ -275,7 +275,6 @@ def test_what_is_saved_is_read_back(values: dict[str, object]) -> None:
     [
         (("--tile", "abc"), "--tile is auto or a width"),
         (("--anchor", "foo"), "'foo'"),
-        (("--max-memory", "x"), "--max-memory is a number"),
         (("--start", "foo"), "--start 'foo'"),
         (("--fps", "foo"), "--fps 'foo'"),
         (("--start", "3", "--end", "2"), "not after --start"),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
-import re
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -17,9 +15,8 @@ from tiny import tiny_onnx, write_model
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.codec import Transform
 from depthcli.core.types import DepthKind, Frame
-from depthcli.errors import InputError, UsageError
-from depthcli.inference.memory import tile_width_px
-from depthcli.inference.pipeline import Pipeline, load
+from depthcli.errors import UsageError
+from depthcli.inference.pipeline import Pipeline, load, tile_width_px
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 from depthcli.inference.tiles import TileGrid, _starts, refine
@@ -249,33 +246,6 @@ def test_width_of_tiles(
     assert tile_width_px(spec, frame, Detail(tile_px=tile)) == expected
 
 
-def test_memory_bounds_tiles(camera: Callable[[Detail], Pipeline]) -> None:
-    spec = camera(Detail()).card.input
-    frame = Frame(np.broadcast_to(np.uint8(0), (8000, 8000)))
-    room = Detail(tile_px=AUTO_TILE, max_memory_bytes=400_000_000)
-    assert tile_width_px(spec, frame, room) == 6000
-    with pytest.raises(InputError, match=r"give --tile \d+") as refused:
-        tile_width_px(spec, frame, Detail(tile_px=99, max_memory_bytes=400_000_000))
-    said = re.search(r"to (\d+)M or give --tile (\d+)", str(refused.value))
-    assert said is not None
-    megabytes, least = map(int, said.groups())
-    for tile_px, limit_mb in ((99, megabytes), (least, 400)):  # what it says is what is needed
-        detail = Detail(tile_px=tile_px, max_memory_bytes=limit_mb * 1_000_000)
-        assert tile_width_px(spec, frame, detail) == tile_px
-    for tile_px, limit_mb in ((99, megabytes - 1), (least - 1, 400)):
-        with pytest.raises(InputError):
-            tile_width_px(
-                spec, frame, Detail(tile_px=tile_px, max_memory_bytes=limit_mb * 1_000_000)
-            )
-
-
-def test_a_picture_that_needs_more_is_refused(camera: Callable[[Detail], Pipeline]) -> None:
-    detail = Detail(max_memory_bytes=50_000_000)
-    frame = Frame(np.broadcast_to(np.uint8(0), (4000, 4000)))
-    with pytest.raises(InputError, match=r"4000×4000 pixels need \d+M, more than --max-memory 50M"):
-        camera(detail).predict(frame)
-
-
 @pytest.mark.parametrize("upsampling", list(Upsampling))
 def test_memory_stays_within_what_was_counted(
     camera: Callable[[Detail], Pipeline], upsampling: Upsampling
@@ -286,39 +256,13 @@ def test_memory_stays_within_what_was_counted(
     frame = Frame(np.full((height, width, 3), 100, np.uint8))
     # Pixels are there already; depth and bands are what may come on top.
     limit = frame.pixels.nbytes + 4 * height * width + 8_000_000
-    pipeline = camera(Detail(upsampling, AUTO_TILE, limit))
+    pipeline = camera(Detail(upsampling, AUTO_TILE))
     tracemalloc.start()
     depth = pipeline.predict(frame)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak + frame.pixels.nbytes <= limit
     assert depth.values.shape == (height, width)
-
-
-@pytest.mark.parametrize("colour", ["value", "rgb"])
-@pytest.mark.parametrize("resize", ["area", "linear", "cubic"])
-def test_what_is_counted_is_what_a_picture_takes(tmp_path: Path, resize: str, colour: str) -> None:
-    """All but an area mean sees the whole picture as floats before it shrinks."""
-    import tracemalloc  # noqa: PLC0415 - as above
-
-    pipeline = load(write_model(tmp_path, input__resize=resize, input__colour=colour))
-    frame = Frame(np.full((2400, 3200, 3), 100, np.uint8))  # large enough for bands
-
-    def is_refused(limit: int) -> bool:
-        try:
-            tile_width_px(pipeline.card.input, frame, Detail(max_memory_bytes=limit))
-        except InputError:
-            return True
-        return False
-
-    counted = bisect.bisect_left(range(10**9), 0, key=lambda limit: -is_refused(limit))
-    tracemalloc.start()
-    pipeline.predict(frame)
-    taken = tracemalloc.get_traced_memory()[1] + frame.pixels.nbytes
-    tracemalloc.stop()
-    # NumPy may write a product over its factor, which saves the second of two copies.
-    spare = 2 if (resize != "area" and colour == "rgb") else 1.25
-    assert taken <= counted < spare * taken
 
 
 @pytest.mark.parametrize(

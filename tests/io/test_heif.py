@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from heifs import heic, pillow_heif
 
-from depthcli.core.choices import Detail
-from depthcli.core.picture_limit import PictureLimit, bytes_needed
 from depthcli.errors import InputError
 from depthcli.io.images.decode import check, picture_size
 from depthcli.io.images.isobmff import find_box, heif_problem, is_heif
@@ -46,7 +44,7 @@ def distance(pixels: npt.NDArray[Any], expected: npt.NDArray[Any]) -> float:
     return float(abs(pixels.astype(float) - expected).mean())
 
 
-def reason(data: bytes, max_pixels: int | PictureLimit = WIDTH * HEIGHT) -> str:
+def reason(data: bytes, max_pixels: int = WIDTH * HEIGHT) -> str:
     with pytest.raises(InputError) as caught:
         read_image(None, data, max_pixels=max_pixels)
     assert "\n" not in str(caught.value)
@@ -161,19 +159,6 @@ def test_the_size_is_known_before_anything_is_decoded(
 
     monkeypatch.setattr(pillow_heif, "open_heif", never)
     assert f"claims {WIDTH}×{HEIGHT} pixels" in reason(data, WIDTH * HEIGHT - 1)
-    assert "more than --max-memory" in reason(
-        data, PictureLimit(10**6, Detail(max_memory_bytes=1000))
-    )
-
-
-@pytest.mark.parametrize(("name", "pixel_bytes"), [("gray", 1), ("colour", 3), ("deep", 6)])
-def test_the_memory_of_decoding_counts(name: str, pixel_bytes: int) -> None:
-    """Twice: pillow-heif's pixels and ours."""
-    most = bytes_needed(WIDTH, HEIGHT, Detail(), 2 * pixel_bytes * WIDTH * HEIGHT)
-    enough, less = (PictureLimit(10**6, Detail(max_memory_bytes=n)) for n in (most, most - 1))
-    assert read_image(None, FILES[name], max_pixels=enough).width == WIDTH
-    check(FILES[name], "a.heic", less)
-    assert "more than --max-memory" in reason(FILES[name], less)
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_what_is_too_large_is_refused_beforehand_and_then(tmp_path: Path) -> Non
     became = {result.row.input: result.row.error for result in Batch(asked)}
     assert [name for name in NAMES if would[name] is None] == ["a.png"]
     assert {name: would[name] for name in NAMES} == {name: became[name] for name in NAMES}
-    assert "more than 768; raise --max-pixels" in str(became["clip.mp4"])
+    assert "more than 768; raise max_pixels" in str(became["clip.mp4"])
 
 
 def test_what_a_model_settled_for_is_told_once_of_the_whole_batch(tmp_path: Path) -> None:

@@ -49,7 +49,6 @@ def test_what_is_right_is_left_alone(tmp_path: Path) -> None:
         BatchOptions(writing=WriterOptions(png_normalize=True)),
         BatchOptions(detail=Detail(Upsampling.BILINEAR)),
         BatchOptions(detail=Detail(tile_px=AUTO_TILE)),
-        BatchOptions(detail=Detail(tile_px=AUTO_TILE, max_memory_bytes=1_000_000_000)),
         BatchOptions(camera=Camera(focal_px=300.0)),
         BatchOptions(camera=Camera(hfov_deg=80.0)),
         BatchOptions(camera=Camera(pictures=PictureOptions(white_level=4095))),
@@ -70,7 +69,7 @@ def test_a_changed_option_is_done_again(tmp_path: Path, options: BatchOptions) -
 def test_what_changes_no_byte_is_no_reason(tmp_path: Path) -> None:
     pictures(tmp_path)
     kept(tmp_path)
-    options = BatchOptions(max_pixels=5000, detail=Detail(use_bytes=30))
+    options = BatchOptions(max_pixels=5000)
     assert kept(tmp_path, options=options) == ALL
     found = request(tmp_path)
     auto = replace(found, model=SessionLoader(found.model.model, threads=2))
@@ -200,9 +199,7 @@ def test_what_changes_no_byte_is_not_done_again(tmp_path: Path) -> None:
     write_video(tmp_path / "in" / "b.mp4", flat_frames(range(3)))
     asked = BatchOptions((Format.PNG16, Format.EXR))
     assert kept(tmp_path, options=asked) == {"a.png": False, "b.mp4": False}
-    limited = BatchOptions(
-        (Format.EXR, Format.PNG16), detail=Detail(max_memory_bytes=1_000_000_000)
-    )
+    limited = BatchOptions((Format.EXR, Format.PNG16), max_pixels=10**6)
     assert kept(tmp_path, options=limited) == {"a.png": True, "b.mp4": True}
 
 

@@ -16,8 +16,6 @@ from tiny import write_model, write_picture
 
 import depthcli
 from depthcli.core.camera import Anchor, Camera
-from depthcli.core.choices import Detail
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
@@ -172,19 +170,6 @@ def test_its_size_is_limited_before_its_pixels_are_read(tmp_path: Path) -> None:
             read_image(path, data, max_pixels=4000)
         with pytest.raises(InputError, match=f"{name} is damaged: its pixels cannot be read"):
             read_image(path, data)
-    with pytest.raises(InputError, match="more than --max-memory 10K"):
-        read_image(plate, max_pixels=PictureLimit(4320, Detail(max_memory_bytes=10_000)))
-
-
-def test_every_channel_of_the_file_takes_memory(tmp_path: Path) -> None:
-    gray = np.ones((500, 500), np.float16)
-    header = {"type": OpenEXR.scanlineimage}
-    limit = PictureLimit(250_000, Detail(max_memory_bytes=12_000_000))
-    for count, path in ((1, tmp_path / "few.exr"), (20, tmp_path / "many.exr")):
-        OpenEXR.File(header, {"Y": gray} | {f"a{i}.Y": gray for i in range(count)}).write(str(path))
-    assert read_image(tmp_path / "few.exr", max_pixels=limit).width == 500
-    with pytest.raises(InputError, match=r"many\.exr: 500×500 pixels need 1\dM, more than --max-m"):
-        read_image(tmp_path / "many.exr", max_pixels=limit)
 
 
 def test_windows_far_apart_are_refused(tmp_path: Path) -> None:

@@ -633,7 +633,7 @@ def test_what_is_no_video_is_one_clear_line(tmp_path: Path, capfd: Any) -> None:
 
 def test_frames_that_are_too_large_are_refused(tmp_path: Path) -> None:
     path = write_video(tmp_path / "a.avi", flat_frames([1]))
-    with pytest.raises(InputError, match="--max-pixels"):
+    with pytest.raises(InputError, match="max_pixels"):
         VideoSource(path, max_pixels=64 * 48 - 1)
 
 

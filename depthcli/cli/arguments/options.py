@@ -222,14 +222,6 @@ TileOption = Annotated[
         help="Refine the depth in tiles of this width; auto is 3/4 of the picture's width.",
     ),
 ]
-MaxMemoryOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="SIZE",
-        help="Memory limit per picture, not counting the program and the model (for example 800M "
-        "or 2G). Pictures that need more are refused.",
-    ),
-]
 MaxPixelsOption = Annotated[int, typer.Option(min=1, help="Maximum number of pixels of a picture.")]
 WeightsOption = Annotated[
     Weights,

@@ -185,7 +185,6 @@ def batch(
     layer: options.LayerOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
-    max_memory: options.MaxMemoryOption = None,
     max_pixels: options.MaxPixelsOption = MAX_PIXELS,
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
@@ -213,8 +212,7 @@ def batch(
     refuse_unused(context, chosen, PICTURE_OPTIONS)
     if files is None:
         refuse_for_folder(context)
-    use_bytes = [which.facts.use_bytes for which in chosen]
-    detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
+    detail = choose_detail(upsample, tile)
     budget = FailureBudget.parse(max_failures) if max_failures is not None else None
     plan = _plan(context.params)
     if engine == EngineName.RAY:

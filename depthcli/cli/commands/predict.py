@@ -63,7 +63,6 @@ def predict(
     layer: options.LayerOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
-    max_memory: options.MaxMemoryOption = None,
     max_pixels: options.MaxPixelsOption = MAX_PIXELS,
     as_json: options.JsonOption = False,
     quiet: options.QuietOption = False,
@@ -96,8 +95,7 @@ def predict(
     chosen = picture_formats(output, formats or ())
     written = [*chosen, Format.JSON] if sidecar else chosen
     refuse_unused(context, written, PICTURE_OPTIONS)
-    use_bytes = [which.facts.use_bytes for which in chosen]
-    detail = choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side)
+    detail = choose_detail(upsample, tile)
     pictures, own = split_own_outputs(images)
     refuse_for_pictures(context, pictures)
     results = job.predict(

@@ -146,7 +146,6 @@ def video(
     layer: options.LayerOption = None,
     upsample: options.UpsampleOption = Upsampling.GUIDED,
     tile: options.TileOption = None,
-    max_memory: options.MaxMemoryOption = None,
     max_pixels: options.MaxPixelsOption = MAX_PIXELS,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object to stdout at the end.")
@@ -186,7 +185,6 @@ def video(
     written = [*chosen, VideoFormat.JSON] if sidecar else chosen
     refuse_unused(context, written, {which: which.facts.options for which in VideoFormat})
     refuse_for_videos(context, file)
-    use_bytes = [which.facts.use_bytes for which in chosen]
     request = VideoRequest(
         video=file,
         output=output,
@@ -201,7 +199,7 @@ def video(
             smooth_s=smooth,
             lock_s=lock,
             camera=camera,
-            detail=choose_detail(upsample, tile, max_memory, use_bytes, side_by_side=side_by_side),
+            detail=choose_detail(upsample, tile),
             max_pixels=max_pixels,
             fps=parse_fps(fps),
             start_number=start_number,

@@ -32,7 +32,7 @@ def check_together(values: Mapping[str, Value]) -> None:
     given = {key.replace("-", "_"): value for key, value in values.items()}
     parse_camera(given)
     check_anchors(words("anchor"), word("anchors"), scale if isinstance(scale, float) else None)
-    choose_detail(Upsampling.BILINEAR, word("tile"), word("max-memory"))
+    choose_detail(Upsampling.BILINEAR, word("tile"))
     parse_fps(word("fps"))
     parse_span(word("start"), word("end"), word("every"))
     provider_options(words("provider-option"))

@@ -8,7 +8,7 @@ from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import show_progress
 from depthcli.core.interrupt import Interrupt
 from depthcli.core.text import one_line
-from depthcli.errors import SIGNAL_BASE, ModelError, UsageError
+from depthcli.errors import SIGNAL_BASE, Message, ModelError, UsageError
 from depthcli.io.listing.skipped import skip_summary
 from depthcli.jobs.batch.dry_run import DryRunResult
 from depthcli.jobs.batch.input_plan import Plan
@@ -77,7 +77,10 @@ class BatchScreen:
         """Print the failures, then the counts."""
         tally = batch.tally
         for name, reason in tally.failures:
-            console.error(reason if name in reason else f"{name}: {reason}")
+            if name not in reason:
+                fact = reason if isinstance(reason, Message) else Message(reason)
+                reason = fact.about(name)  # noqa: PLW2901
+            console.error(reason)
         if batch.stopped:
             console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
         if tally.failures and self.quiet:

@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 
-from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.choices import MAX_PIXELS, check_pixel_count
 from depthcli.core.windows import Window, over_window
 from depthcli.errors import InputError
 from depthcli.io.images.decode import read_bytes
@@ -154,7 +153,6 @@ def header_window(corners: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) 
 
 _WINDOWS = ("dataWindow", "displayWindow")
 _DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
-_SAMPLE_BYTES, _GRAY_BYTES = 2, 4  # at least, of each channel of a file; of a frame
 
 
 class StoredChannel(NamedTuple):
@@ -172,7 +170,7 @@ class StoredChannel(NamedTuple):
 
 
 def read_exr_channels(
-    path: Path, *, name: str | None = None, limit: PictureLimit | None = None
+    path: Path, *, name: str | None = None, max_pixels: int = MAX_PIXELS
 ) -> dict[str, StoredChannel]:
     """All channels of all parts, by name.
 
@@ -181,8 +179,7 @@ def read_exr_channels(
     Args:
         path: the file.
         name: what messages call it; None for its path.
-        limit: windows that are larger are refused before pixels are decoded; None for
-            ``MAX_PIXELS``, without advice to change it.
+        max_pixels: larger windows are refused before pixels are decoded.
 
     Raises:
         InputError: missing, damaged, deep, or too large.
@@ -196,7 +193,7 @@ def read_exr_channels(
             for part in OpenEXR.File(file, header_only=True).parts:
                 if part.header["type"] in _DEEP:
                     raise InputError(f"{shown} holds deep data; flatten it first")
-                _check_pixel_count(shown, part.header, limit)
+                _check_windows(shown, part.header, max_pixels)
             problem = "is damaged: its pixels cannot be read; copy it again"
             parts = OpenEXR.File(file, separate_channels=True).parts
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
@@ -212,15 +209,10 @@ def read_exr_channels(
     return channels
 
 
-def _check_pixel_count(name: str, header: dict[str, Any], limit: PictureLimit | None) -> None:
-    least = _SAMPLE_BYTES * len(header["channels"]) + _GRAY_BYTES
-    for which, pixel_bytes in zip(_WINDOWS, (least, _GRAY_BYTES), strict=True):
+def _check_windows(name: str, header: dict[str, Any], max_pixels: int) -> None:
+    for which in _WINDOWS:
         size = header_window(header[which])
-        if limit is not None:
-            limit.check(name, size.width, size.height, pixel_bytes)
-        elif size.width * size.height > MAX_PIXELS:
-            claimed = f"{size.width}×{size.height} pixels"
-            raise InputError(f"{name} claims {claimed}, more than {MAX_PIXELS:,}")
+        check_pixel_count(name, size.width, size.height, max_pixels)
 
 
 _FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
-from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_limit import PictureLimit
+from depthcli.core.choices import MAX_PIXELS, check_pixel_count
 from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
@@ -132,7 +131,7 @@ def read_exr_picture(
     path: Path,
     *,
     name: str | None = None,
-    max_pixels: int | PictureLimit = MAX_PIXELS,
+    max_pixels: int = MAX_PIXELS,
     overscan: Window | None = None,
     options: PictureOptions = NO_OPTIONS,
 ) -> Frame:
@@ -158,14 +157,13 @@ def read_exr_picture(
     from depthcli.io.exr.layers import colour_channels  # noqa: PLC0415
 
     name = name or str(path)
-    limit = PictureLimit.of(max_pixels)
-    channels = read_exr_channels(path, name=name, limit=limit)
+    channels = read_exr_channels(path, name=name, max_pixels=max_pixels)
     names, doubt = colour_channels(name, list(channels), options.layer)
     part = channels[names[0]].part
     whole = part.display.union(part.data)
     if overscan is not None:
         whole = overscan.moved(part.display.left, part.display.top)
-    limit.check(name, whole.width, whole.height)
+    check_pixel_count(name, whole.width, whole.height, max_pixels)
     windows = Windows(whole, part.data, part.display)
     pixels = np.empty((whole.height, whole.width, len(names)), np.float32)
     for i, colour in enumerate(names):
@@ -193,7 +191,7 @@ def read_exr_picture(
 def read_exr_data(
     data: bytes,
     name: str,
-    max_pixels: int | PictureLimit = MAX_PIXELS,
+    max_pixels: int = MAX_PIXELS,
     options: PictureOptions = NO_OPTIONS,
 ) -> Frame:
     """What :func:`read_exr_picture` returns, of the content of a file; without a path.

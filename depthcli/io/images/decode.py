@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
 from depthcli.core.camera_ranges import EXPOSURE, WHITE_LEVEL
-from depthcli.core.choices import MAX_PIXELS
+from depthcli.core.choices import MAX_PIXELS, check_pixel_count
 from depthcli.core.extras import INSTALL_HEIF
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError, UsageError, is_out_of_memory
 from depthcli.io.images.isobmff import avif_size, heif_problem, heif_size, is_heif
 from depthcli.io.images.jpeg import JPEG_START, has_jpeg_end, jpeg_segments
@@ -221,9 +220,7 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
 
 
-def decode(
-    data: bytes, name: str, *, max_pixels: int | PictureLimit = MAX_PIXELS
-) -> npt.NDArray[np.generic]:
+def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArray[np.generic]:
     """Pixels at the file's own bit depth, in stored order of rows and columns.
 
     Args:
@@ -277,7 +274,7 @@ def _why_no_picture(data: bytes, name: str) -> str:
     return f"is not a picture (JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM, EXR){advice}"
 
 
-def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> None:
+def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> None:
     """Check a picture without decoding it.
 
     Raises:
@@ -295,7 +292,7 @@ def check(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -
     width, height = size
     if width <= 0 or height <= 0:
         raise InputError(f"{name} claims {width}×{height} pixels; the picture is empty")
-    check_size(name, width, height, max_pixels)
+    check_pixel_count(name, width, height, max_pixels)
     if max(width, height) > _MAX_SIDE:
         raise InputError(
             f"{name} has {width}×{height} pixels, and no side may be longer than {_MAX_SIDE:,}; "
@@ -313,15 +310,6 @@ def _check_no_raw(data: bytes, name: str) -> None:
             what = "has a thumbnail as its first picture, as camera raw files do"
     if what is not None:
         raise InputError(f"{name} {what}; convert it to JPEG, PNG or TIFF first")
-
-
-def check_size(name: str, width: int, height: int, max_pixels: int | PictureLimit) -> None:
-    """Refuse a picture that is too large, before any of it is decoded.
-
-    Raises:
-        InputError: it is.
-    """
-    PictureLimit.of(max_pixels).check(name, width, height)
 
 
 def _without_alpha(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:

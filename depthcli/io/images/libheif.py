@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.extras import INSTALL_HEIF
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.transfer import transfer_warning
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
@@ -17,12 +16,11 @@ from depthcli.io.images.native_log import decoder_messages
 
 _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha
-_COPIES = 2  # of the pixels at a time: pillow-heif's and ours
 _DAMAGE = (EOFError, LookupError, OSError, RuntimeError, SyntaxError, ValueError)
 """What pillow-heif raises about damaged files."""
 
 
-def read_heif_picture(data: bytes, name: str, max_pixels: int | PictureLimit = MAX_PIXELS) -> Frame:
+def read_heif_picture(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> Frame:
     """The primary picture of a HEIF file, as its irot and imir turn it, whatever its EXIF states.
 
     Args:
@@ -38,10 +36,9 @@ def read_heif_picture(data: bytes, name: str, max_pixels: int | PictureLimit = M
         InputError: truncated, damaged, too large, also for the memory, or pillow-heif is missing.
     """
     check(data, name, max_pixels)
-    limit = PictureLimit.of(max_pixels)
     try:
         with decoder_messages():
-            pixels, warnings = _decoded(data, name, limit)
+            pixels, warnings = _decoded(data)
     except ImportError as error:
         raise InputError(f"{name} needs pillow-heif, which is broken; {INSTALL_HEIF}") from error
     except MemoryError as error:
@@ -67,17 +64,13 @@ def libheif_version() -> str:
     return pillow_heif.libheif_version()
 
 
-def _decoded(
-    data: bytes, name: str, limit: PictureLimit
-) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
+def _decoded(data: bytes) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
     import pillow_heif  # noqa: PLC0415 - an extra
 
     options = {"convert_hdr_to_8bit": False, "hdr_to_16bit": False}
     file: Any = pillow_heif.open_heif(data, **options)  # the types of its facts are too wide
     picture = file[file.primary_index]
     channels, bits = len(picture.mode.partition(";")[0]), picture.info["bit_depth"]
-    width, height = picture.size
-    limit.check(name, width, height, _COPIES * channels * (1 if bits == _EIGHT_BIT else 2))
     stored = np.asarray(picture)
     colours = stored.reshape(*stored.shape[:2], channels)
     pixels = np.array(colours[..., :3] if channels in _RGB else colours[..., 0], order="C")

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.picture_options import PictureOptions
 from depthcli.core.pixels import is_out_of_range
 from depthcli.core.transfer import transfer_warning
@@ -38,7 +37,7 @@ def read_image(
     path: str | Path | None,
     data: bytes | None = None,
     *,
-    max_pixels: int | PictureLimit = MAX_PIXELS,
+    max_pixels: int = MAX_PIXELS,
     name: str = "standard input",
     white_level: int | None = None,
     exposure: float = 0.0,
@@ -104,7 +103,7 @@ def _exr_picture(
     file: Path | None,
     data: bytes,
     name: str,
-    max_pixels: int | PictureLimit,
+    max_pixels: int,
     options: PictureOptions,
 ) -> Frame:
     """The picture in an EXR; of its data if there is no file, or none on this machine."""

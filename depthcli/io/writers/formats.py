@@ -24,8 +24,6 @@ class FormatFacts(NamedTuple):
     file_suffix: str | None
     #: fields of :class:`~depthcli.io.writers.options.WriterOptions` that the writer has, too
     options: tuple[str, ...] = ()
-    #: memory of writing it, in bytes a pixel besides picture and depth, measured with a margin
-    use_bytes: int = 10
     has_overscan: bool = False  #: whether its files have the pixels outside the display window
     has_camera: bool = False  #: whether its files depend on the camera of the map or state it
 
@@ -56,7 +54,7 @@ class Format(StrEnum):
 
     PNG16 = (
         "png16",
-        FormatFacts("png16:Png16Writer", ".depth.png", ".png", _PNG, use_bytes=13, has_camera=True),
+        FormatFacts("png16:Png16Writer", ".depth.png", ".png", _PNG, has_camera=True),
     )
     EXR = (
         "exr",
@@ -67,9 +65,9 @@ class Format(StrEnum):
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy")
     PREVIEW = (
         "preview",
-        FormatFacts("preview:PreviewWriter", ".preview.png", None, _COLOURS, use_bytes=20),
+        FormatFacts("preview:PreviewWriter", ".preview.png", None, _COLOURS),
     )
-    PLY = "ply", FormatFacts("ply:PlyWriter", ".ply", ".ply", use_bytes=46, has_camera=True)
+    PLY = "ply", FormatFacts("ply:PlyWriter", ".ply", ".ply", has_camera=True)
     # It describes the PNG beside it.
     JSON = (
         "json",

@@ -65,7 +65,7 @@ def _dry_run_of(
         else:
             picture = outputs.picture(file, rows)
             data = read_input(picture.input)
-            check(data, safe_name(file.path), request.options.limit)
+            check(data, safe_name(file.path), request.options.max_pixels)
             sha256 = hashlib.sha256(data).hexdigest()
             points = request.options.points_for(file, paths, shares_stem=picture.shares_stem)
             kept = picture.reusable_row(request.plan.out, sha256, origin, points)

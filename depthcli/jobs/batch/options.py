@@ -7,7 +7,6 @@ from pathlib import Path
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Camera
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchor_files import AnchorFiles
@@ -28,7 +27,7 @@ class BatchOptions:
     formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     camera: Camera = field(default_factory=Camera)  #: camera parameters, if known
-    detail: Detail = DEFAULT_DETAIL  #: upsampling, tiles and memory limit
+    detail: Detail = DEFAULT_DETAIL  #: upsampling and tiles
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     #: a folder with known depth for each picture, in place of the camera's points
     anchors: AnchorFiles | None = None
@@ -53,11 +52,6 @@ class BatchOptions:
                 raise InputError(f"{file} is its known depth; choose another --out")
             return self.anchors.read_file(file)
         return AnchorPoints.of(self.camera.anchors) if self.camera.anchors else None
-
-    @property
-    def limit(self) -> PictureLimit:
-        """Larger pictures are refused."""
-        return PictureLimit(self.max_pixels, self.detail)
 
 
 @dataclass(frozen=True, slots=True)

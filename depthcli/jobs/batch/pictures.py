@@ -85,7 +85,7 @@ class PictureWorker:
             frame = read_image(
                 path_of(task.input.path),
                 data,
-                max_pixels=self.options.limit,
+                max_pixels=self.options.max_pixels,
                 **self.options.camera.pictures._asdict(),
             )
             camera = self.options.camera.with_lens(task.lens)

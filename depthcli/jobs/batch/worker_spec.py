@@ -51,7 +51,7 @@ class WorkerSpec:
             sorted(set(options.formats)),
             options.writing,
             options.camera,
-            options.detail.without_limits(),
+            options.detail,
             session.provider,
             self.model.provider_options,
             (loaded.card.input, loaded.card.output, loaded.card.camera),

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.overscan import displayed_depth
 from depthcli.core.parallel.background import Background
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
@@ -117,9 +116,8 @@ def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:
         raise InputError("an input's name is empty; is a variable of the command not set?")
     try:
         data = request.stdin.read() if plan.source is None and request.stdin else None
-        limit = PictureLimit(request.max_pixels, request.detail)
         options = request.camera.pictures
-        return read_image(plan.source, data, max_pixels=limit, **options._asdict())
+        return read_image(plan.source, data, max_pixels=request.max_pixels, **options._asdict())
     except OSError as error:
         reason = "it is closed" if error.errno == errno.EBADF else error.strerror
         raise InputError(f"cannot read standard input: {reason}") from error

@@ -119,6 +119,6 @@ def _origin(
         pipeline.session.provider,
         sorted(pipeline.session.provider_options.items()),
         (card.input, card.output, card.camera),
-        pipeline.detail.without_limits(),
+        pipeline.detail,
         (settings.writing, settings.camera, settings.span, settings.fps, settings.start_number),
     )

@@ -10,7 +10,6 @@ from typing import Any
 
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.core.picture_limit import PictureLimit
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError
@@ -54,12 +53,11 @@ def write_video(
     """
     start_s = time.perf_counter()
     _check_replaceable(plan)
-    limit = PictureLimit(settings.max_pixels, settings.detail)
     with (
         open_frames(
             plan.source,
             rate=settings.fps,
-            max_pixels=limit,
+            max_pixels=settings.max_pixels,
             options=settings.camera.pictures,
         ) as source,
         ExitStack() as stack,

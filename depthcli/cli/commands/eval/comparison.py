@@ -73,7 +73,7 @@ def _protocol(given: Mapping[str, Any], split: SplitName | None) -> EvalProtocol
         mask=given.get("mask", HEADLINE.mask),
         compare_px=None if size is None else (size, size),
         upsampling=given["upsample"],
-        tile_px=choose_detail(given["upsample"], given["tile"], None).tile_px,
+        tile_px=choose_detail(given["upsample"], given["tile"]).tile_px,
         full_size_px=None if split is None else HEADLINE.full_size_px,
         max_m=given.get("max_depth", HEADLINE.max_m),
         boundary=given["boundary"],
