@@ -31,11 +31,11 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.row import OK, Origin, Row, output_entry
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.outputs import write_output
 from depthcli.models.catalog import find_model
 

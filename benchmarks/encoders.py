@@ -22,9 +22,9 @@ from timing import Timing, alternate
 
 import depthcli
 from depthcli.io.depth.quantization import quantized
+from depthcli.io.formats.metadata import metadata_texts
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.images.png import encode_png
-from depthcli.io.writers.metadata import metadata_texts
-from depthcli.io.writers.preview import PreviewWriter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -29,7 +29,7 @@ from depthcli.datasets.nyu import open_nyu
 from depthcli.evaluation.predictors.model import open_model
 from depthcli.evaluation.run import Entry, evaluate
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.formats.png16 import Png16Writer
 
 if TYPE_CHECKING:
     from collections.abc import Callable

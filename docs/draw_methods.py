@@ -21,9 +21,9 @@ import depthcli
 from depthcli.core.choices import Colormap
 from depthcli.datasets.rooms.pair import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
 from depthcli.export.trained import export_run, open_run
+from depthcli.io.formats.colormaps import colour_table
+from depthcli.io.formats.contact_sheet import contact_sheet
 from depthcli.io.images.read import read_image
-from depthcli.visual.colormaps import colour_table
-from depthcli.visual.contact_sheet import contact_sheet
 
 _LEAST_M = 1e-3
 SETTINGS = RoomSettings(seed=2, size=(192, 144), hfov_deg=(TYPICAL_HFOV_DEG, TYPICAL_HFOV_DEG))

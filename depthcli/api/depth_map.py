@@ -15,10 +15,10 @@ from depthcli.core.map_camera import with_centre, with_focal
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.text import short_repr
 from depthcli.errors import DepthcliWarning, UsageError
+from depthcli.io.formats.by_suffix import write_depth
+from depthcli.io.formats.preview import PreviewWriter, percentiles
+from depthcli.io.formats.table import format_of
 from depthcli.io.storage.remote import path_of
-from depthcli.io.writers.by_suffix import write_depth
-from depthcli.io.writers.formats import format_of
-from depthcli.io.writers.preview import PreviewWriter, percentiles
 
 if TYPE_CHECKING:
     import os

@@ -20,8 +20,8 @@ from depthcli.datasets.paired_folder import PLAUSIBLE as OWN_PLAUSIBLE
 from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
 from depthcli.datasets.splits import is_label
 from depthcli.errors import DatasetError
+from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.regular import read_regular
-from depthcli.io.writers.formats import MILLIMETRES
 
 INDEX_NAME = "index.csv"
 PLAUSIBLE = PlausibleDepth(0.8, 9.0, "has to be millimetres (metres in the .mat file)")

@@ -26,8 +26,8 @@ from depthcli.datasets.files import (
     sample_positions,
 )
 from depthcli.errors import DatasetError, InputError
+from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.lens_table import read_lenses
-from depthcli.io.writers.formats import MILLIMETRES
 
 PREDICTION_SUFFIX = ".depth"
 """Suffix of outputs of ``predict`` and ``batch``: ``depth/a.depth.png`` belongs to ``a``."""

@@ -26,7 +26,7 @@ from depthcli.datasets.stated_focal import stated_focal_px
 from depthcli.datasets.subset import Subset
 from depthcli.datasets.unpaired_folder import open_unpaired_folder
 from depthcli.errors import DatasetError
-from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.formats.table import MILLIMETRES
 
 NYU_HFOV_DEG = 63.3
 """Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""

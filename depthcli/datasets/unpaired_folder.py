@@ -18,7 +18,7 @@ from depthcli.datasets.files import (
     sample_positions,
 )
 from depthcli.datasets.paired_folder import PLAUSIBLE, list_files
-from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.formats.table import MILLIMETRES
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from depthcli.datasets.splits import ALL_PAIRS
 from depthcli.evaluation.choices import Source
 from depthcli.evaluation.differences import Difference
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.io.writers.metadata import SOFTWARE
+from depthcli.io.formats.metadata import SOFTWARE
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
 from depthcli.metrics.choices import Alignment

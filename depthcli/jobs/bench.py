@@ -17,10 +17,10 @@ from depthcli.inference.latency import Latency, measure_latency
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.preprocess import prepare
+from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.temporary_folder import temporary_folder
-from depthcli.io.writers.png16 import Png16Writer
 
 _MIN_PICTURES = 5
 _MEGABYTE = 1e6

@@ -13,12 +13,12 @@ from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import FILE_SUFFIXES, MILLIMETRES, Format, format_of
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.io.writers.formats import FILE_SUFFIXES, MILLIMETRES, Format, format_of
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.depth_files import read_map
 from depthcli.jobs.naming import check_suffix, is_folder, refuse_pattern
 from depthcli.video.number_pattern import is_pattern

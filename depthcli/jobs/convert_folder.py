@@ -11,6 +11,8 @@ from depthcli.core.camera import Camera
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliError, InputError, UsageError
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format, format_of, stem_of
 from depthcli.io.images.native_log import silent_opencv
 from depthcli.io.listing.folder import InputFile, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter
@@ -25,8 +27,6 @@ from depthcli.io.storage.remote import (
     safe_name,
     without_file_scheme,
 )
-from depthcli.io.writers.formats import Format, format_of, stem_of
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert
 from depthcli.jobs.failed import FailedInput, failure_reason
 from depthcli.jobs.naming import OutputPlan, check_collisions

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from depthcli.errors import UsageError
+from depthcli.io.formats.table import Format, file_suffix_of, fits, format_of, stem_of
 from depthcli.io.listing.folder import is_exr, is_media
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.io.writers.formats import Format, file_suffix_of, fits, format_of, stem_of
 from depthcli.jobs.namesakes import namesakes
 from depthcli.video.number_pattern import is_pattern
 

@@ -16,10 +16,10 @@ from depthcli.datasets.paired_folder import CAMERAS_NAME
 from depthcli.datasets.rooms.pair import VERSION, RoomSettings, render_pair, room_focal_px
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.depth.quantization import quantized
+from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path, write_text
 from depthcli.io.storage.regular import read_regular
-from depthcli.io.writers.formats import MILLIMETRES
 
 SETTINGS_NAME = "rooms.json"
 _OPTIONS = {"seed": "--seed", "size": "--size", "hfov_deg": "--hfov", "sensor": "--sensor"}

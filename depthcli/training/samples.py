@@ -8,8 +8,8 @@ from lightning_fabric import Fabric
 from torch import nn
 
 from depthcli.core.types import DepthMap
+from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.writers.preview import PreviewWriter, percentiles
 from depthcli.training.validation import Validation
 
 _ROWS = 6

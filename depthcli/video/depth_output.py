@@ -7,8 +7,8 @@ from pathlib import Path
 import av
 
 from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
-from depthcli.io.writers.metadata import metadata_texts, step_unit
-from depthcli.io.writers.preview import PreviewWriter
+from depthcli.io.formats.metadata import metadata_texts, step_unit
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
 from depthcli.video.depth import LABEL_PREFIX

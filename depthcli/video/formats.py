@@ -5,7 +5,7 @@ from enum import StrEnum
 from pathlib import PurePath
 from typing import Self
 
-from depthcli.io.writers.formats import FORMATS, Format, stem_of
+from depthcli.io.formats.table import FORMATS, Format, stem_of
 
 FRAME_NUMBER = "%06d"
 """Placeholder of the frame's number in the name of a sequence."""

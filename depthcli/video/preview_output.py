@@ -6,7 +6,7 @@ from pathlib import Path
 
 import av
 
-from depthcli.io.writers.preview import PreviewWriter
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec

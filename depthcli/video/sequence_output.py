@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from depthcli.errors import OutputError
+from depthcli.io.formats.base import Writer
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.writers.base import Writer
 from depthcli.video.output import DepthFrame
 
 

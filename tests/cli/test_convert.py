@@ -17,10 +17,10 @@ from depthcli.core.map_camera import with_centre
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.npy import NpyWriter
-from depthcli.io.writers.png16 import Png16Writer
-from depthcli.io.writers.sidecar import SidecarWriter
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.sidecar import SidecarWriter
 
 if TYPE_CHECKING:
     from pathlib import Path

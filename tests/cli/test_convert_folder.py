@@ -12,13 +12,13 @@ from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.globs import NameFilter
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.npy import NpyWriter
-from depthcli.io.writers.png16 import Png16Writer
-from depthcli.io.writers.preview import PreviewWriter
-from depthcli.io.writers.sidecar import SidecarWriter
 from depthcli.jobs.convert import ConvertResult
 from depthcli.jobs.convert_folder import (
     ConvertFolderRequest,

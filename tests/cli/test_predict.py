@@ -19,7 +19,7 @@ from folders import here
 from tiny import fixed_inside, synthetic_picture, write_model, write_picture
 
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.writers.formats import FORMATS, Format
+from depthcli.io.formats.table import FORMATS, Format
 
 if TYPE_CHECKING:
     from pathlib import Path

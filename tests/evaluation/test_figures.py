@@ -18,8 +18,8 @@ from depthcli.evaluation.reports.figures import Figure, choose_pictures, draw_fi
 from depthcli.evaluation.reports.html import html_page
 from depthcli.evaluation.reports.text import Page
 from depthcli.evaluation.table import EvalTask
-from depthcli.io.writers.preview import PreviewWriter
-from depthcli.visual.contact_sheet import contact_sheet
+from depthcli.io.formats.contact_sheet import contact_sheet
+from depthcli.io.formats.preview import PreviewWriter
 
 CELL = (240, 180)
 TITLE, GAP = 26, 4

@@ -11,7 +11,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.predictors.base import Sample
 from depthcli.evaluation.predictors.files import open_predictions
-from depthcli.io.writers.formats import FORMATS, Format, writer_class
+from depthcli.io.formats.table import FORMATS, Format, writer_class
 
 if TYPE_CHECKING:
     from pathlib import Path

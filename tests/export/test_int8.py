@@ -15,7 +15,7 @@ from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
 from depthcli.export.graph import build_graph
 from depthcli.export.int8 import calibration_batches, quantize
-from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.formats.png16 import Png16Writer
 from depthcli.models.card_specs import Colour, Fit, InputSpec
 from depthcli.training.networks.efficient import EfficientGenerator
 

@@ -19,7 +19,7 @@ from depthcli.core.types import CameraSource, Frame, Provenance
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.preprocess import input_layout
-from depthcli.io.writers.ply import PlyWriter
+from depthcli.io.formats.ply import PlyWriter
 from depthcli.models.card import ModelCard
 
 ROOT = Path(__file__).parents[2]

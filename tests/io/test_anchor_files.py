@@ -12,9 +12,9 @@ from depthcli.core.camera import Anchor
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.anchor_files import AnchorFiles
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.npy import NpyWriter
-from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.png16 import Png16Writer
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,10 +11,10 @@ import pytest
 from depthcli.cli.screen.predict import picture_json, picture_text
 from depthcli.core.types import CameraSource, DepthMap, Provenance
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.npy import NpyWriter
-from depthcli.io.writers.png16 import Png16Writer
-from depthcli.io.writers.sidecar import SidecarWriter
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.jobs.predict.pictures import PictureResult
 
 if TYPE_CHECKING:

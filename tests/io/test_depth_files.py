@@ -21,12 +21,12 @@ from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.layers import depth_channel
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.formats.table import FORMATS, Format, writer_class
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.formats import FORMATS, Format, writer_class
-from depthcli.io.writers.png16 import Png16Writer
-from depthcli.io.writers.sidecar import SidecarWriter
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 SCANLINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -122,7 +122,7 @@ def test_exr_on_a_full_disk_is_one_clear_error(tmp_path: Path) -> None:
         "import resource, signal, sys; from pathlib import Path; import numpy as np\n"
         "from depthcli.core.types import DepthMap\n"
         "from depthcli.io.storage.atomic import atomic_path\n"
-        "from depthcli.io.writers.exr import ExrWriter\n"
+        "from depthcli.io.formats.exr import ExrWriter\n"
         "noise = np.random.default_rng(0).random((200, 200), np.float32)\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"

@@ -9,7 +9,7 @@ import pytest
 from videos import NTSC
 
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.writers.preview import PreviewWriter
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.output import DepthFrame
 from depthcli.video.preview_output import preview_video
 from depthcli.video.rates import Timing

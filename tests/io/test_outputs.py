@@ -18,12 +18,12 @@ from tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.formats.by_suffix import write_depth
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.writers.by_suffix import write_depth
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.png16 import Png16Writer
-from depthcli.io.writers.preview import PreviewWriter
 from depthcli.jobs.naming import plan_outputs
 
 PNG = {"png16": ".depth.png"}

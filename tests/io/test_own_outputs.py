@@ -10,10 +10,10 @@ import pytest
 
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import OutputError
+from depthcli.io.formats.ply import PlyWriter
+from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.listing import own_outputs
 from depthcli.io.listing.own_outputs import check_replaceable
-from depthcli.io.writers.ply import PlyWriter
-from depthcli.io.writers.sidecar import SidecarWriter
 
 if TYPE_CHECKING:
     from pathlib import Path

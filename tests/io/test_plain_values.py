@@ -27,11 +27,11 @@ from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr import file as exr_channels
 from depthcli.io.exr.file import _has_all_rows, read_exr_channels, silenced, write_exr
 from depthcli.io.exr.image import read_exr_picture, read_exr_rate
+from depthcli.io.formats.png16 import Png16Writer, stretched
+from depthcli.io.formats.preview import PreviewWriter, nearness, percentiles
+from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import frame_of
-from depthcli.io.writers.png16 import Png16Writer, stretched
-from depthcli.io.writers.preview import PreviewWriter, nearness, percentiles
-from depthcli.io.writers.sidecar import SidecarWriter
 
 if TYPE_CHECKING:
     from pathlib import Path

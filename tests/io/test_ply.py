@@ -12,7 +12,7 @@ from depthcli._version import __version__
 from depthcli.core.map_camera import with_centre
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
-from depthcli.io.writers.ply import PlyWriter
+from depthcli.io.formats.ply import PlyWriter
 
 if TYPE_CHECKING:
     from pathlib import Path

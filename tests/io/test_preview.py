@@ -15,9 +15,9 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from depthcli.core.choices import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.io.writers.preview import PreviewWriter, nearness
-from depthcli.visual.colormaps import colour_table
-from depthcli.visual.legend import label, tick_value, with_legend
+from depthcli.io.formats.colormaps import colour_table
+from depthcli.io.formats.legend import label, tick_value, with_legend
+from depthcli.io.formats.preview import PreviewWriter, nearness
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -23,6 +23,7 @@ from watched import Watched
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.by_suffix import write_depth
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.storage import objects
@@ -30,7 +31,6 @@ from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.regular import read_regular
 from depthcli.io.storage.remote import RemotePath, join, path_of, safe_name
 from depthcli.io.storage.transfer import local_copy, object_checksum
-from depthcli.io.writers.by_suffix import write_depth
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -17,13 +17,13 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.depth import depth_channel
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.table import FORMATS, Format, format_of, writer_class
 from depthcli.io.images.png import read_text
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.formats import FORMATS, Format, format_of, writer_class
-from depthcli.io.writers.npy import NpyWriter
-from depthcli.io.writers.options import WriterOptions
-from depthcli.io.writers.png16 import Png16Writer
-from depthcli.io.writers.preview import PreviewWriter
 
 SHAPES = array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9)
 ANY_FLOAT = arrays(np.float32, SHAPES, elements=st.floats(width=32, allow_nan=True))

@@ -16,13 +16,13 @@ import depthcli
 from depthcli.core.types import AnchorFit, CameraSource, DepthKind, DepthMap, Provenance
 from depthcli.io.depth.metadata import provenance_of
 from depthcli.io.depth.read import read_metadata, read_stored_depth
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.metadata import metadata_texts
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.formats.table import FORMATS, Format, writer_class
 from depthcli.io.images.png import encode_png
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.formats import FORMATS, Format, writer_class
-from depthcli.io.writers.metadata import metadata_texts
-from depthcli.io.writers.npy import NpyWriter
-from depthcli.io.writers.png16 import Png16Writer
-from depthcli.io.writers.sidecar import SidecarWriter
 
 if TYPE_CHECKING:
     from depthcli.io.depth.stored import StoredDepth

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.io.writers.formats import FORMATS
+from depthcli.io.formats.table import FORMATS
 from depthcli.jobs.tree_names import TreeNames
 
 

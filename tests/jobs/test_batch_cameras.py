@@ -15,8 +15,8 @@ from depthcli.core.camera import Camera, Lens
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.table import Format
 from depthcli.io.manifest.shard import Shard
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.cameras import read_cameras
 from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest

@@ -14,10 +14,10 @@ from command_line import ROOT, Cli
 from videos import flat_frames, write_video
 
 from depthcli.errors import InputError
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.row import OK, Origin, Row
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.suspects import check_picture, check_video, mark_suspects
 from depthcli.jobs.batch.task import Task

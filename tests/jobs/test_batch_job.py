@@ -17,11 +17,11 @@ from videos import write_mp4
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import ModelError, UsageError
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, output_entry
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.options import BatchOptions

@@ -12,8 +12,8 @@ from watched import Watched
 
 from depthcli.core.camera import Camera
 from depthcli.core.choices import GPU_BATCH, Detail, Upsampling
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.options import WriterOptions
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch

@@ -10,8 +10,8 @@ from tiny import write_model
 
 from depthcli.core.camera import Camera
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.options import WriterOptions
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.worker_spec import WorkerSpec
 

@@ -13,8 +13,8 @@ from tiny import synthetic_picture, write_picture
 from videos import write_video
 
 from depthcli.errors import UsageError
+from depthcli.io.formats.table import Format
 from depthcli.io.manifest.journal import known_rows
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.plan import plan_folder

@@ -15,11 +15,11 @@ from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.picture_options import PictureOptions
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.plan import plan_files, plan_folder

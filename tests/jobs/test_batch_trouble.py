@@ -14,12 +14,12 @@ from tiny import write_picture
 from videos import write_mp4
 
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import FAILED, OK, ManifestFormat
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch

@@ -15,10 +15,10 @@ from depthcli.core.camera import Camera
 from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.npy import NpyWriter
-from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.table import Format
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, target_format
 from depthcli.jobs.depth_files import read_map
 from depthcli.jobs.inspect import DepthMapInfo, DepthVideoInfo, depth_at, inspect_file

@@ -12,8 +12,8 @@ from videos import flat_frames, write_mp4
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
+from depthcli.io.formats.table import Format
 from depthcli.io.manifest.row import OK, Origin, Row
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch import pictures as batch_pictures
 from depthcli.jobs.batch import tally, task
 from depthcli.jobs.batch import videos as batch_videos

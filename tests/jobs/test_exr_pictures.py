@@ -19,11 +19,11 @@ from depthcli.core.camera import Anchor, Camera
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.metadata import camera_text
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest.row import OK
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.metadata import camera_text
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch

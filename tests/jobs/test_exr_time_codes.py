@@ -10,8 +10,8 @@ import OpenEXR
 from plates import CROP, DISPLAY, time_code_of, write_plate
 
 from depthcli.io.exr.file import ExrPart, read_exr_header, time_code_attribute
+from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files
 from depthcli.jobs.batch.run import Batch

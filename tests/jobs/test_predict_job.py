@@ -20,9 +20,9 @@ from depthcli.core.camera import Anchor, Camera
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.failed import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
@@ -155,7 +155,7 @@ def test_one_picture_loads_nothing_that_others_need(tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, *words]
     done = subprocess.run(command, capture_output=True, check=True, env=unmeasured())
     loaded = set(done.stdout.decode().split())
-    assert "depthcli.io.writers.png16" in loaded
+    assert "depthcli.io.formats.png16" in loaded
     of_others = {"av", "sqlite3", "tempfile", "random", "rich", "torch", "pyarrow", "obstore"}
     assert not loaded & (of_others | {"OpenEXR", "PIL", "numpy.ma", "multiprocessing", "ssl"})
     assert "depthcli.inference.tiles" not in loaded

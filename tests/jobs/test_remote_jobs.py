@@ -25,12 +25,12 @@ from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest.rows_folder import rows_folder
 from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.storage.remote import path_of
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.cameras import read_cameras
 from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize

@@ -23,10 +23,10 @@ from videos import flat_frames, write_mp4
 
 from depthcli._version import __version__
 from depthcli.errors import EngineError, ModelError
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.engines.pool import WorkerPool
 from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER, _Actors, _connect, _worker_capacity
 from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker

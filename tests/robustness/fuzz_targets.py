@@ -39,6 +39,9 @@ from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.file import write_exr
 from depthcli.io.exr.image import read_exr_picture, read_exr_rate
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.images.decode import find_problem, picture_size
 from depthcli.io.images.exif import read_exif
 from depthcli.io.images.png import encode_png
@@ -50,9 +53,6 @@ from depthcli.io.manifest.files import TableRows
 from depthcli.io.manifest.row import parse_row
 from depthcli.io.manifest.table import write_rows
 from depthcli.io.parquet import column_texts
-from depthcli.io.writers.exr import ExrWriter
-from depthcli.io.writers.png16 import Png16Writer
-from depthcli.io.writers.sidecar import SidecarWriter
 from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model

@@ -15,7 +15,7 @@ from rooms import EFFICIENT, PAPER, Rooms, rooms
 
 from depthcli.core.types import DepthMap
 from depthcli.datasets.subset import Subset
-from depthcli.io.writers.preview import percentiles
+from depthcli.io.formats.preview import percentiles
 from depthcli.metrics.accumulate import PixelSums
 from depthcli.metrics.pixels import DepthPixels
 from depthcli.training.config.schema import OutputConfig

@@ -12,7 +12,7 @@ import pytest
 from videos import with_sound
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.io.writers.preview import PreviewWriter
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.output import DepthFrame
 from depthcli.video.pipes import OutputPipe

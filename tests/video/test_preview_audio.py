@@ -12,7 +12,7 @@ import pytest
 from videos import with_sound
 
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.writers.preview import PreviewWriter
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.audio_output import AudioOutput
 from depthcli.video.codecs import preview_codec

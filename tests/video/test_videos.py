@@ -28,7 +28,7 @@ from depthcli.core.colour import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.quantization import normalized
-from depthcli.io.writers.preview import PreviewWriter
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, preview_codec
 from depthcli.video.depth import DepthVideo

@@ -4,8 +4,8 @@ from typing import Any
 
 from depthcli.cli.arguments.unused import PICTURE_OPTIONS, given_options
 from depthcli.errors import UsageError
+from depthcli.io.formats.table import Format
 from depthcli.io.storage.remote import RemotePath, path_of, safe_name
-from depthcli.io.writers.formats import Format
 from depthcli.video.number_pattern import is_pattern
 
 _FOLDER_OPTIONS = ("include", "exclude", "workers")

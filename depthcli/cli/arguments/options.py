@@ -14,7 +14,7 @@ from depthcli.cli.arguments.numbers import (
     stops,
 )
 from depthcli.core.choices import Colormap, Near, Upsampling, Weights
-from depthcli.io.writers.formats import Format
+from depthcli.io.formats.table import Format
 
 
 class ExrChannel(StrEnum):

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from depthcli.errors import UsageError
-from depthcli.io.writers.formats import FORMATS
+from depthcli.io.formats.table import FORMATS
 
 PICTURE_OPTIONS = {str(name): facts.parameters for name, facts in FORMATS.items()}
 """The options that each format uses, by parameter name."""

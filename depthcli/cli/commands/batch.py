@@ -12,8 +12,8 @@ from depthcli.cli.arguments.engine import EngineName, open_engine
 from depthcli.cli.arguments.numbers import not_negative
 from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, UsageError
+from depthcli.io.formats.table import Format
 from depthcli.io.manifest.row import ManifestFormat
-from depthcli.io.writers.formats import Format
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

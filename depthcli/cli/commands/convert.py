@@ -11,11 +11,11 @@ from depthcli.cli.arguments.depth_file import FrameOption
 from depthcli.cli.arguments.numbers import field_of_view, focal_length, png_scale_range
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode, UsageError
-from depthcli.io.writers.formats import Format
+from depthcli.io.formats.table import Format
 
 if TYPE_CHECKING:
     from depthcli.core.camera import Camera
-    from depthcli.io.writers.options import WriterOptions
+    from depthcli.io.formats.options import WriterOptions
 
 app = typer.Typer(rich_markup_mode=None)
 

@@ -10,7 +10,7 @@ from depthcli.cli.screen import console
 from depthcli.core.choices import MAX_PIXELS, Upsampling
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, UsageError
-from depthcli.io.writers.formats import Format
+from depthcli.io.formats.table import Format
 
 app = typer.Typer(rich_markup_mode=None)
 

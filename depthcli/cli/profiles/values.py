@@ -10,7 +10,7 @@ from depthcli.cli.loading import plain_command, suggestion
 from depthcli.cli.profile_files import Scalar, Value
 from depthcli.cli.table import COMMANDS, PROFILE_COMMANDS
 from depthcli.errors import UsageError
-from depthcli.io.writers.formats import format_of
+from depthcli.io.formats.table import format_of
 from depthcli.jobs.naming import is_folder
 from depthcli.video.formats import video_format_of
 

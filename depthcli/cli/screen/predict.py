@@ -3,7 +3,7 @@
 from depthcli.cli.screen import console
 from depthcli.core.summary import DepthRange
 from depthcli.core.text import one_line
-from depthcli.io.writers.metadata import DepthMetadata, anchor_fields, camera_text
+from depthcli.io.formats.metadata import DepthMetadata, anchor_fields, camera_text
 from depthcli.jobs.failed import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult
 

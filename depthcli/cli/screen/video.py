@@ -45,7 +45,7 @@ def video_json(done: VideoResult) -> dict[str, object]:
 
 def video_text(done: VideoResult) -> str:
     """One line: outputs, number of frames, flicker, camera."""
-    from depthcli.io.writers.metadata import camera_text
+    from depthcli.io.formats.metadata import camera_text
 
     files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"

@@ -16,12 +16,12 @@ from depthcli.datasets.base import DepthDataset
 from depthcli.errors import UsageError
 from depthcli.evaluation.predictors.base import Predictor, Sample
 from depthcli.evaluation.table import EvalTask
+from depthcli.io.formats.colormaps import colour_table
+from depthcli.io.formats.contact_sheet import contact_sheet
+from depthcli.io.formats.legend import with_legend
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.images.png import encode_png
-from depthcli.io.writers.preview import PreviewWriter
 from depthcli.metrics.alignment import SUITABLE, align
-from depthcli.visual.colormaps import colour_table
-from depthcli.visual.contact_sheet import contact_sheet
-from depthcli.visual.legend import with_legend
 
 PICTURES = 6
 _CELL_WIDTH_PX = 240

@@ -6,7 +6,7 @@ from html import escape
 
 from depthcli.evaluation.reports.figures import Figure
 from depthcli.evaluation.reports.text import Page
-from depthcli.io.writers.metadata import SOFTWARE
+from depthcli.io.formats.metadata import SOFTWARE
 
 _STYLE = """\
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;

@@ -16,10 +16,10 @@ from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
 from depthcli.io.depth.quantization import denormalized, dequantized
 from depthcli.io.depth.sidecar import with_sidecar
 from depthcli.io.depth.stored import StepScale, StoredDepth, step_scale
+from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images.decode import OPENCV_MAX_PIXELS, decode, picture_size, read_bytes
 from depthcli.io.images.png import read_text
 from depthcli.io.storage.remote import path_of
-from depthcli.io.writers.formats import MILLIMETRES
 
 _DIMENSIONS = 2
 _FARTHEST = 1e12  # no depth is larger, in any unit

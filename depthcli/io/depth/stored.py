@@ -10,7 +10,7 @@ from depthcli.core.overscan import displayed_depth
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.quantization import check_units_per_metre
-from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.formats.table import MILLIMETRES
 
 
 class StepScale(NamedTuple):

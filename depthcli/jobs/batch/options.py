@@ -10,12 +10,12 @@ from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import ManifestFormat
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import path_of
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.options import WriterOptions
 from depthcli.jobs.batch.failure_budget import FailureBudget
 from depthcli.jobs.batch.input_plan import Plan
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
+from depthcli.io.formats.table import FORMATS, Format
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.manifest.journal import Rows
 from depthcli.io.manifest.row import Row
-from depthcli.io.writers.formats import FORMATS, Format
 from depthcli.jobs.batch.input_plan import Plan
 from depthcli.jobs.batch.suspects import has_crashed
 from depthcli.jobs.batch.task import Task

@@ -13,13 +13,13 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.trial import check_network
+from depthcli.io.formats.metadata import camera_text
+from depthcli.io.formats.table import Format
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import OK, AnchorEntry, Origin, Row, output_entry
 from depthcli.io.storage.remote import path_of
-from depthcli.io.writers.formats import Format
-from depthcli.io.writers.metadata import camera_text
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.suspects import check_picture
 from depthcli.jobs.batch.task import Result, Task

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from depthcli.errors import InputError
+from depthcli.io.formats.table import Format
 from depthcli.io.manifest.journal import Rows
 from depthcli.io.manifest.row import Row
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.batch.task import Task
 from depthcli.video.formats import VideoFormat
 

@@ -11,13 +11,13 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Lens
 from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import UsageError
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.remote import is_remote, path_of
-from depthcli.io.writers.formats import Format
 from depthcli.jobs.failed import failure_reason
 from depthcli.video.formats import VideoFormat
 

@@ -10,9 +10,9 @@ from typing import TypeAlias
 from depthcli.core.progress import Progress
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.trial import check_network
+from depthcli.io.formats.metadata import camera_text
 from depthcli.io.manifest.row import FAILED, OK, Row, output_entry
 from depthcli.io.storage.transfer import local_copy
-from depthcli.io.writers.metadata import camera_text
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.pictures import PictureWorker
 from depthcli.jobs.batch.suspects import check_video

@@ -29,7 +29,7 @@ from depthcli.evaluation.table import (
     plan_pairs,
 )
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.formats.table import MILLIMETRES
 
 
 @dataclass(frozen=True, slots=True)

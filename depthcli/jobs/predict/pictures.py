@@ -15,10 +15,10 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.trial import check_network
+from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.remote import path_of
-from depthcli.io.writers.formats import Format, writer_class
 from depthcli.jobs.failed import FailedInput, failure_reason
 from depthcli.jobs.finished import finished_depth
 from depthcli.jobs.outputs import write_output, write_stream

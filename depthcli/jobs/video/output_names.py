@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from depthcli.errors import UsageError
+from depthcli.io.formats.table import Format, format_of
 from depthcli.io.storage.remote import path_of, safe_name
-from depthcli.io.writers.formats import Format, format_of
 from depthcli.jobs.naming import is_folder
 from depthcli.video.formats import (
     SEQUENCES,

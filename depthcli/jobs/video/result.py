@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata
+from depthcli.io.formats.metadata import SOFTWARE, DepthMetadata
 from depthcli.video.rates import rate_text
 from depthcli.video.time_code import time_code_text
 

@@ -24,7 +24,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.core.windows import Windows, over_window
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.quantization import dequantized, quantized
-from depthcli.io.writers.preview import percentiles
+from depthcli.io.formats.preview import percentiles
 from depthcli.jobs.video.request import VideoSettings
 from depthcli.video.output import DepthFrame
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from depthcli.core.codec import DepthCodec
-from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.formats.table import MILLIMETRES
 from depthcli.training.config.objective import LossConfig, OptimConfig
 from depthcli.training.config.rules import (
     Amount,

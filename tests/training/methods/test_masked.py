@@ -18,7 +18,7 @@ from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import CheckpointError, DatasetError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
-from depthcli.io.writers.png16 import Png16Writer
+from depthcli.io.formats.png16 import Png16Writer
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.config.overrides import updated

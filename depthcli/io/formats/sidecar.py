@@ -6,8 +6,8 @@ from pathlib import Path
 
 from depthcli.core.summary import DepthRange
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.io.writers.formats import MILLIMETRES
-from depthcli.io.writers.metadata import SOFTWARE, DepthMetadata, anchor_fields
+from depthcli.io.formats.metadata import SOFTWARE, DepthMetadata, anchor_fields
+from depthcli.io.formats.table import MILLIMETRES
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from typing import NamedTuple, Self, TypeAlias
 from depthcli._version import __version__
 from depthcli.core import scaling
 from depthcli.core.types import AnchorFit, CameraSource, DepthMap, Provenance
-from depthcli.io.writers.formats import MILLIMETRES
+from depthcli.io.formats.table import MILLIMETRES
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]

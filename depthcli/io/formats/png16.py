@@ -10,9 +10,9 @@ from depthcli.core.bands import row_bands
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.metadata import own_texts
 from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
+from depthcli.io.formats.metadata import metadata_texts, step_unit
+from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images.png import encode_png
-from depthcli.io.writers.formats import MILLIMETRES
-from depthcli.io.writers.metadata import metadata_texts, step_unit
 
 
 class Png16Writer(NamedTuple):

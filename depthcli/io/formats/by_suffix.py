@@ -6,8 +6,8 @@ from pathlib import Path
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.exr.layers import depth_channel
+from depthcli.io.formats.table import FILE_SUFFIXES, FORMATS, Format, format_of, writer_class
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.writers.formats import FILE_SUFFIXES, FORMATS, Format, format_of, writer_class
 
 
 def write_depth(

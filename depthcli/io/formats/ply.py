@@ -11,8 +11,8 @@ from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.text import one_line
 from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
+from depthcli.io.formats.metadata import metadata_texts
 from depthcli.io.listing.own_outputs import PLY_COMMENT
-from depthcli.io.writers.metadata import metadata_texts
 
 _NYU_HFOV_DEG = 63.3  # assumed if the map states no focal length
 _POINT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]

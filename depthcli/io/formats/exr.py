@@ -10,7 +10,7 @@ from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.core.windows import Window, over_window
 from depthcli.io.depth.metadata import own_texts
 from depthcli.io.exr.file import write_exr
-from depthcli.io.writers.metadata import metadata_texts
+from depthcli.io.formats.metadata import metadata_texts
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from depthcli.core.choices import Colormap, Near
-from depthcli.io.writers.base import Writer
-from depthcli.io.writers.formats import FORMATS, MILLIMETRES, Format, writer_class
+from depthcli.io.formats.base import Writer
+from depthcli.io.formats.table import FORMATS, MILLIMETRES, Format, writer_class
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from depthcli.core.choices import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
+from depthcli.io.formats.colormaps import colour_table
+from depthcli.io.formats.legend import with_legend
+from depthcli.io.formats.metadata import SOFTWARE
 from depthcli.io.images.png import encode_png
 from depthcli.io.listing.own_outputs import SOFTWARE_KEY
-from depthcli.io.writers.metadata import SOFTWARE
-from depthcli.visual.colormaps import colour_table
-from depthcli.visual.legend import with_legend
 
 _NEAREST_M = 1e-6
 _CLIPPED_SHARE = 0.02

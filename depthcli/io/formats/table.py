@@ -6,7 +6,7 @@ from pathlib import PurePath
 from pkgutil import resolve_name
 from typing import NamedTuple, Self
 
-from depthcli.io.writers.base import Writer
+from depthcli.io.formats.base import Writer
 
 MILLIMETRES = 1000.0
 """Default units per metre of 16-bit depth."""
@@ -22,7 +22,7 @@ class FormatFacts(NamedTuple):
     #: file suffix that chooses this format where the user names a file; None if only ``suffix``
     #: does
     file_suffix: str | None
-    #: fields of :class:`~depthcli.io.writers.options.WriterOptions` that the writer has, too
+    #: fields of :class:`~depthcli.io.formats.options.WriterOptions` that the writer has, too
     options: tuple[str, ...] = ()
     has_overscan: bool = False  #: whether its files have the pixels outside the display window
     has_camera: bool = False  #: whether its files depend on the camera of the map or state it
@@ -117,5 +117,5 @@ def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
 
 def writer_class(name: Format) -> type[Writer]:
     """The writer of a format."""
-    found: type[Writer] = resolve_name(f"depthcli.io.writers.{FORMATS[name].writer}")
+    found: type[Writer] = resolve_name(f"depthcli.io.formats.{FORMATS[name].writer}")
     return found
