@@ -350,7 +350,7 @@ def test_empty_names_are_not_the_working_directory(
 def test_a_file_in_the_place_of_the_folder_is_an_error(
     clip: Path, loader: SessionLoader, which: VideoFormat
 ) -> None:
-    with pytest.raises(OutputError, match=r"cannot write .*clip\.mp4.*; choose another output"):
+    with pytest.raises(OutputError, match=r"cannot write .*clip\.mp4.*"):
         video(VideoRequest(str(clip), f"{clip}/out/", (which,), model=loader))
 
 

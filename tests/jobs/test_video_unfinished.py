@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from file_trees import contents
 from tiny import write_model
 from videos import flat_frames, write_mp4
 from watched import Watched
@@ -42,18 +41,6 @@ def clip(tmp_path: Path) -> Path:
 @pytest.fixture
 def request_(clip: Path, tmp_path: Path, loader: SessionLoader) -> VideoRequest:
     return VideoRequest(str(clip), f"{tmp_path}/out/", (MKV,), model=loader)
-
-
-def test_an_unfinished_depth_video_does_not_stay_when_numbered_files_are_added(
-    request_: VideoRequest, tmp_path: Path
-) -> None:
-    with pytest.raises(KeyboardInterrupt):
-        video(request_, Watched(last=9))
-    assert [path.name[0] for path in (tmp_path / "out").iterdir()] == ["."]
-    both = dataclasses.replace(request_, formats=(MKV, PNG16))
-    video(both)
-    video(dataclasses.replace(both, output=f"{tmp_path}/whole/"))
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 class Configured(SessionLoader):
