@@ -31,8 +31,7 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.parallel.cores import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.row import OK, Origin, Row, output_entry

@@ -13,8 +13,7 @@ from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import FILE_SUFFIXES, MILLIMETRES, Format, format_of
+from depthcli.io.formats.table import FILE_SUFFIXES, MILLIMETRES, Format, WriterOptions, format_of
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path

@@ -11,8 +11,7 @@ from depthcli.core.camera import Camera
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliError, InputError, UsageError
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format, format_of, stem_of
+from depthcli.io.formats.table import Format, WriterOptions, format_of, stem_of
 from depthcli.io.images.native_log import silent_opencv
 from depthcli.io.listing.folder import InputFile, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter

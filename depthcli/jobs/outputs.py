@@ -7,8 +7,7 @@ from typing import BinaryIO
 from depthcli.core.overscan import displayed_depth, displayed_frame
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import OutputError
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import FORMATS, Format
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary_folder import temporary_folder
 

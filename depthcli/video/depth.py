@@ -13,6 +13,7 @@ from depthcli.errors import InputError
 from depthcli.io.depth.metadata import kind_named, number, positive_number, provenance_of
 from depthcli.io.depth.quantization import UINT16_MAX, denormalized, dequantized
 from depthcli.io.depth.stored import step_scale
+from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.video.codecs import DEPTH_PIXELS
 from depthcli.video.rates import exact_rate, parse_rate
 
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.video.decoder import FrameDecoder
-
-LABEL_PREFIX = "DEPTHCLI_"
 
 
 class DepthVideo:

@@ -9,9 +9,9 @@ import av
 from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
 from depthcli.io.formats.metadata import metadata_texts, step_unit
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
-from depthcli.video.depth import LABEL_PREFIX
 from depthcli.video.file import VideoFile, video_file
 from depthcli.video.frame_labels import FrameLabels
 from depthcli.video.output import DepthFrame, VideoOutput

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.listing.own_outputs import foreign_error, replaced_head
-from depthcli.video.depth import LABEL_PREFIX
 from depthcli.video.integrity import EBML
 
 

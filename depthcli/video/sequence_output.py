@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from depthcli.errors import OutputError
-from depthcli.io.formats.base import Writer
+from depthcli.io.formats.table import Writer
 from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.video.output import DepthFrame

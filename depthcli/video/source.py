@@ -13,10 +13,10 @@ from depthcli.core.choices import MAX_PIXELS, check_pixel_count
 from depthcli.core.pixel_aspect import pixel_aspect_of
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
+from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
-from depthcli.video.depth import LABEL_PREFIX
 from depthcli.video.frames import FrameSource
 from depthcli.video.integrity import is_incomplete, states_frame_count
 from depthcli.video.pipes import InputPipe

@@ -12,8 +12,15 @@ import pytest
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.by_suffix import write_depth
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import FORMATS, Format, fits, format_of, stem_of, writer_class
+from depthcli.io.formats.table import (
+    FORMATS,
+    Format,
+    WriterOptions,
+    fits,
+    format_of,
+    stem_of,
+    writer_class,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path

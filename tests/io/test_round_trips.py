@@ -19,10 +19,9 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.depth import depth_channel
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.table import FORMATS, Format, format_of, writer_class
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions, format_of, writer_class
 from depthcli.io.images.png import read_text
 
 SHAPES = array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9)

@@ -17,8 +17,7 @@ from videos import write_mp4
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import ModelError, UsageError
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, output_entry

@@ -12,8 +12,7 @@ from watched import Watched
 
 from depthcli.core.camera import Camera
 from depthcli.core.choices import GPU_BATCH, Detail, Upsampling
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch

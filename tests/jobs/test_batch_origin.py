@@ -10,8 +10,7 @@ from tiny import write_model
 
 from depthcli.core.camera import Camera
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.worker_spec import WorkerSpec
 

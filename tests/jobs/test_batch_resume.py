@@ -15,8 +15,7 @@ from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.picture_options import PictureOptions
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.globs import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK

@@ -14,8 +14,7 @@ from tiny import write_picture
 from videos import write_mp4
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal, known_rows

@@ -15,7 +15,7 @@ from depthcli.core import scaling
 from depthcli.core.camera import Camera
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert
 
 if TYPE_CHECKING:

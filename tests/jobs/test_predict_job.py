@@ -20,8 +20,7 @@ from depthcli.core.camera import Anchor, Camera
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.jobs.failed import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult

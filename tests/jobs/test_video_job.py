@@ -26,7 +26,7 @@ from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.video.output_names import video_formats
 from depthcli.jobs.video.plan import plan_video

@@ -18,7 +18,7 @@ from depthcli.core.parallel.background import Background
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.video.request import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.depth import DepthVideo

@@ -6,7 +6,7 @@ from typing import Any
 
 from depthcli.core.choices import Colormap, Near
 from depthcli.errors import UsageError
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 
 
 def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:

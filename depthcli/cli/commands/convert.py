@@ -15,7 +15,7 @@ from depthcli.io.formats.table import Format
 
 if TYPE_CHECKING:
     from depthcli.core.camera import Camera
-    from depthcli.io.formats.options import WriterOptions
+    from depthcli.io.formats.table import WriterOptions
 
 app = typer.Typer(rich_markup_mode=None)
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from depthcli.core.pixel_aspect import PIXEL_ASPECTS
 from depthcli.core.types import AnchorFit, CameraSource, DepthKind, Provenance
-from depthcli.io.listing.own_outputs import KEY_PREFIX
+from depthcli.io.formats.table import KEY_PREFIX
 
 _LEAST, _MOST = 1e-9, 1e12
 _ORIENTATIONS = frozenset("12345678")

@@ -12,7 +12,7 @@ from depthcli.core.text import one_line
 from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.formats.metadata import metadata_texts
-from depthcli.io.listing.own_outputs import PLY_COMMENT
+from depthcli.io.formats.table import KEY_PREFIX
 
 _NYU_HFOV_DEG = 63.3  # assumed if the map states no focal length
 _POINT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
@@ -36,7 +36,7 @@ class PlyWriter:
         known = metadata_texts(depth)
         known.pop("camera", None)  # focal_px and camera_source say it in ASCII
         lines = ["ply", "format binary_little_endian 1.0"]
-        lines += [one_line(f"{PLY_COMMENT}{name} {text}") for name, text in known.items()]
+        lines += [one_line(f"comment {KEY_PREFIX}{name} {text}") for name, text in known.items()]
         lines += [f"element vertex {len(points)}"]
         lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
         with path.open("wb") as file:

@@ -14,8 +14,8 @@ from depthcli.errors import UsageError
 from depthcli.io.formats.colormaps import colour_table
 from depthcli.io.formats.legend import with_legend
 from depthcli.io.formats.metadata import SOFTWARE
+from depthcli.io.formats.table import SOFTWARE_KEY
 from depthcli.io.images.png import encode_png
-from depthcli.io.listing.own_outputs import SOFTWARE_KEY
 
 _NEAREST_M = 1e-6
 _CLIPPED_SHARE = 0.02

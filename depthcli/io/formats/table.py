@@ -1,19 +1,62 @@
-"""The table of output formats; free of numpy, so that help texts can list it."""
+"""The table of output formats; free of numpy, so that help texts can list it.
 
-from collections.abc import Iterable
+A format is a file in this folder and a line in :class:`Format`. Its file has a class that writes,
+a dataclass of its options, and a function ``read`` if ``info`` and ``convert`` read it back.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import PurePath
 from pkgutil import resolve_name
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
 
-from depthcli.io.formats.base import Writer
+from depthcli.core.choices import Colormap, Near
+from depthcli.io.storage.regular import read_regular
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from depthcli.core.types import DepthMap, Frame
 
 MILLIMETRES = 1000.0
 """Default units per metre of 16-bit depth."""
+KEY_PREFIX = "depthcli:"
+"""Start of the names of the texts that depthcli writes into PNG, EXR and PLY files."""
+SOFTWARE_KEY = f"{KEY_PREFIX}software"
+"""Name of a text in every PNG (right after its header) and EXR that depthcli writes."""
+LABEL_PREFIX = "DEPTHCLI_"
+"""Start of the names of the labels in a depth video."""
+_HEAD_BYTES = 4096
+_DEFAULT_STEM = re.compile(r"(?i)\.(depth|preview)(\.\d+)?$", re.ASCII)
+
+
+class Writer(Protocol):
+    """One output format with its options; its name and suffix are in the table of formats."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write a depth map.
+
+        Args:
+            depth: the map.
+            path: the file, written in place; callers make it atomic.
+            frame: the image it belongs to, for formats that show it.
+
+        Returns:
+            Warnings, one line each.
+
+        Raises:
+            OSError: the file cannot be written.
+            OutputError: the map cannot be expressed in this format.
+        """
 
 
 class FormatFacts(NamedTuple):
-    """The entry of a format in the table, known without loading its writer."""
+    """The entry of a format in the table, known without loading its file."""
 
     #: its class, as ``module:name``; loaded when the format is used, because OpenEXR takes start-up
     #: time
@@ -22,10 +65,15 @@ class FormatFacts(NamedTuple):
     #: file suffix that chooses this format where the user names a file; None if only ``suffix``
     #: does
     file_suffix: str | None
-    #: fields of :class:`~depthcli.io.formats.options.WriterOptions` that the writer has, too
-    options: tuple[str, ...] = ()
+    #: bytes within the first 4,096 of every file that depthcli writes; empty if the format has no
+    #: room for any, and only a default name tells whose a file is
+    mark: bytes = b""
+    options: tuple[str, ...] = ()  #: fields of :class:`WriterOptions` that its class has, too
     has_overscan: bool = False  #: whether its files have the pixels outside the display window
     has_camera: bool = False  #: whether its files depend on the camera of the map or state it
+    #: whether its module has a function ``read``; a video is written to numbered files in it then
+    is_readable: bool = False
+    is_exact: bool = False  #: whether it stores the values bit for bit
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -36,10 +84,11 @@ class FormatFacts(NamedTuple):
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
 _EXR = ("exr_channel", "half")
 _PNG = ("png_scale", "png_normalize")
+_PNG_MARK = f"{SOFTWARE_KEY}\0".encode()
 
 
 class Format(StrEnum):
-    """Output formats of a picture's depth; the values of ``--format``.
+    """Output formats of an image's depth; the values of ``--format``.
 
     A member is its name and its :class:`FormatFacts`; a new one needs no change elsewhere.
     """
@@ -54,30 +103,56 @@ class Format(StrEnum):
 
     PNG16 = (
         "png16",
-        FormatFacts("png16:Png16Writer", ".depth.png", ".png", _PNG, has_camera=True),
+        FormatFacts(
+            *("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK, _PNG),
+            has_camera=True,
+            is_readable=True,
+        ),
     )
     EXR = (
         "exr",
         FormatFacts(
-            "exr:ExrWriter", ".depth.exr", ".exr", _EXR, has_overscan=True, has_camera=True
+            *("exr:ExrWriter", ".depth.exr", ".exr", f"{SOFTWARE_KEY}\0string\0".encode(), _EXR),
+            has_overscan=True,
+            has_camera=True,
+            is_readable=True,
+            is_exact=True,
         ),
     )
-    NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy")
+    NPY = (
+        "npy",
+        FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True),
+    )
     PREVIEW = (
         "preview",
-        FormatFacts("preview:PreviewWriter", ".preview.png", None, _COLOURS),
+        FormatFacts("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS),
     )
-    PLY = "ply", FormatFacts("ply:PlyWriter", ".ply", ".ply", has_camera=True)
+    PLY = (
+        "ply",
+        FormatFacts(
+            "ply:PlyWriter", ".ply", ".ply", f"comment {KEY_PREFIX}".encode(), has_camera=True
+        ),
+    )
     # It describes the PNG beside it.
     JSON = (
         "json",
-        FormatFacts("sidecar:SidecarWriter", ".depth.json", ".json", _PNG, has_camera=True),
+        FormatFacts(
+            *("sidecar:SidecarWriter", ".depth.json", ".json", b'"software": "depthcli ', _PNG),
+            has_camera=True,
+        ),
     )
 
 
 FORMATS = {format_: format_.facts for format_ in Format}
 FILE_SUFFIXES = tuple(facts.file_suffix for facts in FORMATS.values() if facts.file_suffix)
 """File suffixes that choose a format."""
+# Video files have labels, if their container is Matroska.
+_MARKS = {PurePath(f"a{facts.suffix}").suffix: facts.mark for facts in FORMATS.values()} | {
+    ".mkv": LABEL_PREFIX.encode(),
+    ".mp4": b"",
+    ".webm": b"",
+    ".mov": b"",
+}
 
 
 def format_of(path: str | PurePath) -> Format | None:
@@ -115,7 +190,52 @@ def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
     return name[: len(name) - len(end)] or name
 
 
+def is_own(path: Path) -> bool:
+    """Whether depthcli wrote a file that exists.
+
+    Its first bytes have the mark of its format; in a format without marks, it has a default name,
+    such as ``a.depth.npy``, ``a.depth.000001.npy`` or ``a.preview.mp4``.
+
+    Raises:
+        OSError: it cannot be read, or is not a regular file.
+    """
+    end = path.suffix.lower()
+    mark = _MARKS.get(end)
+    if mark:
+        return mark in read_head(path)
+    return mark is not None and _DEFAULT_STEM.search(path.stem) is not None
+
+
+def read_head(path: Path) -> bytes:
+    """First 4,096 bytes of a file.
+
+    Raises:
+        OSError: it cannot be read, or is not a regular file.
+    """
+    return read_regular(path, sys.maxsize, first=_HEAD_BYTES)
+
+
 def writer_class(name: Format) -> type[Writer]:
-    """The writer of a format."""
+    """The writer of a format; its module is loaded now."""
     found: type[Writer] = resolve_name(f"depthcli.io.formats.{FORMATS[name].writer}")
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class WriterOptions:
+    """Options of all formats; the table of formats states which of them each writer uses."""
+
+    png_scale: float = MILLIMETRES  #: units per metre in 16-bit PNG
+    png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
+    exr_channel: str = "Y"  #: name of the channel in EXR
+    half: bool = False  #: 16-bit floats in EXR
+    colormap: Colormap = Colormap.INFERNO  #: colours of the preview
+    near: Near = Near.WARM  #: the colormap's end that is near
+    vmin: float | None = None  #: low end of the colour range; None for a percentile
+    vmax: float | None = None  #: high end of the colour range; None for a percentile
+    legend: bool = False  #: a scale beside the preview
+    side_by_side: bool = False  #: the image beside its preview
+
+    def writer(self, name: Format) -> Writer:
+        """The writer of a format; its module is loaded now."""
+        return writer_class(name)(**{own: getattr(self, own) for own in FORMATS[name].options})

@@ -2,33 +2,18 @@
 
 import os
 import re
-import sys
 from pathlib import Path
 
 from depthcli.errors import OutputError
-from depthcli.io.images.png import SIGNATURE, read_text
-from depthcli.io.storage.regular import read_regular
+from depthcli.io.formats.table import Format, is_own, read_head
+from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.remote import RemotePath, path_of
 
-KEY_PREFIX = "depthcli:"
-"""Start of the names of the texts that depthcli writes into PNG and EXR files."""
-SOFTWARE_KEY = f"{KEY_PREFIX}software"
-"""Name of a text in every PNG (right after its header) and EXR that depthcli writes."""
 EXR_MAGIC = b"v/1\x01"
 """The first bytes of every EXR."""
-_EXR_SOFTWARE_KEY = f"{SOFTWARE_KEY}\0string\0".encode()
-PLY_COMMENT = f"comment {KEY_PREFIX}"
-"""Start of the lines with metadata in the header of every PLY that depthcli writes."""
-_PLY_MAGIC = b"ply"
-# The header of PLY before version 0.14.0, which had no comments.
-_PLAIN_PLY = (
-    rb"ply\nformat binary_little_endian 1\.0\nelement vertex \d+\n(property float [xyz]\n){3}"
-    rb"(property uchar (red|green|blue)\n){3}end_header\n"
-)
-_HEAD_BYTES = 4096
-_SUFFIXES = (".png", ".exr", ".ply", ".json")
-_MAGIC = (SIGNATURE, EXR_MAGIC, _PLY_MAGIC)
-_SIDECAR = rb'"software":\s*"depthcli '
+_IMAGES = (".png", ".exr")
+_SUFFIXES = (*_IMAGES, ".ply", ".json")
+_MAGIC = (SIGNATURE, EXR_MAGIC, b"ply")
 _PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 
@@ -39,7 +24,7 @@ def is_own_picture(path: str | Path) -> bool:
     if isinstance(path, RemotePath) and not re.search(_PICTURE_NAME, path.name):
         return False  # saves a request for each input
     try:
-        return _is_own(_head(path))
+        return path.suffix.lower() in _IMAGES and is_own(path)
     except OSError:
         return False
 
@@ -58,7 +43,7 @@ def check_replaceable(path: Path) -> None:
     head = replaced_head(path)
     # Any text may be JSON: there are comments, and other encodings.
     is_foreign = head if path.suffix.lower() == ".json" else head.startswith(_MAGIC)
-    if is_foreign and not _is_own(head):
+    if is_foreign and not is_own(path):
         raise foreign_error(path)
 
 
@@ -70,7 +55,7 @@ def replaced_head(path: Path) -> bytes:
     """
     is_remote = isinstance(path, RemotePath)
     try:
-        return _head(path)
+        return read_head(path)
     except FileNotFoundError:
         return b""
     except PermissionError as error:
@@ -94,21 +79,7 @@ def foreign_error(path: Path) -> OutputError:
 
 def is_own_exr(data: bytes) -> bool:
     """Whether an EXR, of which the first bytes are enough, was written by depthcli."""
-    return _EXR_SOFTWARE_KEY in data[:_HEAD_BYTES]
-
-
-def _is_own(head: bytes) -> bool:
-    if head.startswith(EXR_MAGIC):
-        return is_own_exr(head)
-    if head.startswith(_PLY_MAGIC):
-        return PLY_COMMENT.encode() in head or re.match(_PLAIN_PLY, head) is not None
-    if head.startswith(b"{"):
-        return re.search(_SIDECAR, head) is not None
-    return head.startswith(SIGNATURE) and SOFTWARE_KEY in read_text(head)
-
-
-def _head(path: Path) -> bytes:
-    return read_regular(path, sys.maxsize, first=_HEAD_BYTES)
+    return Format.EXR.facts.mark in data[:4096]
 
 
 def is_own_output(path: str) -> bool:

@@ -10,8 +10,7 @@ from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchor_files import AnchorFiles
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import ManifestFormat
 from depthcli.io.storage.atomic import is_same_file

@@ -7,8 +7,7 @@ from depthcli.core.camera import Camera
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchor_files import AnchorFiles
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 
 
 @dataclass(frozen=True, slots=True)

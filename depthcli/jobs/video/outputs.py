@@ -4,8 +4,8 @@ from contextlib import AbstractContextManager, nullcontext
 from fractions import Fraction
 from functools import partial
 
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import preview_codec

@@ -7,7 +7,7 @@ from typing import BinaryIO
 from depthcli.core.camera import Camera
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.video.codecs import PreviewCodec
 from depthcli.video.formats import VideoFormat
 from depthcli.video.spans import WHOLE, Span
