@@ -1,4 +1,4 @@
-"""The audio of a video's preview, in step with its frames."""
+"""Copying the audio of a video into its preview, in step with its frames."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import av
 
-from depthcli.video.audio_output import AudioOutput, damage_text
+from depthcli.errors import Message
 from depthcli.video.container import open_video
 from depthcli.video.pipes import InputPipe
 
@@ -19,16 +19,17 @@ if TYPE_CHECKING:
     from av.container import InputContainer, OutputContainer
     from av.packet import Packet
 
-_DECODER_DELAY_S = 0.25  # more than samples are later than their packet
-_SOON_S = 1
+_COPIED_CODECS = {
+    "mp4": {"aac", "mp3", "ac3", "eac3", "alac", "opus", "flac"},
+    "webm": {"opus", "vorbis"},
+    "mov": {"aac", "mp3", "ac3", "eac3", "alac", "pcm_s16le", "pcm_s24le"},
+}
 
 
 class AudioTrack:
     """The first audio stream of a video, from the time of a preview's first frame on.
 
     Attributes:
-        begins_soon: whether there is audio within a second of the preview's first frame, once it
-            is open.
         warnings: one-line texts, once it has been written.
     """
 
@@ -37,10 +38,10 @@ class AudioTrack:
         self._source = source
         self._start_s = start_s
         self._input: InputContainer | None = None
-        self._output: AudioOutput | None = None
+        self._stream: AudioStream | None = None
         self._packets: Iterator[Packet[AudioStream]] = iter(())
         self._pending: Packet[AudioStream] | None = None
-        self.begins_soon = False
+        self._last_ticks = -1
         self.warnings: tuple[str, ...] = ()
 
     def open(self, output: OutputContainer, first_s: float) -> None:
@@ -51,37 +52,39 @@ class AudioTrack:
         if isinstance(self._source, InputPipe):  # which can be read once
             self.warnings = ("the audio of standard input is not in the preview",)
             return
-        container, _ = open_video(self._source)
-        self._input = container
-        stream = next(iter(container.streams.audio), None)
+        self._input, _ = open_video(self._source)
+        stream = next(iter(self._input.streams.audio), None)
         if stream is None or stream.codec_context is None:
             return
-        self._from_s = self._start_s + Fraction(first_s)
-        try:
-            self._output = AudioOutput(output, stream, self._from_s)
-        except (av.FFmpegError, ValueError) as error:
-            self._report_damage(damage_text(error))
+        # The context's own name is the decoder's, such as mp3float.
+        codec = stream.codec_context.codec.canonical_name
+        name = output.format.name
+        if codec not in _COPIED_CODECS[name]:
+            problem = f"the audio is left out: {codec} cannot be copied into {name}"
+            self.warnings = (Message(problem, "convert it, or choose another {format}"),)
             return
-        self._packets = container.demux(stream)
+        self._output = output
+        self._from_s = self._start_s + Fraction(first_s)
+        self._stream = output.add_stream_from_template(stream)
+        self._packets = self._input.demux(stream)
         self._pending = self._next()
-        self.mux_until(-_DECODER_DELAY_S)  # writes nothing; such packets are not heard
-        pending = self._pending
-        self.begins_soon = pending is not None and _time_s(pending) - self._from_s < _SOON_S
 
     def mux_until(self, time_s: float) -> None:
-        """Write the audio before a time of the preview."""
-        until_s = Fraction(time_s)
-        while self._pending is not None and _time_s(self._pending) - self._from_s < until_s:
-            packet, self._pending = self._pending, None
-            if self._output is not None:
-                self._output.write(packet)
-            self._pending = self._next()
+        """Write the audio before a time of the preview.
 
-    def finish(self) -> None:
-        """Flush the encoder."""
-        if self._output is not None:
-            self._output.finish()
-            self._report_damage(self._output.damage)
+        Raises:
+            OSError: the file cannot be written.
+        """
+        until_s = Fraction(time_s)
+        while (packet := self._pending) is not None and self._time_s(packet) < until_s:
+            try:
+                self._write(packet)
+            except (av.FFmpegError, ValueError) as error:
+                if isinstance(error, OSError):
+                    raise
+                self._end(str(error))
+                return
+            self._pending = self._next()
 
     def close(self) -> None:
         """Close the source."""
@@ -89,20 +92,33 @@ class AudioTrack:
             self._input.close()
             self._input = None
 
+    def _write(self, packet: Packet[AudioStream]) -> None:
+        """Copy a packet, unless it begins before the preview.
+
+        Raises:
+            ValueError: its time is not after that of the packet before.
+        """
+        ticks = (packet.pts or 0) - round(self._from_s / Fraction(packet.time_base or 1))
+        if ticks < 0 or self._stream is None:
+            return
+        if ticks <= self._last_ticks:  # streams were joined
+            raise ValueError("its times go back")
+        packet.pts = packet.dts = self._last_ticks = ticks
+        packet.stream = self._stream
+        self._output.mux(packet)
+
+    def _time_s(self, packet: Packet[AudioStream]) -> Fraction:
+        """Time of a packet from the preview's first frame."""
+        return (packet.pts or 0) * Fraction(packet.time_base or 1) - self._from_s
+
     def _next(self) -> Packet[AudioStream] | None:
         """The next packet that has a time."""
         try:
             return next((p for p in self._packets if p.size and p.pts is not None), None)
         except av.FFmpegError as error:
-            self._report_damage(damage_text(error))
+            self._end(error.strerror or str(error))
             return None
 
-    def _report_damage(self, reason: str | None) -> None:
-        if reason is not None:
-            self.warnings = (
-                f"the audio is damaged, so the preview lacks it at least in part: {reason}",
-            )
-
-
-def _time_s(packet: Packet[AudioStream]) -> Fraction:
-    return (packet.pts or 0) * Fraction(packet.time_base or 1)
+    def _end(self, reason: str) -> None:
+        self._pending = None
+        self.warnings = (f"the audio is damaged, so the preview lacks a part of it: {reason}",)

@@ -28,7 +28,6 @@ class FrameDecoder:
 
     Attributes:
         ended_early: whether reading stopped at an error or within a packet; valid at the end.
-        end_position: of the last packet, in bytes from the beginning of the file.
     """
 
     def __init__(
@@ -42,7 +41,6 @@ class FrameDecoder:
             is_own: whether depthcli wrote it, so that all frames of its FFV1 have checksums.
         """
         self.ended_early = False
-        self.end_position = 0
         self._numbers: dict[int | None, list[int]] = {}
         self._failed = 0
         self._skipped: list[int] = []
@@ -119,13 +117,10 @@ class FrameDecoder:
 
     def _packet(self) -> Packet[VideoStream] | None:
         try:
-            packet = next(self._packets, None)
+            return next(self._packets, None)
         except av.FFmpegError:
             self.ended_early = True
             return None
-        if packet is not None and packet.pos is not None:
-            self.end_position = max(self.end_position, packet.pos + packet.size)
-        return packet
 
     def _is_valid(self, packet: Packet[VideoStream]) -> bool:
         """Whether a packet's checksums are right and no damage precedes it up to its keyframe."""

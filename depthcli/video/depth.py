@@ -102,7 +102,7 @@ class DepthVideo:
         """Number, if it is stated, and time in seconds of each frame, and its stored values."""
         from depthcli.video.container import open_video  # noqa: PLC0415
         from depthcli.video.decoder import FrameDecoder  # noqa: PLC0415
-        from depthcli.video.integrity import is_incomplete  # noqa: PLC0415
+        from depthcli.video.integrity import is_incomplete_matroska  # noqa: PLC0415
 
         container, stream = open_video(self.path)
         # Version 0.1.0 doubled an odd row or column, and stored the true size as metadata.
@@ -123,7 +123,7 @@ class DepthVideo:
                 yield frame_number, time_s, np.ascontiguousarray(steps[:height, :width], np.uint16)
                 count += 1
             self._check(decoder, count)
-            if decoder.ended_early or is_incomplete(self.path):
+            if decoder.ended_early or is_incomplete_matroska(self.path):
                 raise InputError(f"{self.path} is truncated or damaged: it ends after {count}")
         except OSError as error:
             raise InputError(f"{self.path} cannot be read: {error.strerror or error}") from error

@@ -47,18 +47,6 @@ def new_container(
     return container
 
 
-def delay_header(container: OutputContainer) -> None:
-    """Write the header of a pipe's fragments with the first one, not before.
-
-    Only then does it state how much sound an encoder puts before the first sample, by which all
-    frames after the first one would else be late. All streams must begin soon: fragments are kept
-    in memory until each has a packet. No effect on files, and after the encoding has started.
-    """
-    options = container.container_options
-    if _FRAGMENTS in options.get("movflags", ""):
-        options["movflags"] += "+delay_moov"
-
-
 def state_pixel_aspect(stream: VideoStream, pixel_aspect: float) -> None:
     """State the width by height of pixels that are not square: in MP4, MOV and FFV1.
 

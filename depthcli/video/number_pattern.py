@@ -1,7 +1,6 @@
 """Patterns for the names of numbered files: ``plate.%04d.exr`` matches ``plate.1001.exr``.
 
-So do ``plate.####.exr``, the notation of compositing programs, and ``plate.$F4.exr``, that of
-Houdini.
+So does ``plate.####.exr``, the notation of compositing programs.
 """
 
 import re
@@ -17,7 +16,7 @@ LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 _SHORT = 4
 """Numbers with fewer digits and no leading zero are taken as not padded."""
 # Before a digit, as in "take #2", # is no placeholder.
-_PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])|\$F(\d)?(?![^\W_])", re.ASCII)
+_PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
 _MARKS = frozenset("%#$@*?")
 _SEPARATORS = "._- "
 
@@ -39,7 +38,7 @@ def pattern_advice(name: str) -> str:
     """What to add to "no such file" for a name that looks like a pattern; else empty."""
     if _MARKS.isdisjoint(name):
         return ""
-    return "; the name of an image sequence has one of %04d, %d, #### and $F4"
+    return "; the name of an image sequence has one of %04d, %d and ####"
 
 
 def check_folders(pattern: Path) -> None:
@@ -104,5 +103,5 @@ def _parts(pattern: str) -> _Parts | None:
     if not matches:
         return None
     last = matches[-1]
-    digits = len(last[2] or "") or int(last[1] or last[3] or 1)
+    digits = len(last[2] or "") or int(last[1] or 1)
     return _Parts(pattern[: last.start()], digits, pattern[last.end() :])

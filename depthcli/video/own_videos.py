@@ -4,7 +4,9 @@ from pathlib import Path
 
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.listing.own_outputs import foreign_error, replaced_head
-from depthcli.video.integrity import EBML
+
+_EBML = b"\x1aE\xdf\xa3"
+"""The first bytes of every Matroska and WebM."""
 
 
 def check_replaceable_video(path: Path) -> None:
@@ -17,5 +19,5 @@ def check_replaceable_video(path: Path) -> None:
         OutputError: it does, or the store does not answer.
     """
     head = replaced_head(path)  # the labels follow the description of the stream
-    if head.startswith(EBML) and LABEL_PREFIX.encode() not in head:
+    if head.startswith(_EBML) and LABEL_PREFIX.encode() not in head:
         raise foreign_error(path)

@@ -1,10 +1,8 @@
 """Streams that videos are read from and written to sequentially."""
 
-import os
 from typing import BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError
-from depthcli.video.truncation import HEAD_BYTES
 
 
 class _Pipe:
@@ -38,8 +36,6 @@ class InputPipe(_Pipe):
         # Read what is available, so that live video is not delayed.
         self._read = getattr(stream, "read1", stream.read)
         self.seekable, self.seek, self.tell = stream.seekable, stream.seek, stream.tell
-        self.head = b""  #: its first bytes
-        self._count = 0
 
     def __str__(self) -> str:
         return "standard input"
@@ -47,18 +43,10 @@ class InputPipe(_Pipe):
     def read(self, size: int) -> bytes:
         """Up to ``size`` bytes; none at the end."""
         try:
-            data = b"" if self._stopped else bytes(self._read(size))
+            return b"" if self._stopped else bytes(self._read(size))
         except BaseException as reason:  # noqa: BLE001 - raised by check
             self._stopped = reason
             return b""
-        self.head += data[: HEAD_BYTES - len(self.head)]
-        self._count += len(data)
-        return data
-
-    @property
-    def end(self) -> int:
-        """Size of the stream in bytes, once it has been read to its end."""
-        return self.seek(0, os.SEEK_END) if self.seekable() else self._count
 
 
 class OutputPipe(_Pipe):

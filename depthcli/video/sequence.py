@@ -4,22 +4,23 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
 from depthcli.core.choices import MAX_PIXELS
 from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window
-from depthcli.errors import InputError
+from depthcli.errors import InputError, Message
 from depthcli.io.exr.image import read_exr_picture, read_exr_rate
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_exr
 from depthcli.video.frames import FrameSource
-from depthcli.video.number_ranges import NumberRanges, missing_numbers
 from depthcli.video.rates import FALLBACK_RATE, exact_rate
 from depthcli.video.sequence_files import NumberedPicture, find_pictures
 from depthcli.video.spans import WHOLE, Span
 
+_SHOWN = 10
 _TRIES = 10
 """How many pictures may be unreadable before there is one that can be read."""
 _CUT = "pictures with more overscan than the first one, which is cut off"
@@ -89,7 +90,7 @@ class ImageSequence(FrameSource):
 
     def _readable(self, span: Span) -> Iterator[Frame]:
         """The pictures of a span that can be read."""
-        read, unreadable = 0, NumberRanges()
+        read, unreadable = 0, list[int]()
         wanted = span.selected(self._numbers_and_times())
         for file, is_wanted in zip(self._files, wanted, strict=False):
             if not is_wanted or (not read and len(unreadable) == _TRIES):
@@ -99,8 +100,8 @@ class ImageSequence(FrameSource):
             except InputError as error:
                 unreadable.append(file.number)
                 self.problem = (
-                    f"{len(unreadable)} of its pictures cannot be read ({unreadable}), the last "
-                    f"of them: {error}"
+                    f"{len(unreadable)} of its pictures cannot be read "
+                    f"({_listed(unreadable)}), the last of them: {error}"
                 )
             else:
                 read += 1
@@ -131,10 +132,11 @@ class ImageSequence(FrameSource):
 
     def _warnings(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
-            yield f"no frame rate is given; {FALLBACK_RATE} is assumed; give --fps"
-        missing = missing_numbers(file.number for file in self._files)
-        if missing:
-            yield f"missing frames: {missing}; the other frames keep their times"
+            yield Message(f"no frame rate is given; {FALLBACK_RATE} is assumed", "give {fps}")
+        ends = [(a + 1, b - 1) for a, b in pairwise(file.number for file in self._files)]
+        gaps = [f"{a}" if a == b else f"{a}–{b}" for a, b in ends if a <= b]
+        if gaps:
+            yield f"missing frames: {_listed(gaps)}; the other frames keep their times"
 
 
 def _stated_rate(paths: Sequence[Path]) -> Fraction | None:
@@ -144,6 +146,12 @@ def _stated_rate(paths: Sequence[Path]) -> Fraction | None:
             rate = read_exr_rate(path)
             return rate and (exact_rate(rate) or rate)
     return None
+
+
+def _listed(numbers: Sequence[object]) -> str:
+    """The first of several numbers, in a message."""
+    more = f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
+    return ", ".join(map(str, numbers[:_SHOWN])) + more
 
 
 def _overscan(frame: Frame) -> Window:

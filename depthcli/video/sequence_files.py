@@ -11,16 +11,14 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import is_exr, is_picture
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.remote import RemotePath
-from depthcli.video.inner_numbers import inner_numbers
 from depthcli.video.number_pattern import (
     LAST_NUMBER,
-    MAX_DIGITS,
     is_pattern,
     number_in,
     pattern_of,
 )
 
-_DIGITS = re.compile(r"\d+", re.ASCII)
+_NUMBER = re.compile(r"\d+", re.ASCII)
 _LISTED = 4
 """Most patterns that an error lists."""
 
@@ -36,9 +34,8 @@ def find_pictures(path: Path) -> list[NumberedPicture]:
     """The pictures of a sequence, in their order.
 
     Those that match a pattern, or all of a folder, except outputs of depthcli. In a folder, the
-    last numbers in the names are those of the frames if the names differ in them alone, or others
-    that :func:`~depthcli.video.inner_numbers.inner_numbers` finds. Pictures without such numbers
-    are counted from 0, in the order of their names.
+    names differ in the number of the frame alone. Pictures without such numbers are counted from 0,
+    in the order of their names.
 
     Raises:
         InputError: there is no such folder, or no picture in it, or depthcli wrote all of them.
@@ -91,39 +88,29 @@ def is_sequence_picture(name: str) -> bool:
 
 def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedPicture]:
     """The one sequence of a folder, or pictures without frame numbers, counted from 0."""
+    texts = {(*_NUMBER.split(path.stem), path.suffix.lower()) for path in paths}
+    if len(texts) == 1:
+        columns = list(zip(*(_NUMBER.findall(path.stem) for path in paths), strict=True))
+        varying = [column for column in columns if len(set(column)) > 1] or columns[-1:]
+        if len(varying) == 1 and len(set(map(int, varying[0]))) == len(paths):
+            return sorted(map(NumberedPicture, map(int, varying[0]), paths))
     groups: dict[tuple[str, str, str], list[NumberedPicture]] = {}
     for path in paths:
         match = LAST_NUMBER.fullmatch(path.stem)
-        if match and len(match[2]) <= MAX_DIGITS:
+        if match:
             key = match[1], match[3], path.suffix.lower()
             groups.setdefault(key, []).append(NumberedPicture(int(match[2]), path))
-    sequences = [sorted(group) for group in groups.values()]
-    if len(sequences) == 1 and len(sequences[0]) == len(paths) and _least_step(sequences[0]):
-        return sequences[0]
-    sequences = [sequence for sequence in sequences if len(sequence) > 1]
-    suffixes = {path.suffix.lower() for path in paths}
-    if not sequences and len(suffixes) == 1:
-        numbers = inner_numbers([path.stem for path in paths])
-        if numbers is not None:
-            return sorted(map(NumberedPicture, numbers, paths))
-    if not sequences or _have_times(paths, sequences):
+    sequences = [sorted(group) for group in groups.values() if len(group) > 1]
+    # Names of one form without consecutive numbers are times, such as 1305031102.16.
+    has_times = len(texts) == 1 and all(_least_step(sequence) > 1 for sequence in sequences)
+    if not sequences or has_times:
         return [NumberedPicture(number, path) for number, path in enumerate(paths)]
     patterns = ", ".join(map(_pattern_text, sequences[:_LISTED]))
-    more = len(sequences) - _LISTED
+    more = f" and {len(sequences) - _LISTED} more" if len(sequences) > _LISTED else ""
     raise UsageError(
-        f"{folder} holds more than a single image sequence; give one as a pattern: {patterns}"
-        + (f" and {more} more" if more > 0 else "")
+        f"{folder} holds more than a single image sequence",
+        f"give one as a pattern: {patterns}{more}",
     )
-
-
-def _have_times(paths: Sequence[Path], sequences: Sequence[Sequence[NumberedPicture]]) -> bool:
-    """Whether names have times such as ``1305031102.16``, whose digits are no frame numbers.
-
-    Then they differ in digits alone, and what looks like a sequence, of one second for example, has
-    no consecutive numbers.
-    """
-    texts = {_DIGITS.sub("", path.name) for path in paths}
-    return len(texts) == 1 and all(_least_step(sequence) > 1 for sequence in sequences)
 
 
 def _least_step(sequence: Sequence[NumberedPicture]) -> int:

@@ -18,7 +18,7 @@ from depthcli.io.images.read import upright
 from depthcli.video.container import open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
 from depthcli.video.frames import FrameSource
-from depthcli.video.integrity import is_incomplete, states_frame_count
+from depthcli.video.integrity import is_incomplete_matroska
 from depthcli.video.pipes import InputPipe
 from depthcli.video.pixels import orientation_of, picture_warnings, rgb_pixels
 from depthcli.video.rates import FALLBACK_RATE
@@ -28,7 +28,7 @@ from depthcli.video.time_code import TimeCode, time_code_after
 from depthcli.video.timeline import Timeline
 
 _MISSING_SHARE = 200
-_Y4M = "yuv4mpegpipe"
+_AVI = "avi"
 _TRANSPOSED = 5
 """The first EXIF orientation that swaps rows and columns."""
 
@@ -182,27 +182,20 @@ class VideoSource(FrameSource):
         self._report_lost()
         read = self._timeline.index + 1
         try:
-            stated = self.frames_stated if self._path and states_frame_count(self._path) else None
-            is_incomplete = self._decoder.ended_early or self._is_incomplete()
-        except (OSError, InputError) as error:
-            reason = getattr(error, "strerror", None) or error
-            self.problem = (
-                f"it was moved or changed while it was read, so its end cannot be checked: {reason}"
+            is_incomplete = self._decoder.ended_early or (
+                self._path is not None and is_incomplete_matroska(self._path)
             )
+        except InputError as error:
+            self.problem = f"it was changed while it was read: {error}"
             return
+        # In MP4, an edit list may hide frames, and its demuxer reports a missing end.
+        stated = self.frames_stated if self._container.format.name == _AVI else None
         # By the time of the last frame: the stated number includes dropped frames, without data.
         end = round(self._timeline.time_s * self.rate) + 1
         short = stated is not None and stated - end > max(1, stated // _MISSING_SHARE)
         if short or is_incomplete:
             of = "" if stated is None else f" of {stated}"
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
-
-    def _is_incomplete(self) -> bool:
-        source = self._source
-        if self._container.format.name == _Y4M:  # whose last frame may be incomplete
-            end = source.end if isinstance(source, InputPipe) else source.stat().st_size
-            return self._decoder.end_position < end
-        return is_incomplete(source)
 
     def _report_lost(self) -> None:
         if self._timeline.lost:

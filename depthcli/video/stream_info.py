@@ -10,7 +10,6 @@ from av.video.stream import VideoStream
 
 from depthcli.video.rates import FALLBACK_RATE, exact_rate
 from depthcli.video.time_code import TimeCode, header_time_code
-from depthcli.video.truncation import AVI_UNKNOWN_FRAMES
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
 _RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "m4v", "mjpeg",
@@ -18,6 +17,9 @@ _RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "m4v
 
 # Containers without presentation times: FFmpeg numbers the packets, also those of B-frames.
 _NUMBERED_FORMATS = {"avi", "mxf"}
+
+
+_AVI_UNKNOWN_FRAMES = 1 << 30  # as FFmpeg states in an AVI that it writes into a pipe
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,7 @@ def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
     elif container.duration:
         length_s = Fraction(container.duration, av.time_base)
     is_numbered = container.format.name in _NUMBERED_FORMATS
-    is_unknown = container.format.name == "avi" and stream.frames == AVI_UNKNOWN_FRAMES
+    is_unknown = container.format.name == "avi" and stream.frames == _AVI_UNKNOWN_FRAMES
     return StreamInfo(
         rate=rate,
         is_rate_stated=stated is not None,

@@ -22,7 +22,6 @@ from depthcli.io.exr.image import read_exr_rate
 from depthcli.video.depth import DepthVideo
 from depthcli.video.frame_source import is_sequence, open_frames
 from depthcli.video.number_pattern import base_name, number_in, numbered_name
-from depthcli.video.number_ranges import missing_numbers
 from depthcli.video.sequence_files import find_pictures
 from depthcli.video.spans import Point, Span
 
@@ -64,10 +63,6 @@ def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
         ("p.####.exr", "p.101.exr", None),
         ("p.%04d.exr", "p.12345.exr", 12345),
         ("p.#.exr", "p.1001.exr", 1001),
-        ("p.$F4.exr", "p.1001.exr", 1001),
-        ("p.$F4.exr", "p.101.exr", None),
-        ("p.$F.exr", "p.7.exr", 7),
-        ("p.$FF.exr", "p.7.exr", None),
         ("take #2.%03d.exr", "take #2.007.exr", 7),
         ("a%d.%06d.png", "a%d.000012.png", 12),
         ("p.%d.exr", "p.7.exr", 7),
@@ -89,7 +84,6 @@ def test_what_the_files_of_a_pattern_share() -> None:
     assert base_name("plate.%04d") == "plate"
     assert base_name("%04d") == "sequence"
     assert base_name("plate.####") == "plate"
-    assert base_name("plate.$F4") == "plate"
 
 
 def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> None:
@@ -123,7 +117,7 @@ def test_an_unknown_notation_of_numbers_names_the_known_ones(name: str, inside: 
     plates(inside.folder / "shot", range(1, 3))
     done = inside("video", f"shot/{name}", "--out", "d.mkv")
     assert done.returncode == 1
-    assert done.stderr.decode().endswith("has one of %04d, %d, #### and $F4\n")
+    assert done.stderr.decode().endswith("has one of %04d, %d and ####\n")
     assert b"####" not in inside("video", "shot/plate.0009.exr", "--out", "d.mkv").stderr
 
 
@@ -146,7 +140,7 @@ def test_linear_light_is_seen_as_on_a_display(tmp_path: Path) -> None:
     with open_frames(tmp_path / "a.%d.exr") as source:
         (frame,) = source.frames()
         assert source.rate == 25
-        assert "--fps" in source.warnings[0]
+        assert "give fps" in source.warnings[0]
     shown = frame.pixels[0, :, 0]
     assert shown.dtype == np.float32
     linear = np.linspace(0, 2, 64)
@@ -272,17 +266,18 @@ def test_missing_and_damaged_plates_are_named_by_their_numbers(tmp_path: Path) -
         assert [frame.index for frame in source.frames()] == [1001, 1003, 1011]
         assert source.problem is not None
         assert source.problem.startswith(
-            "4 of its pictures cannot be read (1002, 1007–1009), the last of them: "
+            "4 of its pictures cannot be read (1002, 1007, 1008, 1009), the last of them: "
             f"{tmp_path}/shot/plate.1009.exr is "
         )
 
 
-def test_of_many_missing_frames_the_first_are_named() -> None:
-    numbers = [*range(0, 44, 2), 1000]
-    shown = "1, 3, 5, 7, 9, 11, 13, 15, 17, 19 and 968 more"
-    assert str(missing_numbers(numbers)) == shown
-    assert len(missing_numbers(numbers)) == 978
-    assert not missing_numbers(range(1001, 1100))
+def test_of_many_missing_frames_the_first_are_named(tmp_path: Path) -> None:
+    for number in [*range(0, 44, 2), 1000]:
+        (tmp_path / f"p.{number}.png").touch()
+    with open_frames(tmp_path, rate=FILM) as source:
+        (warning,) = source.warnings
+    shown = "1, 3, 5, 7, 9, 11, 13, 15, 17, 19 and 12 more"
+    assert warning == f"missing frames: {shown}; the other frames keep their times"
 
 
 @pytest.mark.parametrize(

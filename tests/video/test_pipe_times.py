@@ -43,7 +43,7 @@ def write_preview(target: Path | OutputPipe, source: Path, first_s: int, seconds
 
 
 @pytest.mark.parametrize(
-    ("suffix", "sound"), [(".mp4", "pcm_s16le"), (".mp4", "aac"), (".mov", "libopus")]
+    ("suffix", "sound"), [(".mp4", "libopus"), (".mp4", "aac"), (".mov", "pcm_s16le")]
 )
 @pytest.mark.parametrize(
     ("first_s", "seconds"),

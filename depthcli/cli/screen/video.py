@@ -3,6 +3,7 @@
 from depthcli.cli.screen import console
 from depthcli.cli.screen.predict import print_failed
 from depthcli.core.text import one_line
+from depthcli.errors import Message
 from depthcli.jobs.failed import FailedInput
 from depthcli.jobs.video.result import VideoResult
 
@@ -22,10 +23,14 @@ def print_video(
     elif not quiet:
         (console.note if to_stderr else console.report)(video_text(result))
         for warning in result.warnings:
-            console.warn(f"{result.name}: {warning}")
+            console.warn(_about(result.name, warning))
     if result.problem:
-        written = f"frames written: {result.frames}"
-        console.error(f"{result.name}: {result.problem}; {written}")
+        console.error(_about(result.name, f"{result.problem}; frames written: {result.frames}"))
+
+
+def _about(name: str, text: str) -> str:
+    """A message that begins with the name of what it is about."""
+    return text.about(name) if isinstance(text, Message) else f"{name}: {text}"
 
 
 def video_json(done: VideoResult) -> dict[str, object]:
@@ -38,7 +43,7 @@ def video_json(done: VideoResult) -> dict[str, object]:
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
         "processed_fps": round(done.frames / done.seconds, 3),
-        "warnings": list(done.warnings),
+        "warnings": [console.worded(warning) for warning in done.warnings],
         "error": done.problem,
     }
 
