@@ -68,6 +68,12 @@ class AudioTrack:
         self._stream = output.add_stream_from_template(stream)
         self._packets = self._input.demux(stream)
         self._pending = self._next()
+        self.mux_until(0)  # writes nothing; what is before the preview is not heard
+
+    @property
+    def begins_soon(self) -> bool:
+        """Whether there is audio within a second of the preview's first frame."""
+        return self._pending is not None and self._time_s(self._pending) < 1
 
     def mux_until(self, time_s: float) -> None:
         """Write the audio before a time of the preview.

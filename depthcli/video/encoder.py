@@ -47,6 +47,16 @@ def new_container(
     return container
 
 
+def delay_header(container: OutputContainer) -> None:
+    """Write the header of an MP4 in a pipe with its first fragment, which waits for the audio.
+
+    Else it could not state where the audio begins. No effect after the encoding has started.
+    """
+    options = container.container_options
+    if _FRAGMENTS in options.get("movflags", ""):
+        options["movflags"] += "+delay_moov"
+
+
 def state_pixel_aspect(stream: VideoStream, pixel_aspect: float) -> None:
     """State the width by height of pixels that are not square: in MP4, MOV and FFV1.
 

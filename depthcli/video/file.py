@@ -13,7 +13,7 @@ from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, check_encoder, container_format
-from depthcli.video.encoder import add_video, new_container, state_pixel_aspect
+from depthcli.video.encoder import add_video, delay_header, new_container, state_pixel_aspect
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
 from depthcli.video.stated_numbers import state_number
@@ -129,6 +129,8 @@ class VideoFile:
             state_pixel_aspect(self._stream, pixel_aspect)
         if self._audio is not None:
             self._audio.open(container, self._first_s)
+            if self._audio.begins_soon and isinstance(self._target, OutputPipe):
+                delay_header(container)
         try:
             container.start_encoding()
         except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:
