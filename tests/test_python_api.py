@@ -831,7 +831,7 @@ def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
     from depthcli.video.rates import Timing  # noqa: PLC0415
 
     frame = depthcli.Frame(np.zeros((4, 6), np.uint8))
-    with depth_video(tmp_path / "a.mkv", Timing(Fraction(25)), 1000, ()) as output:
+    with depth_video(tmp_path / "a.mkv", Timing(Fraction(25)), 1000, None) as output:
         flat = depthcli.DepthMap(np.full((4, 6), 1.5, np.float32))
         output.append(output.encode(DepthFrame(frame, flat, (1, 2))))
         output.finish()

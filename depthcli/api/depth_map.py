@@ -218,6 +218,7 @@ class DepthMap(types.DepthMap):
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         centre_px: tuple[float, float] | None = None,
+        overwrite: bool = False,
     ) -> None:
         """Write a file atomically; its suffix chooses the format.
 
@@ -233,9 +234,12 @@ class DepthMap(types.DepthMap):
             focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
             centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
+            overwrite: whether a file that depthcli did not write is replaced. A ``.npy`` does not
+                say who wrote it.
 
         Raises:
-            OutputError: it cannot be written, or the map cannot be expressed in the format.
+            OutputError: it cannot be written, there is a file that depthcli did not write, or the
+                map cannot be expressed in the format.
             UsageError: the suffix chooses no format, or an option is of another one.
         """
         file = path_of(path)
@@ -244,7 +248,7 @@ class DepthMap(types.DepthMap):
         if depth is not self and format_ is not None and not format_.facts.has_camera:
             raise UsageError(f"{format_.facts.suffix} states no camera; leave it out for {file}")
         options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
-        for message in write_depth(depth, file, self.frame, options):
+        for message in write_depth(depth, file, self.frame, options, overwrite=overwrite):
             warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
 
 

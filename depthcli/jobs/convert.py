@@ -15,11 +15,11 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth
 from depthcli.io.formats.table import FILE_SUFFIXES, MILLIMETRES, Format, WriterOptions, format_of
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.remote import check_writable, path_of, safe_name
 from depthcli.jobs.depth_files import read_map
 from depthcli.jobs.naming import check_suffix, is_folder, refuse_pattern
+from depthcli.jobs.outputs import output_guard
 from depthcli.video.number_pattern import is_pattern
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
@@ -39,6 +39,7 @@ class ConvertRequest:
     #: of the same size, for the colours of a point cloud, or beside a preview
     picture: str | None = None
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
+    overwrite: bool = False  #: whether the target may replace a file of another program
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ def convert(request: ConvertRequest) -> ConvertResult:
     Raises:
         InputError: the source or the picture cannot be used.
         OutputError: the target cannot be written, is an input, or is a file that depthcli did not
-            write at a name that was completed.
+            write.
         UsageError: the target's suffix is of no format, or it is a pattern and the name of the
             source is none, or the request does not fit the source.
     """
@@ -101,9 +102,8 @@ def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResu
     check_writable(path_of(name))
     if not format_of(name):
         name += wanted.facts.suffix
-        check_replaceable(path_of(name))
-    target = path_of(name)
-    with atomic_path(target, inputs=inputs) as temporary:
+    guard = output_guard(inputs, overwrite=request.overwrite)
+    with atomic_path(path_of(name), guard=guard) as temporary:
         writing = _sidecar_options(request, stored) if wanted is Format.JSON else request.writing
         warnings = writing.writer(wanted).write(depth, temporary, picture)
         is_readable = wanted in _READABLE

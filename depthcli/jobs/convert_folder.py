@@ -15,7 +15,7 @@ from depthcli.io.formats.table import Format, WriterOptions, format_of, stem_of
 from depthcli.io.images.native_log import silent_opencv
 from depthcli.io.listing.folder import InputFile, list_folder
 from depthcli.io.listing.globs import ANY, NameFilter
-from depthcli.io.listing.own_outputs import check_replaceable, is_own_picture
+from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.skipped import HIDDEN, Skipped, skip_summary
 from depthcli.io.listing.store import list_objects, walk_sort_key
 from depthcli.io.storage.remote import (
@@ -48,6 +48,7 @@ class ConvertFolderRequest:
     #: instead of that of each input; depth is not changed
     camera: Camera = field(default_factory=Camera)
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the format
+    overwrite: bool = False  #: whether outputs may replace files of other programs
     workers: int = 1  #: files converted in parallel
 
 
@@ -106,7 +107,7 @@ def convert_folder(
 ) -> Generator[ConvertResult | FailedInput, None, None]:
     """Convert the planned files, in their order; a bad one does not stop the others.
 
-    Existing outputs are replaced, but no PNG, EXR, PLY or JSON that depthcli did not write.
+    Existing outputs are replaced if depthcli wrote them, or if the request says so.
     """
 
     def convert_one(pair: tuple[InputFile, str]) -> ConvertResult | FailedInput:
@@ -164,7 +165,6 @@ def _convert_one(
     if file.problem is not None:
         return FailedInput(safe_name(file.path), InputError(file.problem))
     try:
-        check_replaceable(path_of(target))
         return convert(
             ConvertRequest(
                 source=file.path,
@@ -173,6 +173,7 @@ def _convert_one(
                 scale=request.scale,
                 camera=request.camera,
                 writing=request.writing,
+                overwrite=request.overwrite,
             )
         )
     except DepthcliError as error:

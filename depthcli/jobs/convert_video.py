@@ -8,7 +8,6 @@ from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.stored import StoredDepth
-from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.remote import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, target_format, write_converted
@@ -56,11 +55,11 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
         workers: frames written in parallel.
 
     Yields:
-        The result of each frame. Files that exist are replaced.
+        The result of each frame.
 
     Raises:
         InputError: the video is damaged; the frames before are written.
-        OutputError: a file cannot be written, or is a picture that depthcli did not write.
+        OutputError: a file cannot be written, or is one that depthcli did not write.
         UsageError: as for :func:`check_sequence`, or the target's suffix is of no format.
     """
     check_sequence(request)
@@ -68,7 +67,6 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
 
     def convert_frame(stored: StoredDepth) -> ConvertResult:
         target = numbered_name(request.target, stored.frame.index)
-        check_replaceable(path_of(target))
         return write_converted(stored, replace(request, target=target))
 
     from depthcli.video.depth_frames import depth_frames  # noqa: PLC0415 - loads FFmpeg

@@ -1,19 +1,26 @@
 """Writing the outputs of a picture, atomically to files or to a stream."""
 
 import errno
+from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
 from depthcli.core.overscan import displayed_depth, displayed_frame
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import OutputError
-from depthcli.io.formats.table import FORMATS, Format, WriterOptions
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.temporary_folder import temporary_folder
 
 
+def output_guard(inputs: Iterable[Path], *, overwrite: bool = False) -> Guard:
+    """Guard of the files that the outputs for some inputs may not replace."""
+    return Guard.of(is_own, inputs, overwrite=overwrite)
+
+
 def write_output(
-    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path
+    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path, guard: Guard
 ) -> tuple[str, ...]:
     """Write one format of a picture's depth to a file.
 
@@ -23,10 +30,9 @@ def write_output(
         Warnings, one line each.
 
     Raises:
-        OutputError: it cannot be written, or would replace the picture.
+        OutputError: it cannot be written, or would replace an input or a file of another program.
     """
-    inputs = () if frame.path is None else (frame.path,)
-    with atomic_path(path, inputs=inputs) as temporary:
+    with atomic_path(path, guard=guard) as temporary:
         return _write(options, name, depth, frame, temporary)
 
 

@@ -1,6 +1,6 @@
 """Writing a video's depth to one lossless file."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
 from depthcli.io.formats.metadata import metadata_texts, step_unit
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import LABEL_PREFIX
+from depthcli.io.storage.guard import Guard
 from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
 from depthcli.video.file import VideoFile, video_file
@@ -27,7 +28,7 @@ def depth_video(
     target: Path | OutputPipe,
     timing: Timing,
     scale: float,
-    inputs: Sequence[Path],
+    guard: Guard | None,
     colours: PreviewWriter = _COLOURS,
 ) -> Iterator[VideoOutput]:
     """A lossless depth video, written atomically or into a pipe.
@@ -36,10 +37,10 @@ def depth_video(
         target: ends in ``.mkv``.
         timing: of the frames.
         scale: units per metre.
-        inputs: files that must not be replaced.
+        guard: of existing files; None to replace any.
         colours: whose ends are those of a normalized file.
     """
-    with video_file(target, Codec.FFV1, timing, inputs) as file:
+    with video_file(target, Codec.FFV1, timing, guard) as file:
         yield DepthVideoOutput(file, timing, scale, colours)
 
 

@@ -1,6 +1,6 @@
 """Writing a video file, frame by frame, with a time for each."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from av.video.stream import VideoStream
 
 from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.guard import Guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import Codec, check_encoder, container_format
 from depthcli.video.encoder import add_video, delay_header, new_container, state_pixel_aspect
@@ -165,7 +166,7 @@ def video_file(
     target: Path | OutputPipe,
     codec: Codec,
     timing: Timing,
-    inputs: Sequence[Path],
+    guard: Guard | None,
     audio: AudioTrack | None = None,
 ) -> Iterator[VideoFile]:
     """A video file that is written atomically, or a pipe.
@@ -174,12 +175,12 @@ def video_file(
         target: the output; its suffix chooses the container.
         codec: of the frames.
         timing: rate and time base.
-        inputs: files that must not be replaced.
+        guard: of existing files; None to replace any.
         audio: the audio track; None for none.
     """
     with ExitStack() as stack:
         if not isinstance(target, OutputPipe):
-            target = stack.enter_context(atomic_path(target, inputs=inputs))
+            target = stack.enter_context(atomic_path(target, guard=guard))
         file = VideoFile(target, codec, timing, audio)
         try:
             yield file

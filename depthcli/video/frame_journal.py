@@ -43,6 +43,7 @@ class FrameJournal:
         folder.mkdir(parents=True, exist_ok=True)
         self._path = _journal_path(folder, name)
         self._fingerprint = fingerprint
+        self.is_resumed = False  # whether an earlier run with this fingerprint was stopped
         self.earlier = self._read()
         self._count = len(self.earlier)
         self._exit_hook = exit_hook(self._drop_empty)
@@ -83,6 +84,7 @@ class FrameJournal:
         head, *lines = self._path.read_text("utf-8", "replace").splitlines() or [""]
         if head != json.dumps(self._fingerprint):
             return frozenset()
+        self.is_resumed = True
         return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
 
     def _created(self) -> TextIO:

@@ -1,12 +1,13 @@
 """Writing a preview of a video's depth, with the video's audio."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import av
 
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.storage.guard import Guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.av_frame import av_frame
 from depthcli.video.codecs import Codec
@@ -22,16 +23,16 @@ def preview_video(
     target: Path | OutputPipe,
     timing: Timing,
     writer: PreviewWriter,
-    inputs: Sequence[Path],
+    guard: Guard | None,
     *,
     codec: Codec = Codec.H264,
     audio: AudioTrack | None = None,
 ) -> Iterator[VideoOutput]:
-    """A preview, written atomically or into a pipe; inputs are not replaced.
+    """A preview, written atomically or into a pipe.
 
     The target ends in ``.mp4``, ``.webm`` or ``.mov``, and that container supports the codec.
     """
-    with video_file(target, codec, timing, inputs, audio) as file:
+    with video_file(target, codec, timing, guard, audio) as file:
         yield PreviewVideoOutput(file, codec, timing, writer)
 
 

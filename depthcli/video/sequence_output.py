@@ -1,13 +1,11 @@
 """Writing a video's depth to one file a frame."""
 
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
-from depthcli.errors import OutputError
 from depthcli.io.formats.table import Writer
-from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.guard import Guard
 from depthcli.video.output import DepthFrame
 
 
@@ -20,7 +18,7 @@ class SequenceOutput:
         folder: Path,
         name: Callable[[int], str],
         writer: Writer,
-        inputs: Sequence[Path],
+        guard: Guard,
         *,
         has_overscan: bool = False,
     ) -> None:
@@ -31,7 +29,7 @@ class SequenceOutput:
             folder: where files are written.
             name: the name of a file by the frame's number.
             writer: of the format.
-            inputs: files that must not be replaced.
+            guard: of existing files.
             has_overscan: whether frames include the pixels outside the display window.
         """
         self.has_overscan = has_overscan
@@ -39,7 +37,7 @@ class SequenceOutput:
         self._folder = folder
         self._name = name
         self._writer = writer
-        self._inputs = frozenset(os.path.realpath(path) for path in inputs)
+        self._guard = guard
         self._warned = 0
         self._warning = ""
 
@@ -48,10 +46,7 @@ class SequenceOutput:
         if frame.is_kept:
             return ()
         path = self._folder / self._name(frame.picture.index)
-        if os.path.realpath(path) in self._inputs:
-            raise OutputError(f"{path} is an input and is not overwritten; choose another --out")
-        check_replaceable(path)
-        with atomic_path(path) as temporary:
+        with atomic_path(path, guard=self._guard) as temporary:
             return self._writer.write(frame.depth, temporary, frame.picture)
 
     def append(self, encoded: tuple[str, ...]) -> None:

@@ -70,7 +70,7 @@ def test_a_foreign_file_in_the_output_folder_is_kept_and_own_ones_are_replaced(t
     result = tree(*named)
     assert result.returncode == 1
     assert b"out/a.depth.exr exists and was not written by depthcli" in result.stderr
-    assert tree("convert", "in/b.png", "out/a.depth.exr").returncode == 0
+    assert tree("convert", "in/b.png", "out/a.depth.exr").returncode == 1
 
 
 def names(folder: Path, wanted: Format = Format.EXR) -> dict[str, str]:

@@ -213,7 +213,7 @@ def depth_mkv(inside: Cli) -> Path:
     """Three frames of 1, 2 and 3 m, in centimetres."""
     path = inside.folder / "d.mkv"
     picture = np.zeros((4, 6), np.uint8)
-    with depth_video(path, Timing(Fraction(25)), 100, ()) as output:
+    with depth_video(path, Timing(Fraction(25)), 100, None) as output:
         for metres in (1, 2, 3):
             depth = DepthMap(np.full((4, 6), metres, np.float32), DepthKind.METRIC)
             output.append(

@@ -25,7 +25,7 @@ def test_odd_rows_and_columns_are_doubled(width: int, height: int, tmp_path: Pat
     depth = DepthMap(np.full((height, width), 2, np.float32))
     writer = PreviewWriter(colormap="viridis")
     picture = np.zeros((height, width), np.uint8)
-    with preview_video(path, Timing(NTSC), writer, ()) as output:
+    with preview_video(path, Timing(NTSC), writer, None) as output:
         for time_s in (0, 1 / 30):
             shot = DepthFrame(Frame(picture, timestamp_s=time_s), depth, (1, 3))
             output.append(output.encode(shot))

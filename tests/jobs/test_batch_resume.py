@@ -13,7 +13,7 @@ from videos import flat_frames, write_video
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.picture_options import PictureOptions
-from depthcli.errors import UsageError
+from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.globs import NameFilter
@@ -103,11 +103,14 @@ def test_a_sensor_s_depth_is_not_replaced(tmp_path: Path) -> None:
     sensor = write_picture(tmp_path / "out" / "a.depth.png")
     before = sensor.read_bytes()
     rows = [result.row for result in Batch(request(tmp_path))]
-    assert [row.error for row in rows if row.error] == [
-        f"{sensor} exists and was not written by depthcli; choose another output, or move it away"
-    ]
+    (problem,) = [row.error for row in rows if row.error]
+    assert isinstance(problem, Message)
+    assert str(sensor) in problem.problem
     assert [row.input for row in rows if row.status == OK] == ["z.png", "hall/b.png"]
     assert sensor.read_bytes() == before
+    (again, *_) = Batch(request(tmp_path, options=BatchOptions(overwrite=True)))
+    assert again.row.status == OK
+    assert sensor.read_bytes() != before
 
 
 def test_failed_inputs_are_tried_again(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ FRAMES_M = np.float32([[[1, 2, 3, np.nan]] * 2, [[np.nan] * 4] * 2, [[7, 0.5, 6,
 def depth_mkv(tmp_path: Path) -> Path:
     """Three frames of 4 x 2 pixels in centimetres, the second without depth."""
     path = tmp_path / "d.mkv"
-    with depth_video(path, Timing(NTSC), 100, ()) as output:
+    with depth_video(path, Timing(NTSC), 100, None) as output:
         for number, values in enumerate(FRAMES_M):
             frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=float(number / NTSC))
             output.append(output.encode(DepthFrame(frame, DepthMap(values), (0, 1))))
@@ -114,7 +114,7 @@ def test_a_depth_video_s_facts_are_values(
 
 
 def test_a_depth_video_without_depth_has_no_range(tmp_path: Path) -> None:
-    with depth_video(tmp_path / "d.MKV", Timing(NTSC), 100, ()) as output:
+    with depth_video(tmp_path / "d.MKV", Timing(NTSC), 100, None) as output:
         frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=0.0)
         output.append(output.encode(DepthFrame(frame, DepthMap(FRAMES_M[1]), (0, 1))))
         output.finish()

@@ -6,6 +6,7 @@ import errno
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from io import BufferedWriter, BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -204,9 +205,9 @@ def test_a_sensor_s_depth_beside_a_picture_is_not_replaced(
     assert sensor.read_bytes() == before
     assert {path.name for path in tmp_path.glob("a.*")} == {"a.jpg", sensor.name}
     own = PredictRequest(names[:1], str(tmp_path / "a"), formats=formats, model=loader)
-    (failed,) = predict(own)  # it names a.depth.png, which nobody typed
+    (failed,) = predict(own)
     assert isinstance(failed, FailedInput)
-    (done,) = predict(PredictRequest(names[:1], str(tmp_path / "a.depth.png"), model=loader))
+    (done,) = predict(replace(own, overwrite=True))
     assert isinstance(done, PictureResult)
 
 

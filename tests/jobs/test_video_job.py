@@ -319,7 +319,9 @@ def test_the_sound_of_a_pipe_is_missed_in_words(tmp_path: Path, loader: SessionL
     path = with_sound(tmp_path / "a.mkv", seconds=0.4)
     request = VideoRequest("-", f"{tmp_path}/a.mp4", model=loader, stdin=Stream(path.read_bytes()))
     assert "audio of standard input" in " ".join(video(request).warnings)
-    silent = dataclasses.replace(request, has_audio=False, stdin=Stream(path.read_bytes()))
+    silent = dataclasses.replace(
+        request, has_audio=False, overwrite=True, stdin=Stream(path.read_bytes())
+    )
     assert video(silent).warnings == ()
 
 

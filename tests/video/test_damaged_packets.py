@@ -30,7 +30,7 @@ def random_steps(count: int) -> np.ndarray[Any, np.dtype[np.uint16]]:
 
 
 def write_own(path: Path, count: int) -> Path:
-    with depth_video(path, Timing(NTSC), 1000, ()) as output:
+    with depth_video(path, Timing(NTSC), 1000, None) as output:
         for index, steps in enumerate(random_steps(count)):
             frame = Frame(np.zeros((48, 64), np.uint8), timestamp_s=float(index / NTSC))
             depth = DepthMap((steps / 1000).astype(np.float32))

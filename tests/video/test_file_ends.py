@@ -43,7 +43,7 @@ def write_at(path: Path, places: Sequence[int]) -> Path:
 
 
 def write_maps(path: Path, times_s: Sequence[float], timing: Timing) -> Path:
-    with depth_video(path, timing, 1000, ()) as output:
+    with depth_video(path, timing, 1000, None) as output:
         for time_s in times_s:
             depth = DepthMap(np.ones((16, 16), np.float32))
             frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=time_s)

@@ -66,7 +66,7 @@ def write_depth(
     kind: DepthKind = DepthKind.METRIC,
 ) -> tuple[str, ...]:
     times_s = times_s or [float(i / rate) for i in range(len(maps))]
-    with depth_video(path, Timing(rate), scale, ()) as output:
+    with depth_video(path, Timing(rate), scale, None) as output:
         for values, time_s in zip(maps, times_s, strict=True):
             output.append(output.encode(shot(values, kind, time_s)))
         return output.finish()
@@ -128,7 +128,7 @@ def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Pa
 
 @pytest.mark.parametrize("rate", RATES, ids=rate_text)
 def test_a_preview_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) -> None:
-    with preview_video(tmp_path / "a.mp4", Timing(rate), PreviewWriter(), ()) as output:
+    with preview_video(tmp_path / "a.mp4", Timing(rate), PreviewWriter(), None) as output:
         for i in range(40):
             depth = shot(np.ones((16, 16), np.float32), time_s=float(i / rate))
             output.append(output.encode(depth))
@@ -253,7 +253,7 @@ def test_a_size_that_the_codec_does_not_take_is_one_line(tmp_path: Path) -> None
     wide = np.zeros((2, 20_000), np.float32)
     with (
         pytest.raises(OutputError, match="--format png16"),
-        preview_video(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), ()) as output,
+        preview_video(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output,
     ):
         output.append(output.encode(shot(wide)))
     assert list(tmp_path.iterdir()) == []
@@ -629,7 +629,7 @@ def test_a_time_lapse_over_days_keeps_its_times(suffix: str, tmp_path: Path) -> 
     path = tmp_path / f"a.{suffix}"
     codec = preview_codec(f".{suffix}", None)
     timing = Timing(rate, Fraction(1, 90_000))
-    with preview_video(path, timing, PreviewWriter(), (), codec=codec) as output:
+    with preview_video(path, timing, PreviewWriter(), None, codec=codec) as output:
         for time_s in times_s:
             output.append(output.encode(shot(np.ones((16, 16), np.float32), time_s=time_s)))
         output.finish()
@@ -642,7 +642,7 @@ def test_a_time_lapse_over_days_keeps_its_times(suffix: str, tmp_path: Path) -> 
 def test_a_long_pause_between_fine_times_is_held(tmp_path: Path) -> None:
     times_s = [0, 1 / 60, 2 / 60, 50_000]
     timing = Timing(Fraction(60), Fraction(1, 90_000))
-    with preview_video(tmp_path / "a.mp4", timing, PreviewWriter(), ()) as output:
+    with preview_video(tmp_path / "a.mp4", timing, PreviewWriter(), None) as output:
         for time_s in times_s:
             output.append(output.encode(shot(np.ones((16, 16), np.float32), time_s=time_s)))
         output.finish()
@@ -674,7 +674,7 @@ def test_previews_of_every_codec(
     values = np.linspace(1, 5, 64, dtype=np.float32)[None].repeat(49, 0)
     for name in "ab":
         path = tmp_path / f"{name}.{suffix}"
-        with preview_video(path, Timing(NTSC), PreviewWriter(), (), codec=codec) as output:
+        with preview_video(path, Timing(NTSC), PreviewWriter(), None, codec=codec) as output:
             for i in range(12):
                 output.append(output.encode(shot(values + i / 12, time_s=i * 1001 / 30000)))
             output.finish()
@@ -691,7 +691,7 @@ def test_previews_of_every_codec(
 
 
 def test_a_preview_can_be_played_while_it_is_loaded(tmp_path: Path) -> None:
-    with preview_video(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), ()) as output:
+    with preview_video(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output:
         output.append(output.encode(shot(np.ones((16, 16), np.float32))))
         output.finish()
     data = (tmp_path / "a.mp4").read_bytes()
@@ -739,7 +739,7 @@ def test_the_sound_comes_along_and_stays_in_time(
         audio = AudioTrack(path, video.start_s)
     which = preview_codec(out.suffix, None)
     with preview_video(
-        out, Timing(Fraction(25)), PreviewWriter(), (), codec=which, audio=audio
+        out, Timing(Fraction(25)), PreviewWriter(), None, codec=which, audio=audio
     ) as output:
         for i in range(50):
             values = np.ones((16, 16), np.float32)
@@ -754,7 +754,7 @@ def test_the_sound_comes_along_and_stays_in_time(
 def test_a_silent_video_has_a_silent_preview(tmp_path: Path) -> None:
     path = write_mp4(tmp_path / "a.mp4", flat_frames(range(3)))
     audio = AudioTrack(path, Fraction(0))
-    with preview_video(tmp_path / "b.mp4", Timing(NTSC), PreviewWriter(), (), audio=audio) as out:
+    with preview_video(tmp_path / "b.mp4", Timing(NTSC), PreviewWriter(), None, audio=audio) as out:
         out.append(out.encode(shot(np.ones((16, 16), np.float32))))
         assert out.finish() == ()
     with av.open(str(tmp_path / "b.mp4")) as container:

@@ -6,17 +6,31 @@ from pathlib import Path
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.exr.layers import depth_channel
-from depthcli.io.formats.table import FILE_SUFFIXES, FORMATS, Format, format_of, writer_class
+from depthcli.io.formats.table import (
+    FILE_SUFFIXES,
+    FORMATS,
+    Format,
+    format_of,
+    is_own,
+    writer_class,
+)
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.guard import Guard
 
 
 def write_depth(
-    depth: DepthMap, path: Path, frame: Frame | None, options: Mapping[str, object]
+    depth: DepthMap,
+    path: Path,
+    frame: Frame | None,
+    options: Mapping[str, object],
+    *,
+    overwrite: bool = False,
 ) -> tuple[str, ...]:
     """Write a map atomically; return warnings, one line each.
 
     Missing folders are created; the file of ``frame``, the picture for formats that show it, is
-    never replaced. Options are png_scale, exr_channel and half; None for the default.
+    never replaced, and a file that depthcli did not write only with ``overwrite``. Options are
+    png_scale, exr_channel and half; None for the default.
 
     Raises:
         OutputError: it cannot be written, or the map cannot be expressed in the format.
@@ -29,7 +43,8 @@ def write_depth(
         )
     writer = writer_class(name)(**_checked_options(name, options))
     inputs = () if frame is None or frame.path is None else (frame.path,)
-    with atomic_path(path, inputs=inputs) as temporary:
+    guard = Guard.of(is_own, inputs, overwrite=overwrite)
+    with atomic_path(path, guard=guard) as temporary:
         return writer.write(depth, temporary, frame)
 
 

@@ -8,19 +8,25 @@ from io import FileIO
 from pathlib import Path
 
 from depthcli.errors import OutputError
+from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.remote import RemotePath
 from depthcli.io.storage.temporaries import temporary_beside
 
 
 @contextmanager
 def atomic_path(
-    path: Path, *, inputs: Iterable[Path] = (), advice: str = "choose another -o"
+    path: Path,
+    *,
+    guard: Guard | None = None,
+    inputs: Iterable[Path] = (),
+    advice: str = "choose another {out}",
 ) -> Iterator[Path]:
     """A temporary path in the same folder that takes ``path``'s place when the block succeeds.
 
     Args:
         path: the output; missing folders are created.
-        inputs: files that must not be replaced.
+        guard: of existing files; None to replace any file.
+        inputs: files that must not be replaced, without a guard.
         advice: what to do if the path cannot be written, for the message.
 
     Yields:
@@ -28,17 +34,19 @@ def atomic_path(
 
     Raises:
         OutputError: the folder cannot be created, the file cannot be written, or the path is an
-            input, a device or a pipe. Nothing is left behind.
+            input, a file that the guard protects, a device or a pipe. Nothing is left behind.
     """
     if any(is_same_file(path, source) for source in inputs):
-        raise OutputError(f"{path} is an input and is not overwritten; choose another -o")
+        raise OutputError(f"{path} is an input and is not replaced", "choose another {out}")
+    if guard is not None:
+        guard.check(path)
     if isinstance(path, RemotePath):
         with _uploaded(path) as temporary:
             yield temporary
         return
     _check_name(path, advice)
     if is_special(path):
-        raise OutputError(f"{path} is a device or a pipe and is not replaced; {advice}")
+        raise OutputError(f"{path} is a device or a pipe and is not replaced", advice)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary_beside(path) as temporary:
@@ -46,7 +54,7 @@ def atomic_path(
             os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"cannot write {path}: {reason}; {advice}") from error
+        raise OutputError(f"cannot write {path}: {reason}", advice) from error
 
 
 @contextmanager
@@ -103,8 +111,7 @@ def _check_name(path: Path, advice: str) -> None:
         with suppress(OSError):
             path.lstat()
     except ValueError as error:  # a NUL byte, or a surrogate
-        message = f"no file has such a name as {str(path)!r} ({error}); {advice}"
-        raise OutputError(message) from error
+        raise OutputError(f"no file has such a name as {str(path)!r} ({error})", advice) from error
 
 
 def is_special(path: Path) -> bool:

@@ -61,7 +61,7 @@ def _dry_run_of(
                 sha256 = video_checksum(video, source, request.options)
             kept = video.reusable_row(request.plan.out, sha256, origin)
             if kept is None:
-                video.check_replaceable()
+                video.guard(overwrite=request.options.overwrite)
         else:
             picture = outputs.picture(file, rows)
             data = read_input(picture.input)
@@ -70,7 +70,7 @@ def _dry_run_of(
             points = request.options.points_for(file, paths, shares_stem=picture.shares_stem)
             kept = picture.reusable_row(request.plan.out, sha256, origin, points)
             if kept is None:
-                picture.check_replaceable()
+                picture.guard(overwrite=request.options.overwrite)
     except (InputError, OutputError) as error:
         return DryRunResult(file.name, "fail", paths, str(error))
     return DryRunResult(file.name, "keep" if kept else "do", paths)

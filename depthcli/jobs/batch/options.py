@@ -30,6 +30,7 @@ class BatchOptions:
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     #: a folder with known depth for each picture, in place of the camera's points
     anchors: AnchorFiles | None = None
+    overwrite: bool = False  #: whether outputs may replace files of other programs
 
     def points_for(
         self, picture: InputFile, outputs: Iterable[Path], *, shares_stem: bool

@@ -19,6 +19,7 @@ from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import OK, AnchorEntry, Origin, Row, output_entry
+from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.remote import path_of
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.suspects import check_picture
@@ -35,6 +36,7 @@ class _OpenedPicture:
 
     task: PictureTask
     frame: Frame
+    guard: Guard
     points: AnchorPoints | None
     centre_px: tuple[float, float] | None
     sha256: str
@@ -79,7 +81,7 @@ class PictureWorker:
             row = task.reusable_row(self.out, sha256, self.origin, points)
             if row is not None:
                 return Result(row, is_kept=True)
-            task.check_replaceable()
+            guard = task.guard(overwrite=self.options.overwrite)
             if task.is_suspect:
                 check_picture(task.input.path, data)
             frame = read_image(
@@ -93,7 +95,8 @@ class PictureWorker:
             centre_px = camera.centre_for(*frame.display_size_px)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
-        return _OpenedPicture(task, frame, points, centre_px, sha256, time.perf_counter() - start_s)
+        seconds = time.perf_counter() - start_s
+        return _OpenedPicture(task, frame, guard, points, centre_px, sha256, seconds)
 
     def _depths(self, opened: Sequence[_OpenedPicture]) -> Sequence[DepthMap | Exception]:
         camera = self.options.camera
@@ -122,7 +125,9 @@ class PictureWorker:
             depth, depth_warnings = finished_depth(depth, frame.windows, points, opened.centre_px)
             warnings = [*frame.warnings, *depth_warnings]
             for which, path in task.outputs.items():
-                warnings += write_output(self.options.writing, which, depth, frame, path)
+                warnings += write_output(
+                    self.options.writing, which, depth, frame, path, opened.guard
+                )
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, opened.sha256)

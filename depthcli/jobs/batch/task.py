@@ -13,12 +13,13 @@ from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, is_intact
 from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.remote import is_remote, path_of
 from depthcli.jobs.failed import failure_reason
+from depthcli.jobs.outputs import output_guard
 from depthcli.video.formats import VideoFormat
 
 _FormatT = TypeVar("_FormatT", Format, VideoFormat)
@@ -82,22 +83,24 @@ class Task(Generic[_FormatT]):
             return None
         return row if all(is_intact(out, file) for file in row.outputs) else None
 
-    def check_replaceable(self) -> None:
-        """Check that no output is a file that depthcli did not write.
+    def guard(self, *, overwrite: bool) -> Guard:
+        """Check the outputs; returns the guard for writing them.
+
+        Args:
+            overwrite: whether files of other programs may be replaced.
 
         Raises:
-            OutputError: one is.
+            OutputError: one is the input, or a file that depthcli did not write.
         """
-        if self.earlier is None or not self.has_names:  # else the files are those of the batch
-            for which, path in self.outputs.items():
-                if which is VideoFormat.MKV:
-                    # Batches of pictures need not wait for PyAV.
-                    from depthcli.video.own_videos import (  # noqa: PLC0415
-                        check_replaceable_video,
-                    )
+        inputs = [path_of(self.input.path)]
+        return output_guard(inputs, overwrite=overwrite or self.is_listed).checked(
+            self.outputs.values()
+        )
 
-                    check_replaceable_video(path)
-                check_replaceable(path)
+    @property
+    def is_listed(self) -> bool:
+        """Whether the manifest lists files of these names as its outputs."""
+        return self.earlier is not None and self.has_names
 
     def _check_same_input(self, row: Row, sha256: str, out: Path) -> None:
         """Refuse to replace the outputs of a file of the same name in another folder.

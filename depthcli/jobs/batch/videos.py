@@ -50,7 +50,7 @@ class VideoWorker:
                 row = task.reusable_row(self.pictures.out, sha256, origin)
                 if row is not None:
                     return Result(row, is_kept=True)
-                task.check_replaceable()
+                task.guard(overwrite=self.pictures.options.overwrite)
                 if task.is_suspect:
                     check_video(task.input.path, source)
                 done = self._row(task, source, sha256)
@@ -66,7 +66,9 @@ class VideoWorker:
         options, out = self.pictures.options, self.pictures.out
         name = task.input.name
         names = {which: path.name for which, path in task.outputs.items()}
-        plan = VideoPlan(name, source, (out / name).parent, names, sha256=sha256)
+        overwrite = options.overwrite or task.is_listed
+        folder = (out / name).parent
+        plan = VideoPlan(name, source, folder, names, overwrite=overwrite, sha256=sha256)
         settings = VideoSettings(
             writing=options.writing,
             camera=options.camera.with_lens(task.lens),

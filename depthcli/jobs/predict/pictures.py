@@ -17,11 +17,11 @@ from depthcli.inference.session import Session
 from depthcli.inference.trial import check_network
 from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.own_outputs import check_replaceable
+from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.remote import path_of
 from depthcli.jobs.failed import FailedInput, failure_reason
 from depthcli.jobs.finished import finished_depth
-from depthcli.jobs.outputs import write_output, write_stream
+from depthcli.jobs.outputs import output_guard, write_output, write_stream
 from depthcli.jobs.predict.plan import STDIO, PicturePlan
 from depthcli.jobs.predict.request import PredictRequest
 
@@ -49,13 +49,13 @@ def predict_pictures(
     points = _known_points(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
-    named = None if request.output is None else path_of(request.output)
+    known = [] if request.anchors is None else [path_of(request.anchors.path)]
+    inputs = [*known, *(plan.source for plan in plans if plan.source is not None)]
+    guard = output_guard(inputs, overwrite=request.overwrite)
     for plan in plans:
         try:
-            for path in plan.outputs.values():
-                if path is not None and path != named:
-                    check_replaceable(path)
-            yield _predict_picture(request, plan, loading, points)
+            checked = guard.checked(filter(None, plan.outputs.values()))
+            yield _predict_picture(request, plan, loading, points, checked)
         except (InputError, OutputError) as error:
             yield FailedInput(plan.name, error)
         except ModelError as error:
@@ -73,6 +73,7 @@ def _predict_picture(
     plan: PicturePlan,
     loading: Background[Session],
     points: AnchorPoints | None,
+    guard: Guard,
 ) -> PictureResult:
     start = time.perf_counter()
     camera = request.camera
@@ -91,7 +92,7 @@ def _predict_picture(
     if not points:
         warnings += focal_warnings(session.model.card, camera.lens)
     for name, path in plan.outputs.items():
-        warnings += _write_picture(request, name, depth, frame, path)
+        warnings += _write_picture(request, name, depth, frame, path, guard)
     return PictureResult(
         name=plan.name,
         outputs=tuple(str(path or STDIO) for path in plan.outputs.values()),
@@ -126,10 +127,15 @@ def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:
 
 
 def _write_picture(
-    request: PredictRequest, name: Format, depth: DepthMap, frame: Frame, path: Path | None
+    request: PredictRequest,
+    name: Format,
+    depth: DepthMap,
+    frame: Frame,
+    path: Path | None,
+    guard: Guard,
 ) -> tuple[str, ...]:
     if path is not None:
-        return write_output(request.writing, name, depth, frame, path)
+        return write_output(request.writing, name, depth, frame, path, guard)
     if request.stdout is None:
         raise UsageError("output is '-' but there is no stdout; name a file or a folder")
     return write_stream(request.writing, name, depth, frame, request.stdout)

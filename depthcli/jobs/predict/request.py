@@ -26,6 +26,7 @@ class PredictRequest:
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size picture
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
+    overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read
     stdout: BinaryIO | None = None  #: where ``-`` is written
     #: a file with known depth for all pictures, in place of the camera's points

@@ -6,6 +6,7 @@ from functools import partial
 
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import WriterOptions
+from depthcli.io.storage.guard import Guard
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.video.audio import AudioTrack
 from depthcli.video.codecs import preview_codec
@@ -25,6 +26,7 @@ def open_output(
     writing: WriterOptions,
     source: FrameSource,
     rate: Fraction,
+    guard: Guard,
 ) -> AbstractContextManager[VideoOutput]:
     """Open the output of one format.
 
@@ -34,14 +36,15 @@ def open_output(
         writing: options of the formats.
         source: the video or sequence that is read.
         rate: frames per second of the output.
+        guard: of existing files.
     """
-    target, inputs = plan.target(which), source.paths
+    target = plan.target(which)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
     if which is VideoFormat.MKV:
         colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
-        return depth_video(target, timing, writing.png_scale, inputs, colours)
+        return depth_video(target, timing, writing.png_scale, guard, colours)
     picture = VIDEO_FORMATS[which].picture
     if picture is None:
         raise ValueError(which)
@@ -50,10 +53,10 @@ def open_output(
         name = partial(numbered_name, plan.names[which])
         is_exr = which is VideoFormat.EXR
         return nullcontext(
-            SequenceOutput(which.value, plan.folder, name, writer, inputs, has_overscan=is_exr)
+            SequenceOutput(which.value, plan.folder, name, writer, guard, has_overscan=is_exr)
         )
     codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
     audio = None
     if plan.has_audio and source.start_s is not None:
         audio = AudioTrack(plan.source, source.start_s)
-    return preview_video(target, timing, writer, inputs, codec=codec, audio=audio)
+    return preview_video(target, timing, writer, guard, codec=codec, audio=audio)

@@ -30,8 +30,7 @@ class VideoPlan:
     codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)  #: of the previews
     has_audio: bool = True  #: whether previews include the audio
     stdout: BinaryIO | None = None  #: the stream for ``-``
-    #: whether the depth video may replace one of another program: its name is not depthcli's choice
-    may_replace: bool = True
+    overwrite: bool = False  #: whether outputs may replace files of other programs
     #: SHA-256 of a source that is a temporary copy, which its path and its time do not identify
     sha256: str | None = None
 
@@ -60,7 +59,6 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     formats = video_formats(output, request.formats)
     source, file = _source(name, request.stdin), None if name == STDIO else path_of(name)
     wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if request.sidecar else formats))
-    may_replace = output == STDIO
     if output == STDIO:
         folder, names = Path(), _stdout_name(wanted, request.stdout)
     elif output is None or is_output_folder(output):
@@ -70,13 +68,19 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     else:
         folder = path_of(output).parent
         names = file_names(path_of(output), formats, wanted)
-        may_replace = names.get(VideoFormat.MKV) == path_of(output).name
     asked = None if request.codec is None else Codec(request.codec)
     previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
     codecs = {which: preview_codec(f".{which}", asked) for which in previews}
     stdout = request.stdout if output == STDIO else None
     plan = VideoPlan(
-        safe_name(name), source, folder, names, codecs, request.has_audio, stdout, may_replace
+        safe_name(name),
+        source,
+        folder,
+        names,
+        codecs,
+        request.has_audio,
+        stdout,
+        request.overwrite,
     )
     for which in names:
         check_writable(plan.path(which))

@@ -54,5 +54,6 @@ class VideoRequest:
     settings: VideoSettings = field(default_factory=VideoSettings)
     #: worker threads besides the one that decodes and writes; None for one per core
     workers: int | None = None
+    overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read
     stdout: BinaryIO | None = None  #: where ``-`` is written

@@ -43,6 +43,11 @@ class EarlierFrames:
             return None
         return DepthMap(maps[0].values, self._kind)  # NPY does not state the kind
 
+    @property
+    def is_resumed(self) -> bool:
+        """Whether the files are those of an earlier run that was stopped."""
+        return self._journal is not None and self._journal.is_resumed
+
     def add(self, number: int) -> None:
         """Record that a frame is written."""
         if self._journal is not None:

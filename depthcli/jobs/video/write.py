@@ -16,8 +16,9 @@ from depthcli.errors import InputError, OutputError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.sidecar import remove_video_sidecar
-from depthcli.io.listing.own_outputs import check_replaceable
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.guard import Guard
+from depthcli.jobs.outputs import output_guard
 from depthcli.jobs.video.outputs import open_output
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.jobs.video.request import VideoSettings
@@ -29,7 +30,6 @@ from depthcli.video.frame_source import open_frames
 from depthcli.video.frames import FrameSource
 from depthcli.video.number_pattern import base_name
 from depthcli.video.output import DepthFrame, VideoOutput
-from depthcli.video.own_videos import check_replaceable_video
 
 _ON_GRID = 1e-6
 
@@ -52,7 +52,9 @@ def write_video(
         UsageError: the options do not fit the model.
     """
     start_s = time.perf_counter()
-    _check_replaceable(plan)
+    for which in plan.names:
+        if plan.path(which).is_dir():
+            raise OutputError(f"{plan.path(which)} is a folder", "choose another {out}")
     with (
         open_frames(
             plan.source,
@@ -64,12 +66,13 @@ def write_video(
     ):
         rate = settings.span.rate(source.rate)
         earlier = stack.enter_context(earlier_frames(plan, source, pipeline, settings))
+        guard = output_guard(source.paths, overwrite=plan.overwrite or earlier.is_resumed)
         outputs = [
-            stack.enter_context(open_output(which, plan, settings.writing, source, rate))
+            stack.enter_context(open_output(which, plan, settings.writing, source, rate, guard))
             for which in plan.names
             if which is not VideoFormat.JSON
         ]
-        sidecar = _sidecar(plan, source.paths, stack)
+        sidecar = _sidecar(plan, guard, stack)
         scale = rounding_scale(plan, pipeline, settings)
         stages = FrameStages(pipeline, settings, earlier.kept, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
@@ -92,29 +95,17 @@ def write_video(
     return dataclasses.replace(done, seconds=seconds, warnings=(*done.warnings, *warnings))
 
 
-def _check_replaceable(plan: VideoPlan) -> None:
-    for which in plan.names:
-        if plan.path(which).is_dir():
-            raise OutputError(
-                f"{plan.path(which)} is a folder; move it away or choose another --out"
-            )
-        if which is VideoFormat.MKV and not plan.may_replace:
-            check_replaceable_video(plan.path(which))
-        if which is VideoFormat.JSON:
-            check_replaceable(plan.path(which))
-
-
 def _remove_stale_sidecar(plan: VideoPlan) -> None:
     """Remove the sidecar of an earlier run, which would state its camera for files without one."""
     base = base_name(plan.names[VideoFormat.NPY])
     remove_video_sidecar(plan.folder / f"{base}.json")
 
 
-def _sidecar(plan: VideoPlan, inputs: Sequence[Path], stack: ExitStack) -> Path | None:
+def _sidecar(plan: VideoPlan, guard: Guard, stack: ExitStack) -> Path | None:
     """Temporary path of the JSON file; None if it is not an output."""
     if VideoFormat.JSON not in plan.names:
         return None
-    return stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), inputs=inputs))
+    return stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
 
 
 def _process_frames(

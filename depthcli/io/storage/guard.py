@@ -1,0 +1,96 @@
+"""The guard of existing files, which every output passes before it takes a path's place."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self, TypeAlias
+
+from depthcli.errors import Message, OutputError
+from depthcli.io.storage.remote import RemotePath
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from pathlib import Path
+
+_Identity: TypeAlias = tuple[int, int] | str
+_ADVICE = "choose another {out}, or replace it with {overwrite}"
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """An existing file is replaced only if depthcli wrote it, or on request; an input never.
+
+    A file without content has nothing to lose, and is replaced as well.
+
+    Attributes:
+        is_own: whether depthcli wrote a file that exists; it raises OSError if that cannot be read.
+        inputs: the files that are never replaced, as the file system tells them apart.
+        overwrite: whether files of other programs may be replaced.
+    """
+
+    is_own: Callable[[Path], bool]
+    inputs: frozenset[_Identity] = frozenset()
+    overwrite: bool = False
+
+    @classmethod
+    def of(
+        cls, is_own: Callable[[Path], bool], inputs: Iterable[Path], *, overwrite: bool = False
+    ) -> Self:
+        """Make a guard of inputs, which are looked up now."""
+        return cls(is_own, frozenset(map(_identity, inputs)), overwrite)
+
+    def check(self, path: Path) -> None:
+        """Check that an output may be written to a path.
+
+        In an object store, that takes one request.
+
+        Raises:
+            OutputError: the path is an input, or an existing file that depthcli did not write.
+        """
+        if self.inputs and _identity(path) in self.inputs:
+            raise OutputError(f"{path} is an input and is not replaced", "choose another {out}")
+        if not self.overwrite and self._is_foreign(path):
+            raise OutputError(f"{path} exists and was not written by depthcli", _ADVICE)
+
+    def checked(self, paths: Iterable[Path]) -> Self:
+        """Check outputs before any work is done; returns the guard for writing them.
+
+        Raises:
+            OutputError: one of them may not be written.
+        """
+        for path in paths:
+            self.check(path)
+        return replace(self, overwrite=True)
+
+    def _is_foreign(self, path: Path) -> bool:
+        """Whether there is a file that depthcli did not write."""
+        is_remote = isinstance(path, RemotePath)
+        try:
+            return (is_remote or path.stat().st_size > 0) and not self.is_own(path)
+        except FileNotFoundError:
+            return False
+        except PermissionError as error:
+            # Without the right to list, S3 answers 403 for missing objects.
+            if is_remote or not os.path.isfile(path):  # noqa: PTH113 - never raises
+                return False
+            problem = Message(f"{path} may not be read, so it may be another program's", _ADVICE)
+            raise OutputError(problem) from error
+        except (OSError, ValueError) as error:
+            if not is_remote:
+                return False  # a folder or an impossible name: writing it tells why
+            raise OutputError(
+                f"cannot write {path}: {getattr(error, 'strerror', error)}"
+            ) from error
+
+
+def _identity(path: Path) -> _Identity:
+    """What tells files apart, whatever their names and the links that lead to them."""
+    if isinstance(path, RemotePath):
+        return str(path)
+    place = os.path.realpath(path)  # also through folders that do not exist yet
+    try:
+        status = os.stat(place)  # noqa: PTH116 - names with any byte pass here
+    except (OSError, ValueError):
+        return place
+    return status.st_dev, status.st_ino
