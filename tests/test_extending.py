@@ -138,7 +138,7 @@ def test_a_data_set(extended: Extended) -> None:
     (folder / "associations.txt").write_text("\n".join(lines))
     assert extended.train("proposed", "desk", "--preset", "default")
     code = "from depthcli.training.checkpoint import Checkpoint; from pathlib import Path; "
-    code += "print(Checkpoint.load(Path('desk-run/last.ckpt')).progress.hfov_deg)"
+    code += "print(Checkpoint.load(Path('desk-run/last.ckpt')).provenance.hfov_deg)"
     assert float(extended.run("-c", code)) == 62.7
     assert "abs_rel" in extended.run("compare.py")
     shown = extended.run("-m", "depthcli", "eval", "pairs", "desk", "--limit", "2")

@@ -37,7 +37,7 @@ PLAUSIBLE = PlausibleDepth(
     0.1,
     100.0,
     "is millimetres unless --png-scale (eval pairs) or data.units_per_metre (train --data) states "
-    "another; --extra has to be in millimetres",
+    "another; --pseudo-labels has to be in millimetres",
 )
 
 

@@ -54,9 +54,9 @@ class TrainingData(NamedTuple):
     #: horizontal field of view of its camera in degrees; None if it is not known
     hfov_deg: float | None
     #: pairs with less accurate depth, such as predictions; None if there are none
-    extra: PairedFolder | None = None
+    pseudo_labels: PairedFolder | None = None
 
-    def with_extra(self, extra: PairedFolder) -> "TrainingData":
+    def with_pseudo_labels(self, pseudo_labels: PairedFolder) -> "TrainingData":
         """Add further pairs, scaled to this data's camera if their focal lengths are known.
 
         Those of cameras.csv, else those that the depth images state.
@@ -64,18 +64,18 @@ class TrainingData(NamedTuple):
         Raises:
             DatasetError: only some of the depth images state theirs, or one cannot be read.
         """
-        focal_px = extra.focal_px or stated_focal_px(extra.depths)
+        focal_px = pseudo_labels.focal_px or stated_focal_px(pseudo_labels.depths)
         if focal_px:
-            known = replace(extra, focal_px=focal_px)
-            extra = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
-        return self._replace(extra=extra)
+            known = replace(pseudo_labels, focal_px=focal_px)
+            pseudo_labels = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
+        return self._replace(pseudo_labels=pseudo_labels)
 
     @property
-    def extra_title(self) -> str:
-        """Name of the extra pairs in a model's card; "" if there are none."""
-        if self.extra is None:
+    def pseudo_labels_title(self) -> str:
+        """Name of the pseudo labels in a model's card; "" if there are none."""
+        if self.pseudo_labels is None:
             return ""
-        return f"{len(self.extra)} extra pairs ({self.extra.root.resolve().name})"
+        return f"{len(self.pseudo_labels)} pseudo labels ({self.pseudo_labels.root.resolve().name})"
 
     @property
     def aspect(self) -> float:

@@ -19,7 +19,7 @@ from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, Colour, Fit, InputSpec, OnnxSpec, OutputSpec
 from depthcli.models.locations import CARD_NAME, CARD_SUFFIX
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.seen_pairs import data_set, seen_by_run
+from depthcli.training.provenance import data_set
 
 MODEL_NAME = "model.onnx"
 _FULL_STRIDE = 4
@@ -42,11 +42,11 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     """
     config = saved.config
     codec = config.output.codec
-    hfov_deg = _hfov_deg(options.hfov_deg, saved.progress.hfov_deg)
+    hfov_deg = _hfov_deg(options.hfov_deg, saved.provenance.hfov_deg)
     card = ModelCard(
         name=options.name,
         version=options.version,
-        summary=f"{config.method}, {config.generator.name} generator, {saved.progress.data}",
+        summary=f"{config.method}, {config.generator.name} generator, {saved.provenance.data}",
         license=options.license,
         input=InputSpec(
             colour=Colour(config.data.colour),
@@ -57,7 +57,7 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
             fit=Fit.KEEP_ASPECT,
             mean=(0.5,),
             std=(0.5,),
-            pixel_aspect=round(saved.progress.aspect * config.data.height / config.data.width, 9),
+            pixel_aspect=round(saved.provenance.aspect * config.data.height / config.data.width, 9),
         ),
         output=OutputSpec(
             kind=DepthKind.METRIC,
@@ -91,28 +91,28 @@ def _hfov_deg(given: float | None, known: float | None) -> float | None:
 
 
 def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]:
-    progress = saved.progress
-    averaged = saved.average is None or options.weights is Weights.AVERAGED
+    state, provenance = saved.state, saved.provenance
+    averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
     is_int8 = options.int8_pictures is not None
     precision = "int8" if is_int8 else "float16" if options.half else None
-    seen = seen_by_run(progress)
-    is_new = set(progress.held_out_ids).isdisjoint(seen.get(data_set(progress.data), ()))
+    seen = provenance.seen_ids
+    is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
     # Parity keeps float16 near the weights that were validated; the others differ from them.
     validated = averaged and is_new and not (options.mirror or is_int8)
     return {
-        "data": progress.data,
-        **({"extra": progress.extra} if progress.extra else {}),
-        **({"start": progress.start} if progress.start else {}),
+        "data": provenance.data,
+        **({"pseudo_labels": provenance.pseudo_labels} if provenance.pseudo_labels else {}),
+        **({"init_weights": provenance.init_weights} if provenance.init_weights else {}),
         "method": saved.config.method,
         "seed": saved.config.seed,
-        "pairs": len(progress.train_ids),
-        "held_out_pairs": len(progress.held_out_ids),
+        "pairs": len(provenance.train_ids),
+        "held_out_pairs": len(provenance.held_out_ids),
         **_nyu_pairs(seen),
-        "steps": progress.step,
-        "minutes": round(progress.seconds / 60, 1),
+        "steps": state.step,
+        "minutes": round(state.seconds / 60, 1),
         "validation": {
             name: round(value, 4)
-            for name, value in progress.scores.items()
+            for name, value in state.scores.items()
             if validated and math.isfinite(value)
         },
         **({} if averaged else {"weights": str(Weights.RAW)}),

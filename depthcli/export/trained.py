@@ -13,10 +13,10 @@ from depthcli.export.onnx import check_predicts_depth, export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.models.catalog import read_model
 from depthcli.models.locations import ModelLocation
-from depthcli.training.checkpoint import RunProgress, load_generator
+from depthcli.training.checkpoint import load_generator
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.folder import CHECKPOINT
-from depthcli.training.seen_pairs import seen_by_run
+from depthcli.training.provenance import DataProvenance
 from depthcli.training.trained_run import TrainedRun
 
 CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
@@ -44,29 +44,29 @@ def open_run(folder: Path) -> TrainedRun:
         CheckpointError: it cannot be used.
     """
     generator, saved = load_generator(folder / CHECKPOINT)
-    config, progress = saved.config, saved.progress
+    config, state, provenance = saved.config, saved.state, saved.provenance
     check_predicts_depth(folder / CHECKPOINT, config.method)
     return TrainedRun(
         folder=folder,
         seed=config.seed,
-        settings=_settings(config, progress),
+        settings=_settings(config, provenance),
         paired=config.data.paired,
         parameters=sum(weights.numel() for weights in generator.parameters()),
-        epochs=progress.epoch,
+        epochs=state.epoch,
         epochs_planned=config.optim.epochs,
-        steps=progress.step,
-        minutes=progress.seconds / 60,
-        train_ids=progress.train_ids,
-        held_out_ids=progress.held_out_ids,
-        nyu_ids=seen_by_run(progress).get(NYU, ()),
+        steps=state.step,
+        minutes=state.seconds / 60,
+        train_ids=provenance.train_ids,
+        held_out_ids=provenance.held_out_ids,
+        nyu_ids=provenance.seen_ids.get(NYU, ()),
     )
 
 
-def _settings(config: TrainConfig, progress: RunProgress) -> str:
+def _settings(config: TrainConfig, data: DataProvenance) -> str:
     """What seeds of one experiment have in common, as JSON."""
     settings = dataclasses.asdict(dataclasses.replace(config, seed=0))
-    extra = [progress.extra, progress.extra_pairs, progress.fingerprints[1:]]
-    sources = [progress.data, progress.train_ids, extra, progress.start]
+    labels = [data.pseudo_labels, data.pseudo_label_ids, data.pseudo_label_fingerprint]
+    sources = [data.data, data.train_ids, labels, data.init_weights]
     return json.dumps([settings, sources])
 
 

@@ -10,7 +10,7 @@ class WeightAverage:
     """Exponential moving average (EMA) of a network's weights.
 
     Each update keeps the fraction ``decay`` of the average, less in the first steps, so that the
-    initial weights have little influence. ``network`` has the average, in evaluation mode.
+    init weights have little influence. ``network`` has the average, in evaluation mode.
     """
 
     def __init__(self, network: nn.Module, decay: float) -> None:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.threads import Threads
 
 
@@ -12,10 +12,10 @@ class TrainStart:
 
     threads: Threads  #: CPU threads that it uses
     lacks_scenes: bool  #: whether there are too few scenes to hold some out as configured
-    seen_held_out: int  #: number of held-out pairs that the initial weights were trained on
-    #: decoder channels of the initial weights and of the network, if they are narrowed to these
+    seen_held_out: int  #: number of held-out pairs that the init weights were trained on
+    #: decoder channels of the init weights and of the network, if they are narrowed to these
     narrowed_decoder: tuple[tuple[int, ...], tuple[int, ...]] | None = None
-    #: settings of colour and depth in which the initial weights differ, one text each
+    #: settings of colour and depth in which the init weights differ, one text each
     other_coding: tuple[str, ...] = ()
 
 
@@ -25,8 +25,8 @@ class Callback:
     def on_train_start(self, start: TrainStart) -> None:
         """Called before the first step, also of a resumed run."""
 
-    def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
+    def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Called after each step; ``steps`` is their total number."""
 
-    def on_epoch_end(self, progress: RunProgress) -> None:
+    def on_epoch_end(self, state: TrainState) -> None:
         """Called after each epoch, once it is validated and saved."""

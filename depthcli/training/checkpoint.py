@@ -9,32 +9,23 @@ from typing import Annotated, Any, Self, TypeAlias
 import torch
 from torch import nn
 
-from depthcli.core.camera_ranges import HFOV_DEG
 from depthcli.core.choices import Weights
 from depthcli.core.validation import FieldError, Rule, merged, validated
-from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG, NYU_PAPER
 from depthcli.errors import CheckpointError, UsageError
-from depthcli.io.storage.regular import regular_size
 from depthcli.io.storage.temporaries import temporary_beside
-from depthcli.training.checkpoint_check import check_finite, check_process, check_tensors
 from depthcli.training.config.ranges import check_range
 from depthcli.training.config.rules import Amount, Count
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.networks.build import build_generator
+from depthcli.training.provenance import DataProvenance, data_set
 
 _FORMAT = "depthcli-checkpoint"
-_VERSION = 1
-_FORMER_NAMES = {  # before 0.7
-    "judge": "discriminator",
-    "judge_depth": "depth_discriminator",
-    "judge_gray": "gray_discriminator",
-}
+_VERSION = 2
 _Score: TypeAlias = Annotated[float, Rule("a number", lambda _: True, is_finite=False)]
-_Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class RunProgress:
+class TrainState:
     """How far a run has come."""
 
     step: Count = 0  #: optimization steps done
@@ -42,22 +33,6 @@ class RunProgress:
     seconds: Amount = 0.0  #: training time so far, of all sessions
     #: validation metrics after the last step by name; empty if it was not validated then
     scores: dict[str, _Score] = dataclasses.field(default_factory=dict)
-    train_ids: tuple[str, ...] = ()  #: pairs the networks were trained on
-    held_out_ids: tuple[str, ...] = ()  #: pairs they were validated on
-    data: str = NYU_PAPER  #: name of their data set, as in model cards
-    #: horizontal field of view of their camera in degrees; None if it is not known
-    hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
-    extra: str = ""  #: name of the extra pairs; "" if there are none
-    #: those pairs, by :func:`~depthcli.training.seen_pairs.extra_pairs`; empty before 0.11
-    extra_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
-    start: str = ""  #: origin of the initial weights; "" for a random initialization
-    #: pairs that those were trained on, by :func:`~depthcli.training.seen_pairs.data_set`
-    start_pairs: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
-    start_ids: tuple[str, ...] = ()  #: before 0.10, those of them that are of this data set
-    aspect: _Aspect = NYU_ASPECT  #: width over height of their first picture
-    #: :func:`~depthcli.datasets.fingerprint.data_fingerprint` of the data set and, if there are
-    #: any, of the extra pairs; empty before 0.11
-    fingerprints: tuple[str, ...] = ()
     #: CPU threads of the last session, on which the last digits depend; 0 if unknown
     threads: Count = 0
 
@@ -67,10 +42,11 @@ class Checkpoint:
     """The saved state of a run."""
 
     config: TrainConfig  #: of the run
-    progress: RunProgress  #: how far it had come
+    state: TrainState  #: how far it had come
+    provenance: DataProvenance  #: the data it is trained on
     method: dict[str, Any]  #: state dict of all networks
     #: state dict of the averaged generator; None if the run keeps none
-    average: dict[str, Any] | None
+    ema_generator: dict[str, Any] | None
     optimizers: dict[str, Any]  #: state dicts by phase
     extra: dict[str, Any]  #: further state of the method, such as image pools
     rng: torch.Tensor  #: state of torch's generator, (n,) uint8
@@ -87,8 +63,8 @@ class Checkpoint:
             CheckpointError: it cannot be written.
         """
         content = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        content["config"] = dataclasses.asdict(self.config)
-        content["progress"] = dataclasses.asdict(self.progress)
+        for name in ("config", "state", "provenance"):
+            content[name] = dataclasses.asdict(content[name])
         content |= {"format": _FORMAT, "version": _VERSION}
         try:
             with temporary_beside(path) as temporary:
@@ -100,7 +76,7 @@ class Checkpoint:
             # torch's message of a failed write names no cause.
             reason = getattr(error, "strerror", None) or "not all of it reached the disk"
             raise CheckpointError(
-                f"cannot write {path} ({reason}): free some space; older checkpoints are kept"
+                f"cannot write {path} ({reason})", "free some space; older checkpoints are kept"
             ) from error
 
     @classmethod
@@ -108,64 +84,58 @@ class Checkpoint:
         """Read a checkpoint; no code in it is executed.
 
         Raises:
-            CheckpointError: missing, truncated, foreign, or of another version.
+            CheckpointError: missing, truncated, foreign, or of a newer version.
         """
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # torch warns of files in other formats
-                # A pipe or a device could be read without end.
-                source = path if regular_size(path) else os.devnull
-                content = torch.load(source, map_location="cpu", weights_only=True)
+                content = torch.load(path, map_location="cpu", weights_only=True)
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None
         except Exception as error:  # a file that is not a pickle can raise anything
             raise CheckpointError(
-                f"{path} is not a complete checkpoint of 'depthcli train'; use another one"
+                f"{path} is not a complete checkpoint of 'depthcli train'", "use another one"
             ) from error
         if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
-            raise CheckpointError(f"{path} was not made by `depthcli train`")
-        if content.pop("version", None) != _VERSION:
-            raise CheckpointError(f"{path} was made by another version of depthcli; use that one")
+            raise CheckpointError(f"{path} was not made by 'depthcli train'")
+        version = content.pop("version", None)
+        if version not in {1, _VERSION}:
+            raise CheckpointError(f"{path} was made by another version of depthcli", "use that one")
         try:
-            config = merged(TrainConfig(), content.pop("config", None))
-        except FieldError as error:
-            raise CheckpointError(
-                f"{path} has a configuration of another version: {error}"
-            ) from error
-        try:
-            check_range(config)
-            content["progress"] = validated(RunProgress, content["progress"])
-            saved = cls(config=config, **content)
-            saved._check()
+            content = content if version == _VERSION else _from_version_1(content)
+            content["config"] = merged(TrainConfig(), content["config"])
+            check_range(content["config"])
+            content["state"] = validated(TrainState, content["state"])
+            content["provenance"] = validated(DataProvenance, content["provenance"])
+            return cls(**content)
         except (FieldError, UsageError) as error:
-            raise CheckpointError(f"{path} cannot be used: {error}; use an earlier one") from error
-        except (AttributeError, KeyError, RuntimeError, TypeError) as error:
+            raise CheckpointError(f"{path} cannot be used: {error}", "use another one") from error
+        except (AttributeError, KeyError, TypeError) as error:
             raise CheckpointError(
-                f"{path} lacks parts of a checkpoint; use an earlier one"
+                f"{path} lacks parts of a checkpoint", "use another one"
             ) from error
-        named = {_present_name(key): tensor for key, tensor in saved.method.items()}
-        return dataclasses.replace(saved, method=named)
-
-    def _check(self) -> None:
-        """Check types and values; networks are not built yet.
-
-        Raises:
-            FieldError: a value is of another type or not finite.
-        """
-        check_tensors("the networks", self.method)
-        if self.average is not None:
-            check_tensors("the average", self.average)
-        check_finite("the optimizers", self.optimizers)
-        check_finite("the loss scaler", self.precision)
-        own = {"rng": self.rng, "device_rng": self.device_rng, "extra": self.extra}
-        for process in [own, *self.others]:
-            check_process(process)
 
 
-def _present_name(key: str) -> str:
-    """A key of the networks' state dict as it is named now."""
-    network, dot, rest = key.partition(".")
-    return f"{_FORMER_NAMES.get(network, network)}{dot}{rest}"
+def _from_version_1(content: dict[str, Any]) -> dict[str, Any]:
+    """A checkpoint of depthcli 0.15 or earlier in the present names."""
+    config, progress = content["config"], content.pop("progress")
+    config["data"]["pseudo_label_share"] = config["data"].pop("extra_share", 0.5)
+    config["loss"]["pseudo_label_scale"] = config["loss"].pop("extra_scale", 0.0)
+    fingerprints = [*progress.pop("fingerprints", ()), "", ""]
+    start_ids = {data_set(progress.get("data", "")): progress.pop("start_ids", ())}
+    provenance = {
+        "fingerprint": fingerprints[0],
+        "pseudo_labels": progress.pop("extra", ""),
+        "pseudo_label_ids": progress.pop("extra_pairs", {}),
+        "pseudo_label_fingerprint": fingerprints[1],
+        "init_weights": progress.pop("start", ""),
+        "init_ids": progress.pop("start_pairs", {}) or start_ids,
+    }
+    for name in ("data", "train_ids", "held_out_ids", "hfov_deg", "aspect"):
+        if name in progress:
+            provenance[name] = progress.pop(name)
+    average = content.pop("average", None)
+    return content | {"state": progress, "provenance": provenance, "ema_generator": average}
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:
@@ -176,7 +146,7 @@ def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.
     """
     checkpoint = Checkpoint.load(path)
     generator = build_generator(checkpoint.config.generator)
-    state = checkpoint.average if weights is Weights.AVERAGED else None
+    state = checkpoint.ema_generator if weights is Weights.AVERAGED else None
     if state is None:
         prefix = "generator."
         named = checkpoint.method.items()

@@ -1,17 +1,12 @@
 """Stopping at losses or weights that are not finite."""
 
 import math
-from collections.abc import Mapping
 
 import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
-from torch.optim import Optimizer
 
-from depthcli.core.validation import FieldError
 from depthcli.errors import TrainingError
-from depthcli.training.checkpoint_check import check_finite
-from depthcli.training.methods.base import Phase
 
 _ADVICE = (
     "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "
@@ -31,7 +26,7 @@ def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]
     values = dict(zip(losses, together.tolist(), strict=True))
     for name, value in values.items():
         if not math.isfinite(value):
-            raise TrainingError(f"the loss term '{name}' became {value}: {_ADVICE}")
+            raise TrainingError(f"the loss term '{name}' became {value}", _ADVICE)
     return values
 
 
@@ -44,17 +39,4 @@ def check_weights(method: nn.Module, step: int) -> None:
     for name, network in method.named_children():
         whole = [weight.isfinite().all() for weight in network.state_dict().values()]
         if whole and not bool(torch.stack(whole).all()):
-            raise TrainingError(f"a weight of '{name}' is not finite after step {step}: {_ADVICE}")
-
-
-def check_moments(optimizers: Mapping[Phase, Optimizer], step: int) -> None:
-    """Check the optimizers before they are saved: the square of a finite gradient can overflow.
-
-    Raises:
-        TrainingError: a moment is not finite; the message names its optimizer and the step.
-    """
-    for name, optimizer in optimizers.items():
-        try:
-            check_finite(f"the optimizer of the {name}", optimizer.state_dict())
-        except FieldError as error:
-            raise TrainingError(f"{error} after step {step}: {_ADVICE}") from error
+            raise TrainingError(f"a weight of '{name}' is not finite after step {step}", _ADVICE)

@@ -24,5 +24,5 @@ def write_errors(folder: Path) -> Iterator[None]:
         cause = error if isinstance(error, OSError) else error.__cause__
         reason = getattr(cause, "strerror", None) or str(error)
         is_full = getattr(cause, "errno", None) in {errno.ENOSPC, errno.EDQUOT}
-        advice = "free some space or give another --out" if is_full else "give another --out"
-        raise TrainingError(f"cannot write to {folder} ({reason}): {advice}") from error
+        advice = "free some space or give another {out}" if is_full else "give another {out}"
+        raise TrainingError(f"cannot write to {folder} ({reason})", advice) from error

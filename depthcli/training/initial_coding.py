@@ -1,4 +1,4 @@
-"""How initial weights encode colour and depth, which does not show in their shapes."""
+"""How init weights encode colour and depth, which does not show in their shapes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,14 +9,14 @@ from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import value_differences
 from depthcli.training.methods.registry import method_class
+from depthcli.training.provenance import value_differences
 
 _CODINGS = {Transform.LINEAR: "linear", Transform.EXP: "log"}
 
 
 def coding_differences(config: TrainConfig, paths: Sequence[Path]) -> tuple[str, ...]:
-    """Settings of colour and depth in which initial weights differ from a run, one text each.
+    """Settings of colour and depth in which init weights differ from a run, one text each.
 
     Args:
         config: of the run.

@@ -1,4 +1,4 @@
-"""Initial weights from exported models or from checkpoints of other runs."""
+"""Init weights from exported models or from checkpoints of other runs."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,9 +10,11 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 
 from depthcli.errors import CheckpointError
-from depthcli.training.checkpoint import load_generator
+from depthcli.models.catalog import find_model
+from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.config.schema import GeneratorConfig
 from depthcli.training.initial_coding import check_same_coding
+from depthcli.training.provenance import PairIds, ids_of_card, merged_ids
 from depthcli.training.resized_weights import decoder_channels, narrows, resized_weights
 from depthcli.training.weights_origin import weights_origin
 
@@ -23,7 +25,9 @@ _INT8_NODES = frozenset({"DequantizeLinear", "QLinearConv", "ConvInteger", "MatM
 _WEIGHTS = (".weight", ".bias", "input_gain")
 
 
-def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[], Tensor]) -> str:
+def load_init_weights(
+    generator: nn.Module, paths: Sequence[Path], pictures: Callable[[], Tensor]
+) -> str:
     """Load the weights of a file, or the mean of those of several, into a generator.
 
     The mean of networks fine-tuned from the same one is often better than each of them (Wortsman
@@ -54,11 +58,11 @@ def start_from(generator: nn.Module, paths: Sequence[Path], pictures: Callable[[
 def narrowed_decoder(
     config: GeneratorConfig, paths: Sequence[Path]
 ) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
-    """Decoder channels of initial weights and of the network, if they are narrowed to these.
+    """Decoder channels of init weights and of the network, if they are narrowed to these.
 
     Args:
         config: of the network.
-        paths: as for :func:`start_from`; none is fine.
+        paths: as for :func:`load_init_weights`; none is fine.
 
     Raises:
         CheckpointError: a file cannot be read.
@@ -134,3 +138,22 @@ def _of_onnx(path: Path) -> dict[str, Tensor]:
 def _of_checkpoint(path: Path) -> dict[str, Tensor]:
     generator, _ = load_generator(path)
     return dict(generator.state_dict())
+
+
+def seen_by_files(paths: Sequence[Path]) -> PairIds:
+    """Ids of the pairs that the weights of any file were trained on, by data set.
+
+    Args:
+        paths: checkpoints and exported models; none is fine. The card of a model states its pairs
+            of NYU Depth v2 only.
+
+    Raises:
+        CheckpointError: a checkpoint cannot be read.
+        ModelError: a model cannot be read.
+    """
+    return merged_ids(
+        ids_of_card(find_model(path).card)
+        if path.suffix == ".onnx"
+        else Checkpoint.load(path).provenance.seen_ids
+        for path in paths
+    )

@@ -32,8 +32,8 @@ def open_fabric(accelerator: str, precision: Precision, devices: int = 1) -> Fab
         )
     except (ImportError, MisconfigurationException, RuntimeError, ValueError) as error:
         raise UsageError(
-            f"cannot train with --accelerator {accelerator}, --devices {devices} and "
-            f"precision={precision} here: {error}"
+            f"cannot train on {devices} devices of {accelerator} with precision={precision} here: "
+            f"{error}"
         ) from error
 
 

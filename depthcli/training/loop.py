@@ -12,7 +12,7 @@ from depthcli.core.interrupt import Interrupt
 from depthcli.datasets.training_data import TrainingData
 from depthcli.training import metrics_log
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.devices import any_process, rank_zero_first
 from depthcli.training.finite import check_weights
@@ -41,8 +41,8 @@ def fit(
     callback: Callback,
     limits: Limits | None = None,
     interrupt: Interrupt | None = None,
-    start: Sequence[Path] = (),
-) -> RunProgress:
+    init_weights: Sequence[Path] = (),
+) -> TrainState:
     """Train until the schedule, a limit or a signal ends it; resume from the folder's checkpoint.
 
     Args:
@@ -53,7 +53,7 @@ def fit(
         callback: called after each step and epoch.
         limits: when to stop early; the run can be resumed.
         interrupt: entered here; after a signal, the run stops at the end of the step and saves.
-        start: exported models or checkpoints; a new run starts from the mean of their weights.
+        init_weights: exported models or checkpoints; a new run starts from the mean of them.
 
     Returns:
         How far the run has come.
@@ -66,44 +66,44 @@ def fit(
     """
     limits, interrupt = limits or Limits(), interrupt or Interrupt()
     with rank_zero_first(fabric):
-        setup = set_up(config, data, folder, fabric, start)
+        setup = set_up(config, data, folder, fabric, init_weights)
     run, batches = setup.run, setup.batches
-    started, before = time.monotonic(), run.progress
+    started, before = time.monotonic(), run.state
     with interrupt:
-        while run.progress.step < run.steps:
-            losses = run.step(batches[run.progress.step])
-            step, elapsed_s = run.progress.step + 1, time.monotonic() - started
+        while run.state.step < run.steps:
+            losses = run.step(batches[run.state.step])
+            step, elapsed_s = run.state.step + 1, time.monotonic() - started
             seconds = before.seconds + elapsed_s
-            run.progress = replace(run.progress, step=step, seconds=seconds, scores={})
+            run.state = replace(run.state, step=step, seconds=seconds, scores={})
             if fabric.is_global_zero:
-                callback.on_step_end(run.progress, run.steps, losses)
+                callback.on_step_end(run.state, run.steps, losses)
             over = limits.reached(elapsed_s, step - before.step) or interrupt.number is not None
             stops = any_process(fabric, over)
             epoch_ends = step % batches.steps_per_epoch == 0
             if epoch_ends:
                 _end_epoch(setup, folder, losses)
-            due = epoch_ends and run.progress.epoch % config.save_every == 0
+            due = epoch_ends and run.state.epoch % config.save_every == 0
             if due or stops or step == run.steps:
                 run.save(folder / CHECKPOINT)
             if epoch_ends and fabric.is_global_zero:
-                callback.on_epoch_end(run.progress)
+                callback.on_epoch_end(run.state)
             if stops:
                 break
-    return run.progress
+    return run.state
 
 
 def _end_epoch(setup: TrainingSetup, folder: Path, losses: dict[str, float]) -> None:
     """Count an epoch, validate if it is due, and log it."""
     run, validation = setup.run, setup.validation
-    check_weights(run.method, run.progress.step)
-    epoch = run.progress.epoch + 1
-    run.progress = replace(run.progress, epoch=epoch)
-    due = epoch % run.config.validate_every == 0 or run.progress.step == run.steps
+    check_weights(run.method, run.state.step)
+    epoch = run.state.epoch + 1
+    run.state = replace(run.state, epoch=epoch)
+    due = epoch % run.config.validate_every == 0 or run.state.step == run.steps
     if validation and due:
-        scores = validation.score(run.best_generator, run.fabric.device)
-        run.progress = replace(run.progress, scores=dict(scores.items()))
+        scores = validation.score(run.ema_generator, run.fabric.device)
+        run.state = replace(run.state, scores=dict(scores.items()))
         with write_errors(folder):
-            write_samples(folder, epoch, validation, run.best_generator, run.fabric)
+            write_samples(folder, epoch, validation, run.ema_generator, run.fabric)
     if run.fabric.is_global_zero:
         with write_errors(folder):
-            metrics_log.append(folder / METRICS_LOG, run.progress, losses)
+            metrics_log.append(folder / METRICS_LOG, run.state, losses)

@@ -9,17 +9,17 @@ from typing import Any
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.regular import read_regular
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 
 
-def append(path: Path, progress: RunProgress, losses: dict[str, float]) -> None:
+def append(path: Path, state: TrainState, losses: dict[str, float]) -> None:
     """Add the line of an epoch."""
     line = {
-        "epoch": progress.epoch,
-        "step": progress.step,
-        "seconds": round(progress.seconds, 1),
+        "epoch": state.epoch,
+        "step": state.step,
+        "seconds": round(state.seconds, 1),
         "losses": losses,
-        "scores": finite_or_none(progress.scores),
+        "scores": finite_or_none(state.scores),
     }
     with path.open("ab", buffering=0) as file:
         append_whole(file, json.dumps(line).encode() + b"\n")

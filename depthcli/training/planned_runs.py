@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.checkpoint import Checkpoint, TrainState
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import (
-    data_differences,
-    differences,
-    mismatch_error,
-    source_differences,
-)
 from depthcli.training.folder import CHECKPOINT
+from depthcli.training.provenance import (
+    DataProvenance,
+    config_differences,
+    data_differences,
+    mismatch_error,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,15 +21,15 @@ class PlannedRun:
 
     config: TrainConfig  #: what is trained
     folder: Path  #: its folder
-    #: what its data and initial weights give of its progress; None if they are not compared
-    facts: RunProgress | None = field(default=None, compare=False, repr=False)
+    #: what its data and init weights give of its progress; None if they are not compared
+    facts: DataProvenance | None = field(default=None, compare=False, repr=False)
 
     @property
     def name(self) -> str:
         """Name of its folder."""
         return self.folder.name
 
-    def progress(self) -> RunProgress:
+    def progress(self) -> TrainState:
         """How far it has come; all zero without a checkpoint.
 
         Raises:
@@ -37,17 +37,16 @@ class PlannedRun:
         """
         path = self.folder / CHECKPOINT
         if not path.exists():
-            return RunProgress()
+            return TrainState()
         saved = Checkpoint.load(path)
-        mismatches = differences(saved.config, self.config)
+        mismatches = config_differences(saved.config, self.config)
         if self.facts:
-            mismatches += data_differences(saved.progress, self.facts)
-            mismatches += source_differences(saved.progress, self.facts)
+            mismatches += data_differences(saved.provenance, self.facts)
         if mismatches:
             raise mismatch_error(path, mismatches)
-        return saved.progress
+        return saved.state
 
-    def is_finished(self, progress: RunProgress) -> bool:
+    def is_finished(self, progress: TrainState) -> bool:
         """Whether all epochs of the schedule are done."""
         return progress.epoch >= self.config.optim.epochs
 

@@ -8,9 +8,9 @@ from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config.overrides import apply_overrides
 from depthcli.training.config.presets import preset_file
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import differences, mismatch_error, value_differences
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.methods.registry import check_terms, default_config
+from depthcli.training.provenance import config_differences, mismatch_error, value_differences
 
 
 def resolve_config(
@@ -59,7 +59,7 @@ def _resumed_config(
     """The checkpoint's configuration, after checking that the options do not contradict it."""
     mismatches = (
         *value_differences({"method": saved.method}, {"method": method}),
-        *differences(saved, apply_overrides(saved, files, settings)),
+        *config_differences(saved, apply_overrides(saved, files, settings)),
     )
     if mismatches:
         raise mismatch_error(folder / CHECKPOINT, mismatches)

@@ -1,7 +1,6 @@
 """Networks, optimizers and weight average of one run: steps, saving and resuming."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -10,22 +9,22 @@ from torch import Tensor, nn
 
 from depthcli.errors import CheckpointError
 from depthcli.training.average import WeightAverage
-from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.checkpoint import Checkpoint, TrainState
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import (
-    data_differences,
-    differences,
-    mismatch_error,
-    source_differences,
-)
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.devices import average_gradients, gather_states
-from depthcli.training.finite import check_moments, check_weights, finite_losses
-from depthcli.training.initial_weights import start_from
+from depthcli.training.finite import check_weights, finite_losses
+from depthcli.training.initial_weights import load_init_weights
 from depthcli.training.methods.base import Phase
 from depthcli.training.methods.registry import build_method
 from depthcli.training.optimizers import build_optimizer
 from depthcli.training.process_state import load_process_state, process_state
+from depthcli.training.provenance import (
+    DataProvenance,
+    config_differences,
+    data_differences,
+    mismatch_error,
+)
 from depthcli.training.schedule import lr_factor
 
 _RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that users choose
@@ -34,7 +33,7 @@ _RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that 
 class Run:
     """Networks, optimizers and weight average of one run.
 
-    ``steps`` is the number of steps of the whole schedule, ``progress`` how far the run has come.
+    ``steps`` is the number of steps of the whole schedule, ``state`` how far the run has come.
     """
 
     optimizers: dict[Phase, torch.optim.Optimizer]
@@ -43,7 +42,7 @@ class Run:
         fabric.seed_everything(config.seed, verbose=False)
         self.config, self.fabric, self.steps_per_epoch = config, fabric, steps_per_epoch
         self.steps = config.optim.epochs * steps_per_epoch
-        self.progress = RunProgress()
+        self.state, self.provenance = TrainState(), DataProvenance()
         self.method = build_method(config)
         self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         phases = [phase for phase in self.method.phases if self.method.networks(phase)]
@@ -62,19 +61,19 @@ class Run:
             torch.manual_seed(config.seed + _RANK_STRIDE * fabric.global_rank)
 
     @property
-    def best_generator(self) -> nn.Module:
+    def ema_generator(self) -> nn.Module:
         """The network that is validated: the weight average, if there is one."""
         return self.average.network if self.average else self.method.generator
 
-    def start_from(self, paths: Sequence[Path], pictures: Callable[[], Tensor]) -> str:
+    def load_init_weights(self, paths: Sequence[Path], pictures: Callable[[], Tensor]) -> str:
         """Load the mean weights of exported models or checkpoints; returns their origin.
 
-        ``pictures`` is as for :func:`depthcli.training.initial_weights.start_from`.
+        ``pictures`` is as for :func:`depthcli.training.initial_weights.load_init_weights`.
 
         Raises:
             CheckpointError: they do not fit.
         """
-        started = start_from(self.method.generator, paths, pictures)
+        started = load_init_weights(self.method.generator, paths, pictures)
         if self.average:
             self.average = WeightAverage(self.method.generator, self.config.optim.ema)
         return started
@@ -85,8 +84,8 @@ class Run:
         Raises:
             TrainingError: a term is not finite.
         """
-        share = lr_factor(self.config.optim, self.progress.step, self.steps_per_epoch)
-        self.method.share_done = self.progress.step / self.steps
+        share = lr_factor(self.config.optim, self.state.step, self.steps_per_epoch)
+        self.method.share_done = self.state.step / self.steps
         losses: dict[str, Tensor] = {}
         for phase, optimizer in self.optimizers.items():
             for group, rate in zip(optimizer.param_groups, self.rates[phase], strict=True):
@@ -105,7 +104,7 @@ class Run:
                 )
             optimizer.step()
         if self.average:
-            self.average.update(self.method.generator, self.progress.step + 1)
+            self.average.update(self.method.generator, self.state.step + 1)
         return finite_losses(losses, self.fabric)
 
     def save(self, path: Path) -> None:
@@ -113,20 +112,19 @@ class Run:
 
         Raises:
             CheckpointError: it cannot be written; the previous one is kept.
-            TrainingError: a weight or a moment of an optimizer is not finite; the previous one is
-                kept.
+            TrainingError: a weight is not finite; the previous one is kept.
         """
-        check_weights(self.method, self.progress.step)
-        check_moments(self.optimizers, self.progress.step)
+        check_weights(self.method, self.state.step)
         own = process_state(self.method, self.fabric.device)
         others = gather_states(self.fabric, own)
         if not self.fabric.is_global_zero:
             return
         Checkpoint(
             config=self.config,
-            progress=self.progress,
+            state=self.state,
+            provenance=self.provenance,
             method=self.method.state_dict(),
-            average=self.average.network.state_dict() if self.average else None,
+            ema_generator=self.average.network.state_dict() if self.average else None,
             optimizers={phase: o.state_dict() for phase, o in self.optimizers.items()},
             precision=self.fabric.strategy.precision.state_dict(),
             others=others,
@@ -143,53 +141,37 @@ class Run:
         if not path.exists():
             return
         saved = Checkpoint.load(path)
-        mismatches = differences(saved.config, self.config)
-        mismatches += data_differences(saved.progress, self.progress)
-        mismatches += source_differences(saved.progress, self.progress)
+        mismatches = config_differences(saved.config, self.config)
+        mismatches += data_differences(saved.provenance, self.provenance)
         if mismatches:
             raise mismatch_error(path, mismatches)
         devices = len(saved.others) + 1
         if devices != self.fabric.world_size:
             raise CheckpointError(
-                f"{path} belongs to a run on {devices} devices: give --devices {devices}"
+                f"{path} belongs to a run on {devices} devices", "give as many {devices}"
             )
         try:
             self._load(saved)
         except (AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
-                f"{path} does not fit the networks of its own configuration: give another --out"
+                f"{path} does not fit the networks of its own configuration", "give another {out}"
             ) from error
-        # Checkpoints before 0.11 lack them.
-        extra_pairs, fingerprints = self.progress.extra_pairs, self.progress.fingerprints
-        self.progress = replace(saved.progress, extra_pairs=extra_pairs, fingerprints=fingerprints)
+        self.state, self.provenance = saved.state, saved.provenance
 
     def _load(self, saved: Checkpoint) -> None:
         self.method.load_state_dict(saved.method)
         for phase, optimizer in self.optimizers.items():
             state = saved.optimizers[phase]["state"]
-            _check_state(state, _weights(optimizer))
             # Learning rates and the like come from the configuration, not from the file.
             own_groups = optimizer.state_dict()["param_groups"]
             optimizer.load_state_dict({"state": state, "param_groups": own_groups})
         if self.average:
-            self.average.network.load_state_dict(saved.average or {})
+            self.average.network.load_state_dict(saved.ema_generator or {})
         if saved.precision:
             self.fabric.strategy.precision.load_state_dict(saved.precision)
         first = {"rng": saved.rng, "device_rng": saved.device_rng, "extra": saved.extra}
         own = [first, *saved.others][self.fabric.global_rank]
         load_process_state(self.method, self.fabric.device, own)
-
-
-def _check_state(state: dict[int, dict[str, object]], weights: list[Tensor]) -> None:
-    """Check the shapes of the optimizer's moments; torch would fail only at the next step.
-
-    Raises:
-        ValueError: a moment has another shape than its weight.
-    """
-    for place, kept in state.items():
-        for value in kept.values():
-            if isinstance(value, Tensor) and value.ndim and value.shape != weights[place].shape:
-                raise ValueError(place)
 
 
 def _weights(optimizer: torch.optim.Optimizer) -> list[Tensor]:

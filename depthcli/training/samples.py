@@ -29,9 +29,9 @@ def write_samples(
         depth_m = validation.store.depth_m[row, 0].float().numpy()
         truth_m = np.array(cv2.resize(depth_m, size), np.float32)
         output_m = np.array(cv2.resize(codec.decode(raw[i]), size), np.float32)
-        if validation.store.known is not None:
-            known = validation.store.known[row, 0].numpy().astype(np.uint8)
-            truth_m[cv2.resize(known, size) == 0] = np.nan
+        if validation.store.valid_mask is not None:
+            valid_mask = validation.store.valid_mask[row, 0].numpy().astype(np.uint8)
+            truth_m[cv2.resize(valid_mask, size) == 0] = np.nan
         output, truth = DepthMap(output_m), DepthMap(truth_m)
         shown = [PreviewWriter().render(one, spread=percentiles(truth)) for one in (output, truth)]
         lines.append(np.hstack([cv2.cvtColor(gray[i], cv2.COLOR_GRAY2RGB), *shown]))

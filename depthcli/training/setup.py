@@ -16,14 +16,18 @@ from depthcli.training.config.ranges import check_batch
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import Batches
 from depthcli.training.data.pair_store import PairStore, whole_pictures
-from depthcli.training.data_facts import data_facts, train_val_split
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG, write_errors
+from depthcli.training.initial_weights import seen_by_files
 from depthcli.training.methods.registry import method_class
+from depthcli.training.provenance import (
+    check_pseudo_labels,
+    provenance_of,
+    train_val_split,
+)
 from depthcli.training.run import Run
-from depthcli.training.seen_pairs import check_extra_pairs, seen_by_files
 from depthcli.training.validation import Validation
 
-_EXAMPLES = 128  # pictures, by which the decoder channels of initial weights are chosen
+_EXAMPLES = 128  # pictures, by which the decoder channels of init weights are chosen
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +41,11 @@ class TrainingSetup:
 
 
 def set_up(
-    config: TrainConfig, data: TrainingData, folder: Path, fabric: Fabric, start: Sequence[Path]
+    config: TrainConfig,
+    data: TrainingData,
+    folder: Path,
+    fabric: Fabric,
+    init_weights: Sequence[Path],
 ) -> TrainingSetup:
     """Read the pairs, build the networks, and load the folder's checkpoint if there is one.
 
@@ -45,8 +53,8 @@ def set_up(
     """
     dataset, first = data.dataset, fabric.is_global_zero
     train_rows, held_out = train_val_split(dataset, config.data)
-    facts = data_facts(config, data)
-    check_extra_pairs(data, facts.held_out_ids)
+    provenance = provenance_of(config, data)
+    check_pseudo_labels(data, provenance)
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     store = PairStore(dataset, train_rows, config.data)
@@ -58,22 +66,22 @@ def set_up(
         fabric.device,
         fabric.global_rank,
         fabric.world_size,
-        _extra_store(data, config),
+        _pseudo_label_store(data, config),
     )
     check_batch(config, batches.own_size)
     scored = held_out and first and method_class(config.method).DEPTH
     validation = Validation(dataset, held_out, config) if scored else None
     run = Run(config, fabric, batches.steps_per_epoch)
-    run.progress = replace(
-        facts,
-        start=run.start_from(start, partial(_examples, store, config)) if start else "",
-        start_pairs=seen_by_files(start),
-    )
+    if init_weights:
+        origin = run.load_init_weights(init_weights, partial(_examples, store, config))
+        ids = seen_by_files(init_weights)
+        provenance = replace(provenance, init_weights=origin, init_ids=ids)
+    run.provenance = provenance
     run.resume(folder / CHECKPOINT)
-    run.progress = replace(run.progress, threads=torch.get_num_threads())
+    run.state = replace(run.state, threads=torch.get_num_threads())
     if first:
         with write_errors(folder):
-            metrics_log.truncate(folder / METRICS_LOG, run.progress.step)
+            metrics_log.truncate(folder / METRICS_LOG, run.state.step)
     return TrainingSetup(run, batches, validation)
 
 
@@ -83,9 +91,9 @@ def _examples(store: PairStore, config: TrainConfig) -> Tensor:
     return whole_pictures(store, config.data, rows)
 
 
-def _extra_store(data: TrainingData, config: TrainConfig) -> PairStore | None:
-    if data.extra is None:
+def _pseudo_label_store(data: TrainingData, config: TrainConfig) -> PairStore | None:
+    if data.pseudo_labels is None:
         return None
     if config.output.coding != "log" or config.method != "proposed":
-        raise UsageError("extra pairs need the method proposed and output.coding=log")
-    return PairStore(data.extra, range(len(data.extra)), config.data)
+        raise UsageError("pseudo labels need the method proposed and output.coding=log")
+    return PairStore(data.pseudo_labels, range(len(data.pseudo_labels)), config.data)

@@ -8,7 +8,7 @@ import numpy as np
 from depthcli.core.extras import INSTALL_TENSORBOARD
 from depthcli.errors import TrainingError
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.folder import write_errors
 from depthcli.training.samples import sample_path
@@ -31,37 +31,37 @@ class TensorBoardLogger(Callback):
             from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - optional, slow
         except ImportError as error:
             raise TrainingError(
-                f"--tensorboard needs tensorboard: {INSTALL_TENSORBOARD}"
+                f"the package tensorboard is missing: {INSTALL_TENSORBOARD}"
             ) from error
         self._writer_class, self._callback = SummaryWriter, callback
         self._folder, self._config = folder, config
         self._writer: SummaryWriter | None = None
 
-    def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
+    def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Log the losses and the learning rate."""
-        self._callback.on_step_end(progress, steps, losses)
+        self._callback.on_step_end(state, steps, losses)
         optim = self._config.optim
-        share = lr_factor(optim, progress.step - 1, steps // optim.epochs)
+        share = lr_factor(optim, state.step - 1, steps // optim.epochs)
         values = {f"loss/{name}": value for name, value in losses.items()}
         values["learning_rate"] = share * optim.learning_rate
         with write_errors(self._folder):
             if self._writer is None:
                 where = str(self._folder / FOLDER)
-                self._writer = self._writer_class(where, purge_step=progress.step)
+                self._writer = self._writer_class(where, purge_step=state.step)
             for name, value in values.items():
-                self._writer.add_scalar(name, value, progress.step)
+                self._writer.add_scalar(name, value, state.step)
 
-    def on_epoch_end(self, progress: RunProgress) -> None:
+    def on_epoch_end(self, state: TrainState) -> None:
         """Log the scores and sample pictures of an epoch that was validated."""
-        self._callback.on_epoch_end(progress)
-        path = sample_path(self._folder, progress.epoch)
+        self._callback.on_epoch_end(state)
+        path = sample_path(self._folder, state.epoch)
         if self._writer is None or not path.is_file():
             return
         with write_errors(self._folder):
-            for name, value in progress.scores.items():
-                self._writer.add_scalar(f"held_out/{name}", value, progress.step)
+            for name, value in state.scores.items():
+                self._writer.add_scalar(f"held_out/{name}", value, state.step)
             pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR_RGB)
-            self._writer.add_image("samples", pixels, progress.step, dataformats="HWC")
+            self._writer.add_image("samples", pixels, state.step, dataformats="HWC")
             self._writer.flush()
 
     def close(self) -> None:

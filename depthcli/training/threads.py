@@ -38,7 +38,7 @@ def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fa
     cores = usable_cores()
     saved = saved_checkpoint(folder) if asked is None else None
     if saved is not None:  # another number would change the last digits of the results
-        asked = min(cores, saved.progress.threads or torch.get_num_threads())
+        asked = min(cores, saved.state.threads or torch.get_num_threads())
     count = default_threads(config, fabric, cores) if asked is None else asked
     torch.set_num_threads(count)
     return Threads(count, cores, asked is None)

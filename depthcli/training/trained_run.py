@@ -10,7 +10,7 @@ class TrainedRun:
 
     folder: Path  #: its folder
     seed: int  #: of weights, order and augmentation
-    settings: str  #: all settings but the seed, data and initial weights, as JSON
+    settings: str  #: all settings but the seed, data and init weights, as JSON
     paired: bool  #: whether it was trained with aligned pairs of picture and depth
     parameters: int  #: weights of the generator
     epochs: int  #: whole epochs done
@@ -19,7 +19,7 @@ class TrainedRun:
     minutes: float  #: training time in minutes
     train_ids: tuple[str, ...]  #: pairs it was trained on
     held_out_ids: tuple[str, ...]  #: pairs it was validated on
-    nyu_ids: tuple[str, ...]  #: pairs of NYU that it or its initial weights were trained on
+    nyu_ids: tuple[str, ...]  #: pairs of NYU that it or its init weights were trained on
 
     @property
     def name(self) -> str:

@@ -1,4 +1,4 @@
-"""The origin of initial weights, for model cards and for comparing runs."""
+"""The origin of init weights, for model cards and for comparing runs."""
 
 import hashlib
 from collections.abc import Sequence

@@ -16,7 +16,7 @@ from videos import write_mp4
 from depthcli.cli.screen import console, progress, training
 from depthcli.cli.screen.training import JsonCallback, TextCallback
 from depthcli.training.callbacks import TrainStart
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.threads import Threads
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def test_a_training_run_that_goes_on_has_a_bar_from_where_it_was(
         lines = TextCallback(stack)
         threads = Threads(1, 1, timed=False)
         lines.on_train_start(TrainStart(threads, lacks_scenes=False, seen_held_out=0))
-        lines.on_step_end(RunProgress(step=400), 1000, {})
+        lines.on_step_end(TrainState(step=400), 1000, {})
     shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capfd.readouterr().err)
     assert "training" in shown
     assert " 400/1000 " in shown
@@ -134,10 +134,10 @@ def test_the_rate_of_training_is_that_of_its_steps(
     monkeypatch.setattr(training.time, "monotonic", lambda: next(clock))
     with ExitStack() as stack:
         lines = TextCallback(stack)
-        lines.on_step_end(RunProgress(step=1), 131, {})
-        lines.on_epoch_end(RunProgress(step=1, epoch=1))
+        lines.on_step_end(TrainState(step=1), 131, {})
+        lines.on_epoch_end(TrainState(step=1, epoch=1))
         assert "steps/s" not in capfd.readouterr().err  # the first step is not measured
         for step in range(2, 12):
-            lines.on_step_end(RunProgress(step=step), 131, {})
-        lines.on_epoch_end(RunProgress(step=11, epoch=2))
+            lines.on_step_end(TrainState(step=step), 131, {})
+        lines.on_epoch_end(TrainState(step=11, epoch=2))
     assert "5.00 steps/s  0 min to go" in capfd.readouterr().err

@@ -94,9 +94,9 @@ def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
         assert (done.returncode, done.stderr) == (0, "")
     saved = Checkpoint.load(folder / "run" / "last.ckpt")
     assert saved.config == begun.config
-    assert (saved.progress.step, saved.config.seed) == (3, 3)
+    assert (saved.state.step, saved.config.seed) == (3, 3)
     if (os.cpu_count() or 1) > 1:
-        assert begun.progress.threads == saved.progress.threads == 2
+        assert begun.progress.threads == saved.state.threads == 2
     other = _run(folder, "cut", *common, "--set", "optim.batch_size=4")
     assert other.returncode == 3
     assert 'method is "proposed" there, "cut" here; optim.batch_size is 2' in other.stderr
@@ -201,11 +201,11 @@ def test_warnings_say_what_initial_weights_have_seen_and_lose(folder: Path) -> N
     done = _train(folder, "--init", "first/last.ckpt", *narrow)
     seen, narrowed = done.stderr.splitlines()
     assert seen == (
-        "depthcli: warning: the initial weights were trained on 1 of the held-out pairs, so the "
+        "depthcli: warning: the init weights were trained on 1 of the held-out pairs, so the "
         "scores are not those of new pictures"
     )
     assert narrowed == (
-        "depthcli: warning: the decoder of the initial weights, [8,8,4,4], is narrowed to "
+        "depthcli: warning: the decoder of the init weights, [8,8,4,4], is narrowed to "
         "[8,6,4,4]; --set generator.decoder=[8,8,4,4] keeps it"
     )
     epoch = json.loads(done.stdout.splitlines()[0])

@@ -57,12 +57,12 @@ def folder(tmp_path: Path) -> Path:
 
 def _progress(folder: Path, run: str) -> tuple[str, int, int]:
     saved = Checkpoint.load(folder / "runs" / run / "last.ckpt")
-    return saved.config.method, saved.config.seed, saved.progress.epoch
+    return saved.config.method, saved.config.seed, saved.state.epoch
 
 
 def test_each_run_gets_the_options_as_they_were_given() -> None:
     command, common = plain_command("train"), ["--methods", "cut", "--data", "d", "--out", "o"]
-    sources = ["--extra", "more", "--init", "a b.onnx", "--init", "c.ckpt"]
+    sources = ["--pseudo-labels", "more", "--init", "a b.onnx", "--init", "c.ckpt"]
     words = ["--accelerator", "cpu", "--devices", "1"]
     context = command.make_context("train", [*common, *sources, *words])
     assert _forwarded_options(context) == words
@@ -134,7 +134,7 @@ def test_a_budget_ends_a_run_that_can_be_continued(folder: Path) -> None:
     assert waiting.startswith("cut-seed0: waiting (no time of")  # the start of the first took it
     assert last.startswith("0 of 2 runs finished, 2 to continue")
     saved = Checkpoint.load(folder / "runs" / "fastcut-seed0" / "last.ckpt")
-    assert saved.progress.seconds > 0
+    assert saved.state.seconds > 0
 
 
 def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path) -> None:
@@ -154,7 +154,7 @@ def test_a_signal_ends_the_run_at_hand_cleanly_and_all_others(folder: Path) -> N
     assert process.returncode == 128 + signal.SIGTERM, err
     assert json.loads(out.splitlines()[-1])["state"] == "stopped"
     assert not (folder / "runs" / "cut-seed0").exists()
-    step = Checkpoint.load(folder / "runs" / "fastcut-seed0" / "last.ckpt").progress.step
+    step = Checkpoint.load(folder / "runs" / "fastcut-seed0" / "last.ckpt").state.step
     assert step >= 5
     time.sleep(0.2)
     log = (folder / "runs" / "fastcut-seed0" / "metrics.jsonl").read_text()

@@ -23,7 +23,7 @@ from depthcli.training.callbacks import Callback
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.checkpoint import RunProgress
+    from depthcli.training.checkpoint import TrainState
 
 SMALL = """
 validate_every = 999
@@ -96,7 +96,7 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(folder: Path) -> None
 def test_every_signal_saves_the_step(
     folder: Path, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def signalled(_self: Callback, progress: RunProgress, *_: object) -> None:
+    def signalled(_self: Callback, progress: TrainState, *_: object) -> None:
         if progress.step == 7:
             signal.raise_signal(number)
 

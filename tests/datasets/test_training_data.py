@@ -16,7 +16,7 @@ from depthcli.datasets.training_data import open_training_data
 from depthcli.datasets.unpaired_folder import UnpairedFolder
 from depthcli.errors import DatasetError
 from depthcli.training.config.schema import DataConfig
-from depthcli.training.data_facts import train_val_split
+from depthcli.training.provenance import train_val_split
 
 if TYPE_CHECKING:
     from pathlib import Path

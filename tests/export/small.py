@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import nn
 
-from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.checkpoint import Checkpoint, TrainState
 from depthcli.training.config.schema import (
     DataConfig,
     GeneratorConfig,
@@ -15,6 +15,7 @@ from depthcli.training.config.schema import (
     TrainConfig,
 )
 from depthcli.training.networks.build import build_generator
+from depthcli.training.provenance import DataProvenance
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,10 +54,11 @@ def write_checkpoint(
     network: nn.Module | None = None,
     generator: GeneratorConfig = EFFICIENT,
     average: nn.Module | None = None,
-    **progress: Any,
+    **facts: Any,
 ) -> Path:
-    """A checkpoint as training writes it, of a run at 48×32; more of its progress by name."""
-    scores = {"abs_rel": 0.25}
+    """A checkpoint as training writes it, of a run at 48×32; facts of its data by name."""
+    state: dict[str, Any] = {"step": 12, "epoch": 3, "seconds": 90.0, "scores": {"abs_rel": 0.25}}
+    state |= {name: facts.pop(name) for name in (*state, "threads") if name in facts}
     network = network or small_network(generator)
     config = TrainConfig(
         seed=7,
@@ -66,11 +68,10 @@ def write_checkpoint(
     )
     checkpoint = Checkpoint(
         config=config,
-        progress=RunProgress(
-            **{"step": 12, "epoch": 3, "seconds": 90.0, "scores": scores} | progress
-        ),
+        state=TrainState(**state),
+        provenance=DataProvenance(**facts),
         method={f"generator.{name}": value for name, value in network.state_dict().items()},
-        average=average.state_dict() if average else None,
+        ema_generator=average.state_dict() if average else None,
         optimizers={},
         extra={},
         rng=torch.get_rng_state(),

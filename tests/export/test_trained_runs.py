@@ -62,9 +62,9 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
     [
         {"start": "model.onnx 5678"},
         {"start": ""},
-        {"extra": "9 extra pairs (photos)"},
-        {"extra_pairs": {"own pairs (photos)": ("a1",)}},
-        {"fingerprints": ("of the pairs", "of the extra pairs")},
+        {"extra": "9 pseudo labels (photos)"},
+        {"pseudo_label_ids": {"own pairs (photos)": ("a1",)}},
+        {"fingerprints": ("of the pairs", "of the pseudo labels")},
         {"data": "own pairs (mine)"},
         {"train_ids": ("0001",)},
     ],
@@ -72,7 +72,7 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
 def test_runs_with_other_data_or_initial_weights_are_not_seeds_of_one_row(
     folder: Path, other: dict[str, object]
 ) -> None:
-    progress = Checkpoint.load(folder / "last.ckpt").progress
+    progress = Checkpoint.load(folder / "last.ckpt").state
     known = {name: getattr(progress, name) for name in ("train_ids", "held_out_ids", "start")}
     second = folder.with_name("proposed-seed8")
     for more, fits in (({"step": 1, "epoch": 0}, True), (other, False)):
@@ -82,7 +82,7 @@ def test_runs_with_other_data_or_initial_weights_are_not_seeds_of_one_row(
         if fits:
             assert len(group_by_seed(runs)["proposed"]) == 2
         else:
-            with pytest.raises(UsageError, match="the same data and initial weights"):
+            with pytest.raises(UsageError, match="the same data and init weights"):
                 group_by_seed(runs)
 
 

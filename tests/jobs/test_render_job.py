@@ -134,7 +134,7 @@ def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:
         assert camera is not None
         there = truth.depth_m(i)
         np.testing.assert_allclose(data.dataset.depth_m(i) * camera.scale, there, rtol=2e-3)
-    extra = open_training_data(folder, paired=True).with_extra(truth).extra
+    extra = open_training_data(folder, paired=True).with_pseudo_labels(truth).extra
     assert extra is not None
     np.testing.assert_array_equal(extra.depth_m(1), data.dataset.depth_m(1))
 

@@ -18,7 +18,7 @@ from depthcli.training.methods.registry import default_config
 
 if TYPE_CHECKING:
     from depthcli.training.callbacks import TrainStart
-    from depthcli.training.checkpoint import RunProgress
+    from depthcli.training.checkpoint import TrainState
 
 
 class Notes(Callback):
@@ -31,7 +31,7 @@ class Notes(Callback):
     def on_train_start(self, start: TrainStart) -> None:
         self.starts.append(start)
 
-    def on_epoch_end(self, progress: RunProgress) -> None:
+    def on_epoch_end(self, progress: TrainState) -> None:
         self.epochs.append(progress.epoch)
 
 
@@ -49,8 +49,8 @@ def test_a_run_stops_goes_on_and_tells_of_it(
     stopped = train(_request(tmp_path, minutes=0), notes)
     assert (stopped.progress.step, stopped.signal_number, stopped.is_global_zero) == (1, None, True)
     done = train(_request(tmp_path), notes)
-    assert done.progress == Checkpoint.load(tmp_path / "run" / "last.ckpt").progress
-    assert (done.progress.step, notes.epochs) == (6, [1, 2, 3])
+    assert done.state == Checkpoint.load(tmp_path / "run" / "last.ckpt").state
+    assert (done.state.step, notes.epochs) == (6, [1, 2, 3])
     assert [start.lacks_scenes for start in notes.starts] == [False, False]
     assert [start.threads.count for start in notes.starts] == [1, 1]
     assert not notes.starts[0].threads.timed
@@ -94,7 +94,7 @@ def test_pictures_of_held_out_pairs_in_an_earlier_training_are_counted(tmp_path:
         optim=EFFICIENT.optim,
     )
     first = replace(request, config=masked, out=tmp_path / "first")
-    done = train(first, Callback()).progress
+    done = train(first, Callback()).state
     assert (done.data, len(done.train_ids)) == ("own pictures (data)", 6)
     train(replace(request, start=(first.out / "last.ckpt",)), notes)
     assert [start.seen_held_out for start in notes.starts] == [1]

@@ -32,7 +32,7 @@ def request_of(tmp_path: Path) -> TrainRequest:
     index.write_text(index.read_text().replace("\n0", "\nroom0"))
     run = tmp_path / "run"
     request = TrainRequest(EFFICIENT, mine, run, accelerator="cpu", threads=1, minutes=0)
-    assert train(request, Callback()).progress.held_out_ids == ("room0002",)
+    assert train(request, Callback()).provenance.held_out_ids == ("room0002",)
     return request
 
 
@@ -81,13 +81,13 @@ def test_the_folder_may_have_moved_unless_an_older_checkpoint_knows_its_name_alo
     request_of: TrainRequest,
 ) -> None:
     moved = replace(request_of, data=request_of.data.rename(request_of.data.with_name("moved")))
-    assert train(moved, Callback()).progress.step == 2
+    assert train(moved, Callback()).state.step == 2
     path = request_of.out / "last.ckpt"
     content = torch.load(path, weights_only=True)
-    del content["progress"]["fingerprints"], content["progress"]["extra_pairs"]
+    del content["progress"]["fingerprints"], content["progress"]["pseudo_label_ids"]
     torch.save(content, path)
     line = r'data is "own pairs \(mine\)" there, "own pairs \(moved\)" here'
     with pytest.raises(CheckpointError, match=line):
         train(moved, Callback())
     back = replace(request_of, data=moved.data.rename(request_of.data))
-    assert len(train(back, Callback()).progress.fingerprints) == 1
+    assert len(train(back, Callback()).state.fingerprints) == 1

@@ -23,9 +23,9 @@ from depthcli.jobs.train.queue import QueueRequest, TrainingQueue, _command
 from depthcli.jobs.train.run_status import EpochDone, RunStarted, RunStatus
 from depthcli.jobs.train.signal_forwarder import SignalForwarder
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.data_facts import data_facts
 from depthcli.training.methods.registry import METHODS, default_config
 from depthcli.training.planned_runs import PlannedRun, next_share_s
+from depthcli.training.provenance import provenance_of
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -85,7 +85,7 @@ def test_who_listens_no_longer_ends_the_run_at_hand_cleanly(request_of: QueueReq
     assert started.run == epoch.run
     assert epoch.line["epoch"] == 1
     events.close()  # type: ignore[attr-defined]
-    assert Checkpoint.load(started.run.folder / "last.ckpt").progress.step >= epoch.line["step"]
+    assert Checkpoint.load(started.run.folder / "last.ckpt").state.step >= epoch.line["step"]
 
 
 def test_what_is_wrong_for_all_is_raised_at_once(
@@ -100,7 +100,7 @@ def test_what_is_wrong_for_all_is_raised_at_once(
 
 def save(run: PlannedRun, seconds: float, epoch: int = 1) -> None:
     data = open_training_data(run.folder.parents[1] / "data", paired=False)
-    progress = replace(data_facts(run.config, data), seconds=seconds, epoch=epoch)
+    progress = replace(provenance_of(run.config, data), seconds=seconds, epoch=epoch)
     rng = torch.get_rng_state()
     run.folder.mkdir(parents=True, exist_ok=True)
     Checkpoint(run.config, progress, {}, None, {}, {}, rng).save(run.folder / "last.ckpt")
@@ -122,7 +122,7 @@ class Simulated(TrainingQueue):
         assert str(run.folder) in command
         yield EpochDone(run, {})
         self.now_s += 10e3 + 500  # to train, and to start and end
-        save(run, run.progress().seconds + 10e3, 100_100 if run.config.seed == 4 else 1)
+        save(run, run.state().seconds + 10e3, 100_100 if run.config.seed == 4 else 1)
         self.signal_number = self.number
         return self.ends.get(run.name, 0)
 
@@ -195,14 +195,14 @@ def test_a_finished_queue_is_not_that_of_other_data(request_of: QueueRequest) ->
 def test_a_finished_queue_is_not_that_of_other_sources(
     request_of: QueueRequest, tmp_path: Path
 ) -> None:
-    """Other extra pairs, none, and other initial weights."""
+    """Other pseudo labels, none, and other init weights."""
     (known,) = TrainingQueue(request_of).statuses
     write_rooms(tmp_path / "more")
     (tmp_path / "more" / "index.csv").unlink()
     save(known.run, 7, 100_100)
     weights = shutil.copy(known.run.folder / "last.ckpt", tmp_path / "first.ckpt")
     for other, reason in (
-        (replace(request_of, extra=tmp_path / "more"), 'extra is "" there, "6 extra pairs'),
+        (replace(request_of, extra=tmp_path / "more"), 'extra is "" there, "6 pseudo labels'),
         (replace(request_of, start=(Path(weights),)), 'start is "" there, "first.ckpt '),
     ):
         (status,) = TrainingQueue(other)
@@ -226,7 +226,7 @@ def test_a_run_is_a_command_of_its_own() -> None:
         options=("--threads", "1"),
         report_epochs=True,
     )
-    sources = ["--extra", "more", "--init", "a b.onnx", "--init", "c.ckpt"]
+    sources = ["--pseudo-labels", "more", "--init", "a b.onnx", "--init", "c.ckpt"]
     rest = "--config a.toml --config b.toml --set x=1 --set seed=3 --max-minutes 1.5000 --json"
     options = ["--threads", "1", "--preset", "table", *sources]
     assert _command(asked, run, 90) == [*start, *options, *rest.split()]

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from depthcli.training.seen_pairs import seen_by_files
 from tiny import tiny_onnx, write_model
 
 from depthcli.errors import CheckpointError, ModelError
 from depthcli.inference.session import Session
 from depthcli.jobs.train.weights_file import weights_file
 from depthcli.models.catalog import find_model
-from depthcli.training.initial_weights import start_from
+from depthcli.training.initial_weights import load_init_weights
 from depthcli.training.networks.build import build_generator
 from depthcli.training.resolve import resolve_config
-from depthcli.training.seen_pairs import seen_by_files
 
 
 @pytest.mark.parametrize("name", ["default", "fast", "float"])
@@ -30,7 +30,7 @@ def test_a_model_s_file_stands_for_its_float_model_too() -> None:
 def test_the_preset_finetune_starts_where_the_bundled_model_is() -> None:
     config, model = resolve_config("proposed", "finetune"), find_model("float")
     generator = build_generator(config.generator).eval()
-    start_from(generator, [weights_file(Path("default"))], pytest.fail)
+    load_init_weights(generator, [weights_file(Path("default"))], pytest.fail)
     seen = model.card.input
     assert (config.data.width, config.data.height) == (seen.width, seen.height)
     size = (1, 1, seen.height, seen.width)
@@ -48,7 +48,7 @@ def test_int8_weights_are_no_start(tmp_path: Path) -> None:
     (tmp_path / fields["file"]).write_bytes(find_model("default").data)
     generator = build_generator(resolve_config("proposed", "finetune").generator)
     with pytest.raises(CheckpointError, match="has int8 weights, from which no training can start"):
-        start_from(generator, [weights_file(tmp_path)], pytest.fail)
+        load_init_weights(generator, [weights_file(tmp_path)], pytest.fail)
 
 
 def test_a_model_without_a_card_inside_has_the_one_beside(tmp_path: Path) -> None:

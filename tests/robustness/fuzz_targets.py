@@ -57,7 +57,7 @@ from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 from depthcli.training import metrics_log
-from depthcli.training.checkpoint import Checkpoint, RunProgress
+from depthcli.training.checkpoint import Checkpoint, TrainState
 from depthcli.training.config.overrides import apply_overrides
 from depthcli.training.config.schema import TrainConfig
 from depthcli.video.depth import DepthVideo
@@ -369,11 +369,12 @@ def checkpoint() -> bytes:
     file = io.BytesIO()
     content = {
         "format": "depthcli-checkpoint",
-        "version": 1,
+        "version": 2,
         "config": dataclasses.asdict(config),
-        "progress": dataclasses.asdict(RunProgress(3, 1, 2.5, {"abs_rel": 0.5}, ("a",), ("b",))),
+        "state": dataclasses.asdict(TrainState(3, 1, 2.5, {"abs_rel": 0.5})),
+        "provenance": {},
         "method": {"generator.a": torch.ones(2, 2)},
-        "average": {"a": torch.ones(2, 2)},
+        "ema_generator": {"a": torch.ones(2, 2)},
         "optimizers": {"generator": {"state": {0: {"step": torch.ones(())}}, "param_groups": []}},
         "extra": {"pool": [torch.ones(1, 2, 2)]},
         "rng": torch.get_rng_state()[:16].clone(),

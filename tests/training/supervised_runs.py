@@ -1,4 +1,4 @@
-"""Runs of two steps over tiny rooms, from given weights or beside extra pairs."""
+"""Runs of two steps over tiny rooms, from given weights or beside pseudo labels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from depthcli.training.loop import Limits, fit
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.checkpoint import RunProgress
+    from depthcli.training.checkpoint import TrainState
     from depthcli.training.config.schema import TrainConfig
 
 SUPERVISED = replace(
@@ -34,22 +34,21 @@ BARE = replace(SUPERVISED, generator=replace(SUPERVISED.generator, norm="none"))
 def train_two_steps(
     config: TrainConfig,
     folder: Path,
-    start: Path | None = None,
-    extra: Path | None = None,
+    init_weights: Path | None = None,
+    pseudo_labels: Path | None = None,
     title: str = "rooms",
-) -> RunProgress:
+) -> TrainState:
     """Two more steps of the run in a folder."""
     data = room_data()._replace(title=title)
-    if extra is not None:
-        data = data._replace(extra=open_paired_folder(extra))
+    if pseudo_labels is not None:
+        data = data._replace(pseudo_labels=open_paired_folder(pseudo_labels))
     fabric = Fabric(accelerator="cpu", devices=1)
-    return fit(
-        config, data, folder, fabric, Callback(), Limits(steps=2), start=[start] if start else ()
-    )
+    sources = [init_weights] if init_weights else ()
+    return fit(config, data, folder, fabric, Callback(), Limits(steps=2), init_weights=sources)
 
 
 def write_extra(folder: Path, prefix: str = "photo-") -> Path:
-    """A folder of extra pairs, the six rooms under names that begin so."""
+    """A folder of pseudo labels, the six rooms under names that begin so."""
     write_rooms(folder)
     (folder / "index.csv").unlink()
     for file in [*folder.glob("*/*.png")]:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from depthcli.training.config.ranges import check_range
 from depthcli.training.config.schema import DataConfig, TrainConfig
-from depthcli.training.data.augment import augment, network_input
+from depthcli.training.data.augment import augment
 
 PLAIN = DataConfig(width=32, height=24)
 FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)
@@ -64,7 +64,7 @@ def test_zoom_by_s_magnifies_by_s_and_divides_depth_by_s() -> None:
     gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, zoom=2.0), seeded(2))
     zoom = ((1 + 4 * (gray + 1) / 2) / seen_m).mean((1, 2, 3))
     across = (gray[..., 1:] - gray[..., :-1])[:, 0, 12, 16].abs()
-    whole = network_input(torch.nn.functional.avg_pool2d(rgb[:1], 2), PLAIN)
+    whole = to_network_input(torch.nn.functional.avg_pool2d(rgb[:1], 2), PLAIN)
     slope = float((whole[..., 1:] - whole[..., :-1])[0, 0, 12, 16])
     torch.testing.assert_close(slope / across, zoom, rtol=1e-3, atol=0)
     assert float(zoom.max()) > 1.5
@@ -111,7 +111,7 @@ def _corners(data: DataConfig, count: int, seed: int) -> Tensor:
     depth_m = torch.ones(count, 1, height, width)
     places = []
     for picture in (across, down):
-        gray = augment(picture, depth_m.clone(), data, seeded(seed)).gray[:, 0]
+        gray = augment(picture, depth_m.clone(), data, seeded(seed)).network_input[:, 0]
         y, x = data.height // 2, data.width // 2
         middle, along_x, along_y = gray[:, y, x], gray[:, y, x + 1], gray[:, y + 1, x]
         right = (along_x - middle)[:, None] * torch.tensor([-x - 0.5, data.width - x - 0.5])
@@ -170,7 +170,7 @@ def _lit(level: float, **strengths: float) -> Tensor:
     rgb = torch.zeros(1000, 3, 24, 32)
     rgb[:, 0] = level
     data = replace(PLAIN, **strengths)
-    return (augment(rgb, torch.ones(1000, 1, 24, 32), data, seeded(7)).gray[:, 0] + 1) / 2
+    return (augment(rgb, torch.ones(1000, 1, 24, 32), data, seeded(7)).network_input[:, 0] + 1) / 2
 
 
 def test_strengths_are_standard_deviations() -> None:
@@ -202,12 +202,12 @@ def test_the_generator_is_the_only_source_of_chance() -> None:
             torch.manual_seed(other)
             found.append(augment(rgb, depth_m, data, seeded(seed)))
         torch.testing.assert_close(*found, rtol=0, atol=0)
-        assert found[0].known is not None
+        assert found[0].valid_mask is not None
 
 
 def test_gray_is_value_or_luma() -> None:
     rgb = torch.tensor([0.2, 0.6, 0.1]).view(1, 3, 1, 1)
-    assert float(network_input(rgb, PLAIN)) == pytest.approx(2 * 0.6 - 1)
+    assert float(to_network_input(rgb, PLAIN)) == pytest.approx(2 * 0.6 - 1)
     luma = 0.299 * 0.2 + 0.587 * 0.6 + 0.114 * 0.1
-    found = float(network_input(rgb, replace(PLAIN, colour="luma")))
+    found = float(to_network_input(rgb, replace(PLAIN, colour="luma")))
     assert found == pytest.approx(2 * luma - 1, abs=1e-6)

@@ -12,7 +12,7 @@ from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 from depthcli.errors import DatasetError, UsageError
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore, _stored_size, whole_pictures
-from depthcli.training.data_facts import train_val_split
+from depthcli.training.provenance import train_val_split
 
 CPU = torch.device("cpu")
 DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, noise=0.02)
@@ -32,9 +32,9 @@ def test_depends_on_seed_and_step_alone() -> None:
         torch.rand(3)
         for a, b in zip(first[:2], other[step][:2], strict=True):
             assert torch.equal(a, b)
-    assert not torch.equal(one[0].gray, one[1].gray)
-    assert not torch.equal(one[0].gray, one[one.steps_per_epoch].gray)
-    assert not torch.equal(one[0].gray, _batches(seed=1)[0].gray)
+    assert not torch.equal(one[0].network_input, one[1].network_input)
+    assert not torch.equal(one[0].network_input, one[one.steps_per_epoch].network_input)
+    assert not torch.equal(one[0].network_input, _batches(seed=1)[0].network_input)
 
 
 def test_neither_reads_nor_moves_the_global_generator() -> None:
@@ -44,8 +44,8 @@ def test_neither_reads_nor_moves_the_global_generator() -> None:
 
 
 def test_shapes_and_ranges() -> None:
-    gray, depth_m, known, _ = _batches(size=3, width=48)[0]
-    assert known is None
+    gray, depth_m, valid_mask, _ = _batches(size=3, width=48)[0]
+    assert valid_mask is None
     assert gray.shape == depth_m.shape == (3, 1, 32, 48)
     assert gray.dtype == depth_m.dtype == torch.float32
     assert -1 <= float(gray.min()) < float(gray.max()) <= 1
@@ -96,7 +96,7 @@ def test_batch_that_cannot_be_shared_is_refused() -> None:
 def test_unpaired_depth_is_of_other_scenes() -> None:
     plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
     paired, unpaired = _batches(size=5, **plain), _batches(size=5, paired=False, **plain)
-    assert torch.equal(paired[0].gray, unpaired[0].gray)
+    assert torch.equal(paired[0].network_input, unpaired[0].network_input)
     assert not torch.equal(paired[0].depth_m, unpaired[0].depth_m)
     alike = [
         any(torch.equal(a, b) or torch.equal(a, b.flip(2)) for b in paired[0].depth_m)

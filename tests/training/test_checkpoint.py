@@ -14,7 +14,7 @@ from rooms import EFFICIENT, PAPER
 
 from depthcli.core.choices import Weights
 from depthcli.errors import CheckpointError
-from depthcli.training.checkpoint import Checkpoint, RunProgress, load_generator
+from depthcli.training.checkpoint import Checkpoint, TrainState, load_generator
 from depthcli.training.networks.build import build_generator
 
 
@@ -25,7 +25,7 @@ def _checkpoint(config: Any = EFFICIENT, *, average: bool = False) -> Checkpoint
     smooth = {name: value * 0 + 7 for name, value in weights.items()}
     return Checkpoint(
         config=config,
-        progress=RunProgress(3, 1, 2.5, {"abs_rel": 0.5}, ("a", "b"), ("c",)),
+        progress=TrainState(3, 1, 2.5, {"abs_rel": 0.5}, ("a", "b"), ("c",)),
         method=named,
         average=smooth if average else None,
         optimizers={},
@@ -58,7 +58,7 @@ def _written(folder: Path, content: dict[str, Any]) -> Path:
 def test_comes_back_whole(tmp_path: Path) -> None:
     saved, loaded = _checkpoint(), Checkpoint.load(_saved(tmp_path))
     assert loaded.config == saved.config
-    assert loaded.progress == saved.progress
+    assert loaded.state == saved.state
     assert torch.equal(loaded.rng, saved.rng)
     assert torch.equal(loaded.extra["pool"][0], saved.extra["pool"][0])
     assert all(torch.equal(loaded.method[name], saved.method[name]) for name in saved.method)
@@ -75,7 +75,7 @@ def test_what_a_checkpoint_of_before_does_not_say_is_what_it_was_then(
     later = dict.fromkeys(("device_rng", "precision", "others"))
     loaded = Checkpoint.load(_written(tmp_path, whole | {"progress": {}} | later))
     assert (loaded.device_rng, loaded.precision, loaded.others) == (None, {}, [])
-    assert asdict(loaded.progress) == {
+    assert asdict(loaded.state) == {
         "step": 0,
         "epoch": 0,
         "seconds": 0.0,
@@ -85,7 +85,7 @@ def test_what_a_checkpoint_of_before_does_not_say_is_what_it_was_then(
         "data": "NYU Depth v2, labelled pairs 1-1000",
         "hfov_deg": 63.3,
         "extra": "",
-        "extra_pairs": {},
+        "pseudo_label_ids": {},
         "start": "",
         "start_pairs": {},
         "start_ids": (),
@@ -245,13 +245,13 @@ def test_what_is_just_possible_is_read(tmp_path: Path) -> None:
         _checkpoint(),
         optimizers={"generator": plain | {"deep": _nested(14)}},
         extra={"pool": []},
-        progress=RunProgress(scores={"rmse": float("nan")}),
+        progress=TrainState(scores={"rmse": float("nan")}),
     )
     kept.save(tmp_path / "a.ckpt")
     loaded = Checkpoint.load(tmp_path / "a.ckpt")
     assert loaded.optimizers == kept.optimizers
     assert (loaded.average, loaded.extra) == (None, {"pool": []})
-    assert list(loaded.progress.scores) == ["rmse"]
+    assert list(loaded.state.scores) == ["rmse"]
 
 
 @pytest.mark.parametrize("rng", [3, torch.ones(4), torch.ones(2, 2, dtype=torch.uint8), [1]])

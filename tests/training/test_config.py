@@ -42,7 +42,7 @@ def test_defaults_are_the_papers() -> None:
     assert not data.crop_286
     extras = ("turn", "rotate_deg", "colour_jitter", "gamma", "brightness", "blur", "border")
     assert not any(getattr(data, name) for name in (*extras, "noise", "cutmix"))
-    added = ("similarity", "relation", "gradient", "extra_scale", "l1_backward")
+    added = ("similarity", "relation", "gradient", "pseudo_label_scale", "l1_backward")
     assert not any(getattr(config.loss, name) for name in added)
 
 
@@ -163,7 +163,7 @@ def test_nonsense_is_refused_in_one_line(setting: str, reason: str) -> None:
         "data.turn=-0.1",
         "data.turn=1.1",
         "data.border=1.1",
-        "loss.extra_scale=1.1",
+        "loss.pseudo_label_scale=1.1",
         "generator.width=1025",
         "validate_every=0",
         "save_every=0",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.config_differences import data_differences, differences, source_differences
+from depthcli.training.provenance import data_differences, differences, source_differences
 
 CONFIG = TrainConfig()
-PROGRESS = RunProgress(train_ids=("a", "b"), extra="9 photos", start="default 1.1.0")
+PROGRESS = TrainState(train_ids=("a", "b"), extra="9 photos", start="default 1.1.0")
 
 
 def test_each_setting_is_named_with_both_values() -> None:

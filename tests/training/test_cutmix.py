@@ -84,25 +84,27 @@ def test_augmentation_mixes_picture_and_depth_alike() -> None:
     rgb, depth_m = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
     plain = DataConfig(width=WIDTH, height=HEIGHT)
     gray, seen_m, _ = augment(rgb, depth_m.clone(), plain, seeded(6))
-    mixed, mixed_m, known = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), seeded(6))
+    mixed, mixed_m, valid_mask = augment(
+        rgb, depth_m.clone(), replace(plain, cutmix=0.9), seeded(6)
+    )
     torch.testing.assert_close(mixed_m, 1 + 4 * (mixed + 1) / 2)
-    assert known is None
+    assert valid_mask is None
     assert not torch.equal(mixed, gray)
     own = mixed == gray
     torch.testing.assert_close(mixed_m[own], seen_m[own])
 
 
 def test_a_pasted_piece_brings_its_holes_along() -> None:
-    """What is known is where the picture is bright, before and after pieces are pasted."""
+    """What is valid is where the picture is bright, before and after pieces are pasted."""
     value = torch.rand(8, 1, HEIGHT, WIDTH, generator=seeded(5))
-    rgb, depth_m, known = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value, value > 0.4
+    rgb, depth_m, valid_mask = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value, value > 0.4
     plain = DataConfig(width=WIDTH, height=HEIGHT)
-    whole = augment(rgb, depth_m.clone(), plain, seeded(6), known)
-    mixed = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), seeded(6), known)
+    whole = augment(rgb, depth_m.clone(), plain, seeded(6), valid_mask)
+    mixed = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), seeded(6), valid_mask)
     for views in (whole, mixed):
-        assert views.known is not None
-        assert torch.equal(views.known, views.gray > 2 * 0.4 - 1)
-    assert not torch.equal(whole.known, mixed.known)
+        assert views.valid_mask is not None
+        assert torch.equal(views.valid_mask, views.network_input > 2 * 0.4 - 1)
+    assert not torch.equal(whole.valid_mask, mixed.valid_mask)
 
 
 def test_one_view_has_no_other_to_take_from() -> None:

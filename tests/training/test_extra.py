@@ -1,4 +1,4 @@
-"""Extra pairs, whose metres are less sure, and weights to start from."""
+"""Pseudo labels, whose metres are less sure, and weights to start from."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from supervised_runs import BARE, SUPERVISED, train_two_steps, write_extra
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
-from depthcli.training.checkpoint import Checkpoint, RunProgress, load_generator
+from depthcli.training.checkpoint import Checkpoint, TrainState, load_generator
 from depthcli.training.config.overrides import updated
 from depthcli.training.config.schema import OutputConfig
 from depthcli.training.data.batches import Batches, TrainingBatch
 from depthcli.training.data.pair_store import PairStore
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.initial_coding import coding_differences
-from depthcli.training.initial_weights import start_from
+from depthcli.training.initial_weights import load_init_weights
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
@@ -38,19 +38,19 @@ CPU = torch.device("cpu")
 
 
 def test_a_batch_has_its_share_of_extra_pairs() -> None:
-    data = replace(PAPER.data, extra_share=0.25, zoom=1.2, turn=1.0)
+    data = replace(PAPER.data, pseudo_label_share=0.25, zoom=1.2, turn=1.0)
     store, dark = PairStore(rooms(), TRAIN, data), PairStore(rooms(), TRAIN, data)
     dark.rgb.zero_()
     batches = Batches(store, data, 4, 0, CPU, extra=dark)
     assert batches.steps_per_epoch == len(TRAIN) // 3
     for step in range(4):
         batch = batches[step]
-        assert batch.extra is not None
-        assert batch.extra.tolist() == [False, False, False, True]
-        darkness = (batch.gray == -1).all(3).all(2).all(1)
-        assert torch.equal(darkness, batch.extra)
+        assert batch.is_pseudo_label is not None
+        assert batch.is_pseudo_label.tolist() == [False, False, False, True]
+        darkness = (batch.network_input == -1).all(3).all(2).all(1)
+        assert torch.equal(darkness, batch.is_pseudo_label)
         again = batches[step]
-        assert torch.equal(again.gray, batch.gray)
+        assert torch.equal(again.network_input, batch.network_input)
     seen = torch.cat(
         [batches._rows(dark, step, batches._extra_size, stream=4) for step in range(5)]
     )
@@ -59,9 +59,9 @@ def test_a_batch_has_its_share_of_extra_pairs() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.1])
 def test_a_share_that_is_no_part_of_a_batch_is_refused(share: float) -> None:
-    data = replace(PAPER.data, extra_share=share)
+    data = replace(PAPER.data, pseudo_label_share=share)
     store = PairStore(rooms(), TRAIN, data)
-    with pytest.raises(UsageError, match=r"data\.extra_share"):
+    with pytest.raises(UsageError, match=r"data\.pseudo_label_share"):
         Batches(store, data, 4, 0, CPU, extra=store)
 
 
@@ -75,9 +75,11 @@ def _pull(method: Proposed, gray: Tensor, depth_m: Tensor, extra: Tensor) -> flo
 
 @pytest.mark.parametrize("scale", [0.0, 0.4, 1.0])
 def test_the_scale_of_an_extra_pair_counts_in_part(scale: float) -> None:
-    """A truth that is farther by a factor costs the logarithm of it times ``extra_scale``."""
+    """A truth that is farther by a factor costs its logarithm times ``pseudo_label_scale``."""
     torch.manual_seed(0)
-    method = Proposed(replace(SUPERVISED, loss=replace(SUPERVISED.loss, extra_scale=scale))).eval()
+    method = Proposed(
+        replace(SUPERVISED, loss=replace(SUPERVISED.loss, pseudo_label_scale=scale))
+    ).eval()
     gray = torch.rand(2, 1, 32, 32) * 2 - 1
     depth_m = method.codec.decode(method.generator(gray).detach().numpy())
     depth_m = torch.nn.functional.interpolate(torch.from_numpy(depth_m), (32, 32))
@@ -99,12 +101,12 @@ def test_what_is_not_known_of_an_extra_pair_does_not_move_its_scale() -> None:
     torch.manual_seed(0)
     method = Proposed(SUPERVISED).eval()
     gray, depth_m = torch.rand(2, 1, 32, 32) * 2 - 1, torch.rand(2, 1, 32, 32) * 3 + 1
-    known = torch.ones(2, 1, 32, 32, dtype=torch.bool)
-    known[..., :16] = False
-    wild = torch.where(known, depth_m, torch.tensor(9.0))
+    valid_mask = torch.ones(2, 1, 32, 32, dtype=torch.bool)
+    valid_mask[..., :16] = False
+    wild = torch.where(valid_mask, depth_m, torch.tensor(9.0))
     extra = torch.tensor([True, True])
-    one = method(TrainingBatch(gray, depth_m, known, extra), "generator")["l1"]
-    other = method(TrainingBatch(gray, wild, known, extra), "generator")["l1"]
+    one = method(TrainingBatch(gray, depth_m, valid_mask, extra), "generator")["l1"]
+    other = method(TrainingBatch(gray, wild, valid_mask, extra), "generator")["l1"]
     torch.testing.assert_close(one, other)
 
 
@@ -114,19 +116,22 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
     exported = export_checkpoint(tmp_path / "first" / CHECKPOINT, model, ExportOptions("first"))
     taught, _ = load_generator(tmp_path / "first" / CHECKPOINT)
     generator = build_generator(BARE.generator).eval()
-    assert start_from(generator, [model], pytest.fail) == f"model.onnx {exported.card.sha256[:16]}"
+    assert (
+        load_init_weights(generator, [model], pytest.fail)
+        == f"model.onnx {exported.card.sha256[:16]}"
+    )
     gray = torch.rand(2, 1, 32, 32) * 2 - 1
     torch.testing.assert_close(generator(gray), taught(gray), atol=1e-4, rtol=1e-4)
     apart = tmp_path / "apart.onnx"
     onnx.save(onnx.load(model), apart, save_as_external_data=True, size_threshold=0)
     with pytest.raises(CheckpointError, match=r"apart\.onnx is not a complete ONNX file with"):
-        start_from(generator, [apart], pytest.fail)
+        load_init_weights(generator, [apart], pytest.fail)
 
     extra = write_extra(tmp_path / "extra")
     train_two_steps(BARE, tmp_path / "second", model, extra)
-    progress = Checkpoint.load(tmp_path / "second" / CHECKPOINT).progress
+    progress = Checkpoint.load(tmp_path / "second" / CHECKPOINT).state
     assert progress.start == f"model.onnx {exported.card.sha256[:16]}"
-    assert progress.extra == "6 extra pairs (extra)"
+    assert progress.extra == "6 pseudo labels (extra)"
     assert train_two_steps(BARE, tmp_path / "second", model, extra).step == 4
     with pytest.raises(CheckpointError, match="another run: extra is"):
         train_two_steps(BARE, tmp_path / "second", model)
@@ -145,7 +150,7 @@ def test_a_run_starts_from_a_model_and_says_so(tmp_path: Path) -> None:
 def test_a_checkpoint_gives_its_weights(tmp_path: Path) -> None:
     train_two_steps(SUPERVISED, tmp_path)
     generator = build_generator(SUPERVISED.generator).eval()
-    start_from(generator, [tmp_path / CHECKPOINT], pytest.fail)
+    load_init_weights(generator, [tmp_path / CHECKPOINT], pytest.fail)
     taught, _ = load_generator(tmp_path / CHECKPOINT)
     for name, weights in generator.state_dict().items():
         assert torch.equal(weights, taught.state_dict()[name])
@@ -162,10 +167,10 @@ def test_the_learned_gain_of_the_input_is_a_weight(tmp_path: Path, *, mirror: bo
     export_checkpoint(tmp_path / CHECKPOINT, model, ExportOptions("first", mirror=mirror))
     for source in (tmp_path / CHECKPOINT, model):
         generator = build_generator(config).eval()
-        start_from(generator, [source], pytest.fail)
+        load_init_weights(generator, [source], pytest.fail)
         assert torch.equal(generator.input_gain, taught.input_gain)
         with pytest.raises(CheckpointError, match=r"has further weights \(input_gain\): set gener"):
-            start_from(build_generator(PAPER.generator), [source], pytest.fail)
+            load_init_weights(build_generator(PAPER.generator), [source], pytest.fail)
 
 
 def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
@@ -173,7 +178,7 @@ def test_several_give_the_mean_of_their_weights(tmp_path: Path) -> None:
     for seed, file in enumerate(files):
         train_two_steps(replace(SUPERVISED, seed=seed), file.parent)
     generator = build_generator(SUPERVISED.generator).eval()
-    started = start_from(generator, files, pytest.fail)
+    started = load_init_weights(generator, files, pytest.fail)
     assert started.startswith("mean of last.ckpt ")
     assert started.count("last.ckpt ") == 3
     states = [load_generator(file)[0].state_dict() for file in files]
@@ -186,7 +191,7 @@ def _untrained(config: TrainConfig, folder: Path) -> Path:
     """A folder with a checkpoint before the first step, and its model."""
     weights = build_generator(config.generator).state_dict()
     named = {f"generator.{name}": value for name, value in weights.items()}
-    checkpoint = Checkpoint(config, RunProgress(), named, None, {}, {}, torch.get_rng_state())
+    checkpoint = Checkpoint(config, TrainState(), named, None, {}, {}, torch.get_rng_state())
     checkpoint.save(folder / "last.ckpt")
     export_checkpoint(folder / "last.ckpt", folder / "last.onnx", ExportOptions("model"))
     return folder
@@ -216,7 +221,7 @@ def test_weights_of_another_coding_have_no_mean_and_are_told(
         message = re.escape(f"{files[1]} encodes colour or depth in another way than {files[0]} ")
         message += rf"\({re.escape(line)}\), so their weights have no mean"
         with pytest.raises(CheckpointError, match=message):
-            start_from(build_generator(BARE.generator), files, pytest.fail)
+            load_init_weights(build_generator(BARE.generator), files, pytest.fail)
         assert coding_differences(BARE, files[1:]) == (line,)
         assert coding_differences(BARE, files[:1]) == coding_differences(BARE, []) == ()
 
@@ -233,13 +238,13 @@ def test_of_weights_without_depth_the_colour_alone_is_compared(tmp_path: Path) -
 def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
     train_two_steps(SUPERVISED, tmp_path)
     with pytest.raises(CheckpointError, match=r"no weights for stem\.0\.bias"):
-        start_from(build_generator(BARE.generator), [tmp_path / CHECKPOINT], pytest.fail)
+        load_init_weights(build_generator(BARE.generator), [tmp_path / CHECKPOINT], pytest.fail)
     wider = replace(SUPERVISED.generator, decoder=(8, 8, 4, 8))
     with pytest.raises(CheckpointError, match=r"no weights for fusions\.3\.0\.weight"):
-        start_from(build_generator(wider), [tmp_path / CHECKPOINT], pytest.fail)
+        load_init_weights(build_generator(wider), [tmp_path / CHECKPOINT], pytest.fail)
     (tmp_path / "broken.onnx").write_bytes(b"no graph")
     with pytest.raises(CheckpointError, match=r"broken\.onnx is not a complete ONNX file"):
-        start_from(build_generator(BARE.generator), [tmp_path / "broken.onnx"], pytest.fail)
+        load_init_weights(build_generator(BARE.generator), [tmp_path / "broken.onnx"], pytest.fail)
 
 
 def test_extra_pairs_need_log_depth(tmp_path: Path) -> None:

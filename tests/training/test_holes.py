@@ -35,9 +35,9 @@ def _holed(share: float = 0.2, value: float = 0.0, seed: int = 0) -> Any:
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -1.0])
 def test_resizing_takes_the_mean_of_what_was_measured(value: float) -> None:
     depth_m = np.float32([[2, 4, 3, value], [value, 6, value, value]])
-    (small_m,), (known,) = downsample(depth_m, (2, 1))
+    (small_m,), (valid_mask,) = downsample(depth_m, (2, 1))
     assert small_m.tolist() == [4.0, 4.0]  # the hole takes its neighbour's, not half of 3
-    assert known.tolist() == [True, False]
+    assert valid_mask.tolist() == [True, False]
 
 
 @pytest.mark.parametrize(("width", "columns"), [(2, 1), (49, 2), (53, 2), (12, 5), (41, 1)])
@@ -46,7 +46,7 @@ def test_a_pixel_is_measured_from_exactly_half_of_its_area_on(width: int, column
     half_m[0] = 3.0
     shrunk = downsample(half_m, (columns, 1))
     assert shrunk is not None
-    assert shrunk.known is None
+    assert shrunk.valid_mask is None
     np.testing.assert_allclose(shrunk.depth_m, 3.0, rtol=1e-5)
     less_m = np.zeros((5, width), np.float32)
     less_m[:2] = 3.0
@@ -56,16 +56,16 @@ def test_a_pixel_is_measured_from_exactly_half_of_its_area_on(width: int, column
 def test_holes_take_the_nearest_measurement() -> None:
     depth_m = np.zeros((5, 9), np.float32)
     depth_m[2, 0], depth_m[2, 8] = 1.0, 7.0
-    filled_m, known = downsample(depth_m, (9, 5))
+    filled_m, valid_mask = downsample(depth_m, (9, 5))
     assert (filled_m[:, :4] == 1).all()
     assert (filled_m[:, 5:] == 7).all()
-    assert int(known.sum()) == 2
+    assert int(valid_mask.sum()) == 2
 
 
 def test_without_holes_nothing_changes() -> None:
     depth_m = rooms().depths_m[0]
-    small_m, known = downsample(depth_m, (32, 24))
-    assert known is None
+    small_m, valid_mask = downsample(depth_m, (32, 24))
+    assert valid_mask is None
     assert np.array_equal(small_m, cv2.resize(depth_m, (32, 24), interpolation=cv2.INTER_AREA))
 
 
@@ -92,34 +92,34 @@ def test_no_value_is_outside_of_what_was_measured(seed: int, share: float, facto
 
 def test_batches_never_show_zero_and_say_what_is_known() -> None:
     store = PairStore(_holed(), TRAIN, DATA)
-    assert store.known is not None
+    assert store.valid_mask is not None
     assert float(store.depth_m.min()) >= 0.9
     for changes in ({}, {"paired": False}, {"crop_286": True}):
         data = replace(DATA, **changes)
-        gray, depth_m, known, _ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
-        assert known is not None
-        assert known.shape == depth_m.shape == gray.shape
-        assert known.dtype == torch.bool
-        assert 0.4 < float(known.float().mean()) < 0.95
+        gray, depth_m, valid_mask, _ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
+        assert valid_mask is not None
+        assert valid_mask.shape == depth_m.shape == gray.shape
+        assert valid_mask.dtype == torch.bool
+        assert 0.4 < float(valid_mask.float().mean()) < 0.95
         assert float(depth_m.min()) > 0.9 / 1.5
 
 
 def test_known_pixels_have_the_depth_of_the_picture_without_holes() -> None:
     """Holes at the stored size, so that only the view mixes pixels."""
     whole_m = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(1)) * 5 + 1
-    known = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(2)) > 0.05
+    valid_mask = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(2)) > 0.05
     rgb = torch.rand(6, 3, 64, 64)
     seen = augment(rgb, whole_m, DATA, torch.Generator().manual_seed(3))
-    with_holes = torch.where(known, whole_m, torch.full_like(whole_m, 99))
-    holed = augment(rgb, with_holes, DATA, torch.Generator().manual_seed(3), known)
-    assert seen.known is None
-    assert holed.known is not None
-    assert torch.equal(seen.gray, holed.gray)
+    with_holes = torch.where(valid_mask, whole_m, torch.full_like(whole_m, 99))
+    holed = augment(rgb, with_holes, DATA, torch.Generator().manual_seed(3), valid_mask)
+    assert seen.valid_mask is None
+    assert holed.valid_mask is not None
+    assert torch.equal(seen.network_input, holed.network_input)
     torch.testing.assert_close(
-        holed.depth_m[holed.known], seen.depth_m[holed.known], rtol=0, atol=0.11
+        holed.depth_m[holed.valid_mask], seen.depth_m[holed.valid_mask], rtol=0, atol=0.11
     )
     wrong = (holed.depth_m - seen.depth_m).abs() > 0.5
-    assert not (wrong & holed.known).any()
+    assert not (wrong & holed.valid_mask).any()
     assert wrong.any()
 
 
@@ -130,57 +130,57 @@ def _pair(seed: int = 4) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
 
 
 def test_l1_is_the_mean_over_known_pixels() -> None:
-    prediction, truth, known = _pair()
-    wanted = (prediction - truth).abs()[known].mean()
-    loss = regularized_l1(prediction, truth, torch.nn.Module(), 0, known)
+    prediction, truth, valid_mask = _pair()
+    wanted = (prediction - truth).abs()[valid_mask].mean()
+    loss = regularized_l1(prediction, truth, torch.nn.Module(), 0, valid_mask)
     torch.testing.assert_close(loss, wanted)
-    nothing = regularized_l1(prediction, truth, torch.nn.Module(), 0, known & False)
+    nothing = regularized_l1(prediction, truth, torch.nn.Module(), 0, valid_mask & False)
     assert float(nothing) == 0
 
 
-def _difference(error: Any, known: Any, step: tuple[int, int]) -> float:
-    """Mean difference of neighbours, both known, by plain loops."""
+def _difference(error: Any, valid_mask: Any, step: tuple[int, int]) -> float:
+    """Mean difference of neighbours, both valid, by plain loops."""
     found = []
-    images, _, rows, columns = known.shape
+    images, _, rows, columns = valid_mask.shape
     for b in range(images):
         for y in range(rows - step[0]):
             for x in range(columns - step[1]):
                 there = (b, 0, y + step[0], x + step[1])
-                if known[b, 0, y, x] and known[there]:
+                if valid_mask[b, 0, y, x] and valid_mask[there]:
                     found.append(abs(float(error[there]) - float(error[b, 0, y, x])))
     return float(np.mean(found)) if found else 0.0
 
 
 def test_gradient_loss_is_of_differences_between_known_pixels() -> None:
-    prediction, truth, known = _pair()
-    error, mask, terms = (prediction - truth).numpy(), known.numpy(), []
+    prediction, truth, valid_mask = _pair()
+    error, mask, terms = (prediction - truth).numpy(), valid_mask.numpy(), []
     for _ in range(4):
         terms.append(_difference(error, mask, (0, 1)) + _difference(error, mask, (1, 0)))
         rows, columns = error.shape[2] // 2, error.shape[3] // 2
         error, mask = (m[:, :, : 2 * rows, : 2 * columns] for m in (error, mask))
         blocks = (len(error), 1, rows, 2, columns, 2)
         error, mask = error.reshape(blocks).mean((3, 5)), mask.reshape(blocks).all((3, 5))
-    found = gradient_loss(prediction, truth, known)
+    found = gradient_loss(prediction, truth, valid_mask)
     assert float(found) == pytest.approx(float(np.mean(terms)), rel=1e-5)
 
 
 def test_losses_do_not_see_what_stands_in_a_hole() -> None:
-    prediction, truth, known = _pair()
-    other = torch.where(known, truth, truth + 7)
+    prediction, truth, valid_mask = _pair()
+    other = torch.where(valid_mask, truth, truth + 7)
     for loss in (
         gradient_loss,
         lambda p, t, k: regularized_l1(p, t, torch.nn.Module(), 0, k),
     ):
-        assert torch.equal(loss(prediction, truth, known), loss(prediction, other, known))
+        assert torch.equal(loss(prediction, truth, valid_mask), loss(prediction, other, valid_mask))
         assert not torch.equal(loss(prediction, truth, None), loss(prediction, other, None))
 
 
 def test_losses_of_known_pixels_alone_are_the_plain_ones() -> None:
-    prediction, truth, known = _pair()
+    prediction, truth, valid_mask = _pair()
     for loss in (
         gradient_loss,
         lambda p, t, k: regularized_l1(p, t, torch.nn.Module(), 0, k),
     ):
         torch.testing.assert_close(
-            loss(prediction, truth, known | True), loss(prediction, truth, None)
+            loss(prediction, truth, valid_mask | True), loss(prediction, truth, None)
         )

@@ -17,7 +17,7 @@ from runs import same
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError
 from depthcli.metrics.depth import METRICS
-from depthcli.training.checkpoint import Checkpoint, RunProgress, load_generator
+from depthcli.training.checkpoint import Checkpoint, TrainState, load_generator
 from depthcli.training.config.schema import OutputConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.finite import finite_losses
@@ -42,17 +42,17 @@ class Notes:
     def __init__(self, fail_at: int | None = None) -> None:
         self.steps: list[int] = []
         self.losses: list[dict[str, float]] = []
-        self.epochs: list[RunProgress] = []
+        self.epochs: list[TrainState] = []
         self.fail_at = fail_at
 
-    def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
+    def on_step_end(self, progress: TrainState, steps: int, losses: dict[str, float]) -> None:
         assert steps >= progress.step
         self.steps.append(progress.step)
         self.losses.append(losses)
         if progress.step == self.fail_at:
             raise KeyboardInterrupt
 
-    def on_epoch_end(self, progress: RunProgress) -> None:
+    def on_epoch_end(self, progress: TrainState) -> None:
         self.epochs.append(progress)
 
 
@@ -62,7 +62,7 @@ def _fabric() -> Fabric:
 
 def _train(
     config: TrainConfig, folder: Path, notes: Notes | None = None, **limits: float
-) -> RunProgress:
+) -> TrainState:
     fabric = Fabric(accelerator="cpu", devices=1, precision=config.precision)
     return fit(config, room_data(), folder, fabric, notes or Notes(), Limits(**limits))
 
@@ -91,8 +91,8 @@ def test_run_killed_between_checkpoints_repeats_from_the_last(tmp_path: Path) ->
     _train(EFFICIENT, whole)
     with pytest.raises(KeyboardInterrupt):
         _train(EFFICIENT, parts, Notes(fail_at=3))
-    assert Checkpoint.load(parts / CHECKPOINT).progress.step == 2
-    assert Checkpoint.load(parts / CHECKPOINT).progress.threads == torch.get_num_threads()
+    assert Checkpoint.load(parts / CHECKPOINT).state.step == 2
+    assert Checkpoint.load(parts / CHECKPOINT).state.threads == torch.get_num_threads()
     again = Notes()
     _train(EFFICIENT, parts, again)
     assert again.steps == [3, 4, 5, 6]
@@ -142,14 +142,14 @@ def test_validation_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
 def test_scores_are_of_the_weights_they_are_saved_with(tmp_path: Path) -> None:
     assert _train(EFFICIENT, tmp_path, steps=2).scores
     assert _train(EFFICIENT, tmp_path, steps=1).scores == {}
-    assert Checkpoint.load(tmp_path / CHECKPOINT).progress.scores == {}
+    assert Checkpoint.load(tmp_path / CHECKPOINT).state.scores == {}
 
 
 def test_checkpoint_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:
     class SavedSteps(Notes):
-        def on_epoch_end(self, progress: RunProgress) -> None:
+        def on_epoch_end(self, progress: TrainState) -> None:
             super().on_epoch_end(progress)
-            saved.append(Checkpoint.load(path).progress.epoch if path.exists() else None)
+            saved.append(Checkpoint.load(path).state.epoch if path.exists() else None)
 
     path, saved = tmp_path / CHECKPOINT, list[int | None]()
     _train(replace(EFFICIENT, save_every=2), tmp_path, SavedSteps())
@@ -173,7 +173,7 @@ def test_the_run_says_what_it_learned_from(tmp_path: Path) -> None:
     ):
         folder = tmp_path / data.title
         done = fit(EFFICIENT, data, folder, _fabric(), Notes(), Limits(steps=1))
-        saved = Checkpoint.load(folder / CHECKPOINT).progress
+        saved = Checkpoint.load(folder / CHECKPOINT).state
         assert saved == done
         assert (saved.data, saved.hfov_deg, saved.aspect) == (data.title, *of_camera)
         assert (saved.extra, saved.start) == ("", "")
@@ -195,13 +195,13 @@ def test_validation_goes_as_far_as_the_output(tmp_path: Path) -> None:
 def test_limits_stop_after_a_step_and_save(tmp_path: Path) -> None:
     folder = tmp_path / "of" / "steps"
     assert _train(EFFICIENT, folder, steps=3).step == 3
-    progress = Checkpoint.load(folder / CHECKPOINT).progress
+    progress = Checkpoint.load(folder / CHECKPOINT).state
     assert (progress.step, progress.epoch) == (3, 1)
     first = _train(EFFICIENT, tmp_path / "minutes", minutes=0)
     second = _train(EFFICIENT, tmp_path / "minutes", minutes=0)
     assert (first.step, second.step) == (1, 2)
     assert 0 < first.seconds < second.seconds < 600
-    assert Checkpoint.load(tmp_path / "minutes" / CHECKPOINT).progress == second
+    assert Checkpoint.load(tmp_path / "minutes" / CHECKPOINT).state == second
     for seconds, steps, over in ((119.9, 9, False), (120, 0, True), (0, 10, True)):
         assert Limits(minutes=2, steps=10).reached(seconds, steps) is over
     assert not Limits().reached(1e9, 10**9)
@@ -222,7 +222,7 @@ def test_rate_follows_the_schedule() -> None:
     run = Run(PAPER, _fabric(), steps_per_epoch=5)
     batch = _batch()
     for step in (0, 5, 9):
-        run.progress = RunProgress(step=step)
+        run.state = TrainState(step=step)
         run.step(batch)
         wanted = 2e-4 * lr_factor(PAPER.optim, step, 5)
         rates = {g["lr"] for o in run.optimizers.values() for g in o.param_groups}
@@ -275,7 +275,7 @@ def test_loss_that_is_not_finite_stops_and_keeps_the_last_checkpoint(
     with pytest.raises(TrainingError, match=line):
         _train(config, tmp_path)
     assert (tmp_path / CHECKPOINT).read_bytes() == before
-    assert Checkpoint.load(tmp_path / CHECKPOINT).progress.step == 1
+    assert Checkpoint.load(tmp_path / CHECKPOINT).state.step == 1
 
 
 def test_weights_that_are_not_finite_do_not_replace_a_checkpoint(tmp_path: Path) -> None:

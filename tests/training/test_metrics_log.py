@@ -16,7 +16,7 @@ from rooms import EFFICIENT, room_data
 
 from depthcli.training import metrics_log
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.folder import CHECKPOINT, METRICS_LOG
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
@@ -36,7 +36,7 @@ def test_a_link_does_not_lead_the_log_elsewhere(tmp_path: Path, content: str | N
         elsewhere.write_text(content)
     path.symlink_to(elsewhere)
     metrics_log.truncate(path, 0)
-    metrics_log.append(path, RunProgress(step=2), {"l1": 0.5})
+    metrics_log.append(path, TrainState(step=2), {"l1": 0.5})
     assert _steps(path) == [2]
     assert (elsewhere.read_text() if elsewhere.exists() else None) == content
 
@@ -46,7 +46,7 @@ def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
     metrics_log.truncate(path, 0)
     assert not path.exists()
     for step in (2, 4, 6):
-        metrics_log.append(path, RunProgress(step=step), {"l1": 0.5})
+        metrics_log.append(path, TrainState(step=step), {"l1": 0.5})
     for step, kept in ((9, [2, 4, 6]), (6, [2, 4, 6]), (5, [2, 4]), (0, [])):
         metrics_log.truncate(path, step)
         assert _steps(path) == kept
@@ -61,7 +61,7 @@ def test_a_pipe_in_the_place_of_the_log_is_not_waited_for(tmp_path: Path) -> Non
 
 def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
     path, scores = tmp_path / METRICS_LOG, {"rmse": 0.5, "d1": math.nan}
-    metrics_log.append(path, RunProgress(4, 2, 12.3456, scores), {"l1": 0.25})
+    metrics_log.append(path, TrainState(4, 2, 12.3456, scores), {"l1": 0.25})
     assert path.read_bytes().endswith(b"}\n")
     assert json.loads(path.read_bytes()) == {
         "epoch": 2,
@@ -77,12 +77,12 @@ def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
 
 def test_what_the_disk_does_not_take_whole_is_not_left_in_part(tmp_path: Path) -> None:
     path, (soft, hard) = tmp_path / METRICS_LOG, resource.getrlimit(resource.RLIMIT_FSIZE)
-    metrics_log.append(path, RunProgress(step=2), {"l1": 0.5})
+    metrics_log.append(path, TrainState(step=2), {"l1": 0.5})
     before = path.read_bytes()
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, hard))
     try:
         with pytest.raises(OSError, match="large"):
-            metrics_log.append(path, RunProgress(step=4), {"l1": 0.5})
+            metrics_log.append(path, TrainState(step=4), {"l1": 0.5})
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_bytes() == before
@@ -94,11 +94,11 @@ def test_torn_line_is_dropped_and_the_next_is_whole(
     tmp_path_factory: pytest.TempPathFactory, share: float
 ) -> None:
     path = tmp_path_factory.mktemp("log") / METRICS_LOG
-    metrics_log.append(path, RunProgress(step=2), {"l1": 0.5})
+    metrics_log.append(path, TrainState(step=2), {"l1": 0.5})
     whole = path.read_bytes()
     path.write_bytes(whole + whole[: int(share * (len(whole) - 1))])
     metrics_log.truncate(path, 2)
-    metrics_log.append(path, RunProgress(step=4), {"l1": 0.5})
+    metrics_log.append(path, TrainState(step=4), {"l1": 0.5})
     assert _steps(path)[0] == 2
     assert _steps(path)[-1] == 4
 
@@ -107,7 +107,7 @@ def test_crash_between_line_and_checkpoint_does_not_repeat_the_epoch(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def crash(run: Run, path: Path) -> None:
-        if run.progress.step == 4:
+        if run.state.step == 4:
             raise KeyboardInterrupt
         save(run, path)
 

@@ -53,13 +53,13 @@ def test_what_starting_costs_is_kept_for_each_that_waits() -> None:
 
 def test_progress_of_a_folder(tmp_path: Path) -> None:
     run = PlannedRun(EFFICIENT, tmp_path / "run")
-    assert run.progress().step == 0
-    assert not run.is_finished(run.progress())
+    assert run.state().step == 0
+    assert not run.is_finished(run.state())
     fabric = Fabric(accelerator="cpu", devices=1)
     fit(EFFICIENT, room_data(), run.folder, fabric, Callback(), Limits(steps=3))
-    assert (run.progress().step, run.is_finished(run.progress())) == (3, False)
+    assert (run.state().step, run.is_finished(run.state())) == (3, False)
     fit(EFFICIENT, room_data(), run.folder, fabric, Callback())
-    assert (run.progress().step, run.is_finished(run.progress())) == (6, True)
+    assert (run.state().step, run.is_finished(run.state())) == (6, True)
     other = PlannedRun(replace(EFFICIENT, seed=9), run.folder)
     with pytest.raises(CheckpointError, match="another run: seed is 3 there, 9 here; to continue"):
         other.progress()

@@ -1,4 +1,4 @@
-"""The recipe ``batch`` and then ``train --extra``: metres of any camera become those of one."""
+"""``batch``, then ``train --pseudo-labels``: metres of any camera become those of one."""
 
 from __future__ import annotations
 
@@ -45,20 +45,20 @@ def more(tmp_path: Path) -> Path:
 def test_training_reads_what_the_model_saw(more: Path) -> None:
     """``batch`` multiplied it by the ratio of focal lengths, of which the network sees nothing."""
     pairs = open_paired_folder(more)
-    data = room_data().with_extra(pairs)
-    assert data.extra is not None
+    data = room_data().with_pseudo_labels(pairs)
+    assert data.pseudo_labels is not None
     assert pairs.ids == ("lens", "room", "wide")
     for i, ratio in enumerate((0.926, 1, 1.155)):
         # The input has whole pixels: up to a half percent from the ideal size.
         assert np.median(pairs.depth_m(i)) == pytest.approx(SEEN_M * ratio, rel=0.006)
-        assert np.median(data.extra.depth_m(i)) == pytest.approx(SEEN_M, rel=0.006)
+        assert np.median(data.pseudo_labels.depth_m(i)) == pytest.approx(SEEN_M, rel=0.006)
 
 
 def test_cameras_csv_comes_before_what_the_depth_states(more: Path) -> None:
     (more / "cameras.csv").write_text("id,focal_px\nlens,100\nroom,200\nwide,400\n")
     pairs = open_paired_folder(more)
-    extra = room_data().with_extra(pairs).extra
-    assert extra == pairs.for_camera(63.3, 4 / 3)
+    pseudo_labels = room_data().with_pseudo_labels(pairs).pseudo_labels
+    assert pseudo_labels == pairs.for_camera(63.3, 4 / 3)
 
 
 def test_depth_of_another_program_is_taken_as_it_is_but_not_beside_predictions(more: Path) -> None:
@@ -68,5 +68,7 @@ def test_depth_of_another_program_is_taken_as_it_is_but_not_beside_predictions(m
         cv2.imwrite(file, cv2.imread(file, cv2.IMREAD_UNCHANGED))
         if name != names[-1]:
             with pytest.raises(DatasetError, match=r"lens\.depth\.png states no focal length"):
-                room_data().with_extra(open_paired_folder(more))
-    assert room_data().with_extra(open_paired_folder(more)).extra == open_paired_folder(more)
+                room_data().with_pseudo_labels(open_paired_folder(more))
+    assert room_data().with_pseudo_labels(
+        open_paired_folder(more)
+    ).pseudo_labels == open_paired_folder(more)

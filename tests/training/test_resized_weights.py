@@ -1,4 +1,4 @@
-"""Initial weights for a deeper network, or for one with a narrower decoder."""
+"""Init weights for a deeper network, or for one with a narrower decoder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from supervised_runs import BARE, SUPERVISED, train_two_steps
 from depthcli.errors import CheckpointError
 from depthcli.training.checkpoint import load_generator
 from depthcli.training.folder import CHECKPOINT
-from depthcli.training.initial_weights import start_from
+from depthcli.training.initial_weights import load_init_weights
 from depthcli.training.networks.build import build_generator
 from depthcli.training.resized_weights import resized_weights
 
@@ -83,8 +83,8 @@ def test_of_several_runs_the_mean_is_narrowed(tmp_path: Path) -> None:
     for seed, file in enumerate(files):
         train_two_steps(replace(config, seed=seed), file.parent)
     narrow, mean = build_generator(NARROW), build_generator(WIDE)
-    start_from(narrow, files, _gray)
-    start_from(mean, files, pytest.fail)
+    load_init_weights(narrow, files, _gray)
+    load_init_weights(mean, files, pytest.fail)
     expected = resized_weights(narrow, mean.state_dict(), _gray)
     for name, weights in narrow.state_dict().items():
         assert torch.equal(weights, expected[name])
@@ -117,7 +117,9 @@ def test_other_differences_are_refused(
     config = replace(WIDE, depths=(1, 2, 1, 1))
     train_two_steps(replace(BARE, generator=config), tmp_path)
     with pytest.raises(CheckpointError, match=rf"last\.ckpt has {lack}.*: set generator\.\* as"):
-        start_from(build_generator(replace(config, **change)), [tmp_path / CHECKPOINT], _gray)
+        load_init_weights(
+            build_generator(replace(config, **change)), [tmp_path / CHECKPOINT], _gray
+        )
 
 
 def test_networks_of_two_kinds_have_no_mean(tmp_path: Path) -> None:
@@ -125,7 +127,7 @@ def test_networks_of_two_kinds_have_no_mean(tmp_path: Path) -> None:
     train_two_steps(replace(BARE, generator=NARROW), tmp_path / "b")
     files = [tmp_path / name / CHECKPOINT for name in "ab"]
     with pytest.raises(CheckpointError, match="are different networks, whose weights have no mean"):
-        start_from(build_generator(NARROW), files, _gray)
+        load_init_weights(build_generator(NARROW), files, _gray)
 
 
 def test_the_networks_of_the_paper_take_only_their_own_weights() -> None:

@@ -133,7 +133,7 @@ def test_each_step_moves_the_average() -> None:
     before = {n: w.clone() for n, w in run.average.network.state_dict().items()}
     run.step(TrainingBatch(gray, depth_m))
     now = run.method.generator.state_dict()
-    for name, average in run.best_generator.state_dict().items():
+    for name, average in run.ema_generator.state_dict().items():
         if average.is_floating_point():
             torch.testing.assert_close(average, torch.lerp(before[name], now[name], 1 - 1 / 10))
     assert any(not torch.equal(before[name], now[name]) for name in now)

@@ -43,7 +43,7 @@ SHOWN = {
     "shapes": replace(LIGHT, aspects=(1.7778, 1.0, 0.75), turn=0.5, blur=0.7, border=0.6),
     "unpaired": replace(LIGHT, paired=False, cutmix=0.0),
     "originals": DataConfig(width=32, height=32, paired=False, crop_286=True, colour="luma"),
-    "extra": replace(LIGHT, extra_share=0.25, turn=1.0),
+    "extra": replace(LIGHT, pseudo_label_share=0.25, turn=1.0),
 }
 LEARNED = {
     **{name: tiny(name) for name in METHODS},
@@ -94,14 +94,14 @@ def learned(name: str) -> dict[str, list[float]]:
     torch.set_num_threads(1)
     run, losses = Run(config, Fabric(accelerator="cpu", devices=1), 2), dict[str, list[float]]()
     for step in range(2):
-        run.progress = replace(run.progress, step=step)
+        run.state = replace(run.state, step=step)
         random = torch.Generator().manual_seed(step)
         gray = torch.rand(2, 1, 32, 32, generator=random) * 2 - 1
         depth_m = torch.rand(2, 1, 32, 32, generator=random) * 8 + 1
         for term, value in run.step(TrainingBatch(gray, depth_m)).items():
             losses.setdefault(term, []).append(float(f"{value:.6g}"))
     torch.set_num_threads(threads)
-    for part, network in [*run.method.named_children(), ("best", run.best_generator)]:
+    for part, network in [*run.method.named_children(), ("best", run.ema_generator)]:
         sizes = [float(w.detach().abs().sum()) for w in network.parameters() if w.ndim > 1]
         losses[f"weights of {part}"] = [float(f"{sum(sizes):.6g}")]
     return losses

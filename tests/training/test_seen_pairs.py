@@ -16,9 +16,9 @@ from depthcli.errors import DatasetError
 from depthcli.export.onnx import export_checkpoint
 from depthcli.export.options import ExportOptions
 from depthcli.export.trained import open_run
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.folder import CHECKPOINT
-from depthcli.training.seen_pairs import seen_by_files, seen_by_run
+from depthcli.training.initial_weights import seen_by_files, seen_ids_X
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -93,7 +93,7 @@ def test_extra_pairs_that_the_run_holds_out_are_refused(
     tmp_path: Path, title: str, name: str
 ) -> None:
     extra, run = write_extra(tmp_path / "yard", prefix=""), tmp_path / "run"
-    line = rf"contain 1 held-out pair of {name} \(first: 0002\): remove them from --extra"
+    line = rf"contain 1 held-out pair of {name} \(first: 0002\): remove them from --pseudo-labels"
     with pytest.raises(DatasetError, match=line):
         train_two_steps(SUPERVISED, run, extra=extra, title=title)
     assert not run.exists()
@@ -115,7 +115,7 @@ def test_a_checkpoint_without_its_extra_pairs_gets_them_when_it_goes_on(tmp_path
     extra, run = write_extra(tmp_path / "more"), tmp_path / "run"
     train_two_steps(SUPERVISED, run, extra=extra)
     content = torch.load(run / CHECKPOINT, weights_only=True)
-    del content["progress"]["extra_pairs"]
+    del content["progress"]["pseudo_label_ids"]
     torch.save(content, run / CHECKPOINT)
     assert "own pairs (more)" not in seen_by_files([run / CHECKPOINT])
     assert train_two_steps(SUPERVISED, run, extra=extra).step == 4
@@ -133,14 +133,14 @@ def test_a_card_that_states_no_ids_is_no_error(start: Path) -> None:
 
 
 def test_checkpoints_before_0_10_tell_what_they_know() -> None:
-    former = RunProgress(train_ids=("0003",), start_ids=("0001",))
-    assert seen_by_run(former) == {NYU: ("0001", "0003")}
-    assert seen_by_run(replace(former, data=YARD)) == dict.fromkeys((YARD, NYU), ("0001", "0003"))
+    former = TrainState(train_ids=("0003",), start_ids=("0001",))
+    assert seen_ids_X(former) == {NYU: ("0001", "0003")}
+    assert seen_ids_X(replace(former, data=YARD)) == dict.fromkeys((YARD, NYU), ("0001", "0003"))
 
 
 def test_a_folder_counts_as_nyu_if_all_its_names_are_numbers_of_nyu() -> None:
     def seen(*ids: str) -> set[str]:
-        return seen_by_run(RunProgress(train_ids=ids, data=YARD)).keys()
+        return seen_ids_X(TrainState(train_ids=ids, data=YARD)).keys()
 
     assert seen("0001", "1448") == {YARD, NYU}
     assert seen("0001", "1449") == seen("0001", "hall") == {YARD}

@@ -90,7 +90,7 @@ def test_a_number_is_that_of_the_option_of_the_run_or_of_a_trial(tmp_path: Path)
     assert found.count in candidates(cores)
     run = Run(SMALL, fabric, 1)
     for saved, wanted in ((1, 1), (10_000, cores), (0, 1)):  # 0 is not known: as many as now
-        run.progress = replace(run.progress, threads=saved)
+        run.state = replace(run.state, threads=saved)
         run.save(tmp_path / CHECKPOINT)
         torch.set_num_threads(1)
         assert set_threads(None, SMALL, tmp_path, fabric) == Threads(wanted, cores, timed=False)

@@ -141,9 +141,9 @@ def test_what_lies_outside_of_the_picture_is_not_known() -> None:
     assert torch.equal(geometry.inside, ~outside)
     assert 0 < int(outside.sum()) < 0.05 * outside.numel()
     rgb, depth_m = torch.rand(60, 3, 96, 128), torch.full((60, 1, 96, 128), 2.0)
-    known = augment(rgb, depth_m, DATA, seeded(4)).known
-    assert known is not None
-    assert not known.all()
+    valid_mask = augment(rgb, depth_m, DATA, seeded(4)).valid_mask
+    assert valid_mask is not None
+    assert not valid_mask.all()
 
 
 def test_sizes_of_views_keep_the_number_of_pixels() -> None:
@@ -160,7 +160,7 @@ def _border_levels(**changes: float) -> Tensor:
     rgb = torch.full((200, 3, 96, 128), 0.5)
     rgb[..., 0], rgb[..., -1], rgb[..., 0, :], rgb[..., -1, :] = 1, 1, 1, 1
     data = replace(DATA, zoom=1.0, turn=0.0, **changes)  # type: ignore[arg-type]
-    gray = augment(rgb, torch.ones(200, 1, 96, 128), data, seeded(6)).gray
+    gray = augment(rgb, torch.ones(200, 1, 96, 128), data, seeded(6)).network_input
     assert torch.all(gray[..., 4:-4, 4:-4] == 0)
     return (gray[:, 0, 20, 0] + 1) / 2
 
@@ -182,9 +182,9 @@ def test_beyond_its_edge_a_picture_goes_on_as_it_ends(border: float) -> None:
     data = replace(DATA, border=border)
     wall_m = torch.full((60, 1, 96, 128), 2.0)
     seen = augment(torch.full((60, 3, 96, 128), 0.25), wall_m, data, seeded(4))
-    assert seen.known is not None
-    assert not seen.known.all()
-    torch.testing.assert_close(seen.gray, torch.full_like(seen.gray, -0.5))
+    assert seen.valid_mask is not None
+    assert not seen.valid_mask.all()
+    torch.testing.assert_close(seen.network_input, torch.full_like(seen.network_input, -0.5))
     scale = draw_views(60, (64, 48), DATA, seeded(4)).depth_scale
     torch.testing.assert_close(seen.depth_m, 2 * scale)
 
@@ -192,7 +192,9 @@ def test_beyond_its_edge_a_picture_goes_on_as_it_ends(border: float) -> None:
 def test_blur_smooths_and_keeps_the_mean() -> None:
     rgb = torch.rand(20, 1, 96, 128, generator=seeded(7)).expand(-1, 3, -1, -1)
     plain = replace(DATA, zoom=1.0, turn=0.0)
-    sharp = augment(rgb, torch.ones(20, 1, 96, 128), plain, seeded(8)).gray
-    soft = augment(rgb, torch.ones(20, 1, 96, 128), replace(plain, blur=1.0), seeded(8)).gray
+    sharp = augment(rgb, torch.ones(20, 1, 96, 128), plain, seeded(8)).network_input
+    soft = augment(
+        rgb, torch.ones(20, 1, 96, 128), replace(plain, blur=1.0), seeded(8)
+    ).network_input
     assert float(soft.std()) < 0.9 * float(sharp.std())
     torch.testing.assert_close(soft.mean(), sharp.mean(), atol=2e-3, rtol=0)

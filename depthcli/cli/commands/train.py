@@ -63,7 +63,7 @@ def train(
             help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
         ),
     ] = Path("runs/train"),
-    extra: Annotated[
+    pseudo_labels: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
@@ -163,8 +163,8 @@ def train(
         config=resolved,
         data=data,
         out=out,
-        extra=extra,
-        start=tuple(init or ()),
+        pseudo_labels=pseudo_labels,
+        init_weights=tuple(init or ()),
         minutes=math.inf if max_minutes is None else max_minutes,
         accelerator=accelerator,
         devices=devices,

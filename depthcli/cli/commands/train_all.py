@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _QUEUE_OPTIONS = {
     *("method", "every_method", "methods", "seeds", "data", "out", "preset", "config", "settings"),
-    *("extra", "init", "show_config", "max_minutes", "as_json"),
+    *("pseudo_labels", "init", "show_config", "max_minutes", "as_json"),
 }
 """Options that are not forwarded to the runs unchanged."""
 
@@ -58,8 +58,8 @@ def _queue_request(context: typer.Context) -> QueueRequest:
         files=tuple(Path(file) for file in options["config"] or ()),
         settings=tuple(options["settings"] or ()),
         minutes=math.inf if minutes is None else minutes,
-        extra=None if options["extra"] is None else Path(options["extra"]),
-        start=tuple(map(Path, options["init"] or ())),
+        pseudo_labels=Path(options["pseudo_labels"]) if options["pseudo_labels"] else None,
+        init_weights=tuple(map(Path, options["init"] or ())),
         options=tuple(_forwarded_options(context)),
         report_epochs=options["as_json"],
         signals=ending_signals(),

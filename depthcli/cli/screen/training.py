@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from depthcli.cli.screen.progress import ProgressDisplay, Stage
     from depthcli.jobs.train.run import TrainResult
     from depthcli.training.callbacks import TrainStart
-    from depthcli.training.checkpoint import RunProgress
+    from depthcli.training.checkpoint import TrainState
     from depthcli.training.config.schema import TrainConfig
 
 _SHOWN = ("abs_rel", "rmse", "d1")
@@ -51,7 +51,7 @@ def _assignments(values: dict[str, object]) -> None:
 
 def print_result(result: TrainResult, out: Path) -> None:
     """Print steps, time and checkpoint."""
-    done = result.progress
+    done = result.state
     steps = f"{done.step} step{'s' * (done.step != 1)}"
     console.note(f"{steps} in {done.seconds / 60:.1f} min; checkpoint in {out}")
 
@@ -63,40 +63,38 @@ class _Reporter(Callback):
         self._losses: dict[str, float] = {}
 
     def on_train_start(self, start: TrainStart) -> None:
-        """Warn of what the user may not expect of validation and initial weights."""
+        """Warn of what the user may not expect of validation and init weights."""
         if start.lacks_scenes:
             console.warn("too few scenes to hold one out, so nothing is validated")
         if start.seen_held_out:
             console.warn(
-                f"the initial weights were trained on {start.seen_held_out} of the held-out "
+                f"the init weights were trained on {start.seen_held_out} of the held-out "
                 "pairs, so the scores are not those of new pictures"
             )
         if start.narrowed_decoder:
             before, after = (json.dumps(c, separators=(",", ":")) for c in start.narrowed_decoder)
             console.warn(
-                f"the decoder of the initial weights, {before}, is narrowed to {after}; "
+                f"the decoder of the init weights, {before}, is narrowed to {after}; "
                 f"--set generator.decoder={before} keeps it"
             )
         if start.other_coding:
             console.warn(
-                "the initial weights are used as they are, but they were trained with other "
+                "the init weights are used as they are, but they were trained with other "
                 f"settings: {'; '.join(start.other_coding)}"
             )
 
-    def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
+    def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Store the losses for the end of the epoch."""
-        del progress, steps
+        del state, steps
         self._losses = losses
 
 
 class JsonCallback(_Reporter):
     """Prints one JSON object per epoch to standard output."""
 
-    def on_epoch_end(self, progress: RunProgress) -> None:
+    def on_epoch_end(self, state: TrainState) -> None:
         """Print step, seconds, scores, and the losses of the last step."""
-        values = dataclasses.asdict(progress) | {"scores": finite_or_none(progress.scores)}
-        for ids in ("train_ids", "held_out_ids", "extra_pairs", "start_pairs", "start_ids"):
-            del values[ids]
+        values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores)}
         values["losses"] = self._losses
         console.out_json(values)
 
@@ -125,33 +123,31 @@ class TextCallback(_Reporter):
         if sys.stderr.isatty():
             self._display = self._stack.enter_context(show_progress(silent=False))
 
-    def on_step_end(self, progress: RunProgress, steps: int, losses: dict[str, float]) -> None:
+    def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Advance the bar."""
         if self._first_step is None:
-            self._first_step = progress.step  # its own time is not measured
+            self._first_step = state.step  # its own time is not measured
             self._started_s = time.monotonic()
             if self._display:
                 self._stage = self._display.begin("training", steps, "steps")
-                self._stage.skip(progress.step - 1)
+                self._stage.skip(state.step - 1)
         self._steps = steps
-        super().on_step_end(progress, steps, losses)
+        super().on_step_end(state, steps, losses)
         if self._stage:
             self._stage(1)
 
-    def on_epoch_end(self, progress: RunProgress) -> None:
+    def on_epoch_end(self, state: TrainState) -> None:
         """Print losses, scores, rate and remaining time."""
         elapsed_s = time.monotonic() - self._started_s
-        done = progress.step - (self._first_step or 0)
+        done = state.step - (self._first_step or 0)
         speed = ""
         if done and elapsed_s > 0:
             rate = done / elapsed_s
-            to_go_min = (self._steps - progress.step) / rate / 60
+            to_go_min = (self._steps - state.step) / rate / 60
             speed = f"  {rate:.2f} steps/s  {to_go_min:.0f} min to go"
         losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
-        scores = " ".join(
-            f"{name} {progress.scores[name]:.4f}" for name in _SHOWN if progress.scores
-        )
+        scores = " ".join(f"{name} {state.scores[name]:.4f}" for name in _SHOWN if state.scores)
         held_out = f"  held out: {scores}" if scores else ""
         console.note(
-            f"epoch {progress.epoch}  step {progress.step}/{self._steps}  {losses}{held_out}{speed}"
+            f"epoch {state.epoch}  step {state.step}/{self._steps}  {losses}{held_out}{speed}"
         )

@@ -28,11 +28,11 @@ from depthcli.jobs.train.run_status import (
 from depthcli.jobs.train.signal_forwarder import SignalForwarder
 from depthcli.jobs.train.weights_file import weights_file
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data_facts import data_facts
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.methods.registry import method_class
 from depthcli.training.methods.table import METHODS
 from depthcli.training.planned_runs import PlannedRun, next_share_s
+from depthcli.training.provenance import provenance_of
 from depthcli.training.resolve import resolve_config
 from depthcli.training.weights_origin import weights_origin
 
@@ -53,8 +53,8 @@ class QueueRequest:
     files: tuple[Path, ...] = ()  #: of differences
     settings: tuple[str, ...] = ()  #: ``a.b=c``
     minutes: float = math.inf  #: wall-clock minutes of all runs together
-    extra: Path | None = None  #: folder of additional pairs, for every run
-    start: tuple[Path, ...] = ()  #: models or checkpoints that every run starts from
+    pseudo_labels: Path | None = None  #: folder of additional pairs, for every run
+    init_weights: tuple[Path, ...] = ()  #: models or checkpoints that every run starts from
     options: tuple[str, ...] = ()  #: further arguments of ``depthcli train`` for every run
     report_epochs: bool = False  #: also yield each epoch of a run
     #: signals that stop the current run, with a checkpoint, and the queue
@@ -178,10 +178,12 @@ def _with_saved_config(run: PlannedRun, request: QueueRequest) -> PlannedRun:
         config = resolve_config(method, request.preset, files, settings, run.folder)
         depth = method_class(config.method).DEPTH
         data = _training_data(request.data, config, paired=config.data.paired, depth=depth)
-        if request.extra is not None:
-            data = data.with_extra(open_paired_folder(request.extra))
-        origin = weights_origin([weights_file(source) for source in request.start])
-        return replace(run, config=config, facts=replace(data_facts(config, data), start=origin))
+        if request.pseudo_labels is not None:
+            data = data.with_pseudo_labels(open_paired_folder(request.pseudo_labels))
+        origin = weights_origin([weights_file(source) for source in request.init_weights])
+        return replace(
+            run, config=config, facts=replace(provenance_of(config, data), init_weights=origin)
+        )
     except (CheckpointError, DatasetError, ModelError):
         return run  # the error comes again when this run is due, and stops no other run
 
@@ -191,8 +193,8 @@ def _command(request: QueueRequest, run: PlannedRun, share_s: float) -> list[str
     command = [sys.executable, "-m", "depthcli", "train", run.config.method]
     command += ["--data", str(request.data), "--out", str(run.folder), *request.options]
     command += ["--preset", request.preset] if request.preset else []
-    command += ["--extra", str(request.extra)] if request.extra else []
-    for source in request.start:
+    command += ["--pseudo-labels", str(request.pseudo_labels)] if request.pseudo_labels else []
+    for source in request.init_weights:
         command += ["--init", str(source)]
     for file in request.files:
         command += ["--config", str(file)]

@@ -13,14 +13,13 @@ from depthcli.datasets.training_data import TrainingData, open_training_data
 from depthcli.jobs.train.weights_file import weights_file
 from depthcli.training import loop
 from depthcli.training.callbacks import Callback, TrainStart
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data_facts import train_val_split
 from depthcli.training.initial_coding import coding_differences
-from depthcli.training.initial_weights import narrowed_decoder
+from depthcli.training.initial_weights import narrowed_decoder, seen_by_files
 from depthcli.training.launch import launched, open_fabric
 from depthcli.training.methods.registry import method_class
-from depthcli.training.seen_pairs import common_pairs, seen_by_files
+from depthcli.training.provenance import common_ids, train_val_split
 from depthcli.training.tensorboard_logger import TensorBoardLogger
 from depthcli.training.threads import Threads, set_threads
 
@@ -33,10 +32,10 @@ class TrainRequest:
     #: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it
     data: Path
     out: Path  #: folder for checkpoint, log and samples; a run in it is continued
-    extra: Path | None = None  #: folder of additional pairs with less reliable depth
+    pseudo_labels: Path | None = None  #: folder of additional pairs with less reliable depth
     #: models or checkpoints, as :func:`~depthcli.jobs.train.weights_file.weights_file` takes them;
     #: a new run starts from the mean of their weights
-    start: tuple[Path, ...] = ()
+    init_weights: tuple[Path, ...] = ()
     minutes: float = math.inf  #: wall-clock minutes after which it stops
     accelerator: str = "auto"  #: auto, cpu, cuda or mps
     devices: int = 1  #: GPUs, or CPU processes
@@ -50,7 +49,7 @@ class TrainRequest:
 class TrainResult:
     """How a training session ended."""
 
-    progress: RunProgress  #: how far the run has come
+    state: TrainState  #: how far the run has come
     signal_number: int | None  #: the signal that ended it, or None
     is_global_zero: bool  #: whether this is the process with global rank 0
 
@@ -68,35 +67,35 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
         TrainingError: training cannot continue; the last checkpoint is kept.
     """
     config, out = request.config, request.out
-    start = [weights_file(source) for source in request.start]
+    init_weights = [weights_file(source) for source in request.init_weights]
     fabric = open_fabric(request.accelerator, config.precision, request.devices)
     data = _data(request)
     with launched(fabric):
         first = fabric.is_global_zero
         threads = set_threads(request.threads, config, out, fabric)
         if first:
-            callback.on_train_start(_facts(threads, config, data, start))
+            callback.on_train_start(_facts(threads, config, data, init_weights))
         logger = TensorBoardLogger(callback, out, config) if request.tensorboard and first else None
         interrupt = Interrupt(*request.signals)
         with closing(logger) if logger else nullcontext(callback) as listener:
             limits = loop.Limits(minutes=request.minutes)
-            done = loop.fit(config, data, out, fabric, listener, limits, interrupt, start)
+            done = loop.fit(config, data, out, fabric, listener, limits, interrupt, init_weights)
     return TrainResult(done, interrupt.number, first)
 
 
 def _facts(
-    threads: Threads, config: TrainConfig, data: TrainingData, start: Sequence[Path]
+    threads: Threads, config: TrainConfig, data: TrainingData, init_weights: Sequence[Path]
 ) -> TrainStart:
     wanted = bool(config.data.holdout_every) and method_class(config.method).DEPTH
     held_out = train_val_split(data.dataset, config.data)[1] if wanted else []
     held_out_ids = [data.dataset.ids[i] for i in held_out]
-    seen_held_out = common_pairs(data, held_out_ids, seen_by_files(start))
+    seen_held_out = common_ids(data, held_out_ids, seen_by_files(init_weights))
     return TrainStart(
         threads,
         lacks_scenes=wanted and not held_out,
         seen_held_out=len(seen_held_out),
-        narrowed_decoder=narrowed_decoder(config.generator, start),
-        other_coding=coding_differences(config, start),
+        narrowed_decoder=narrowed_decoder(config.generator, init_weights),
+        other_coding=coding_differences(config, init_weights),
     )
 
 
@@ -109,4 +108,8 @@ def _data(request: TrainRequest) -> TrainingData:
         split=wanted.split,
         units_per_metre=wanted.units_per_metre,
     )
-    return data if request.extra is None else data.with_extra(open_paired_folder(request.extra))
+    return (
+        data
+        if request.pseudo_labels is None
+        else data.with_pseudo_labels(open_paired_folder(request.pseudo_labels))
+    )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from depthcli.errors import CheckpointError
-from depthcli.training.checkpoint import RunProgress
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.planned_runs import PlannedRun
 
 RunState = Literal["finished", "stopped", "failed", "waiting"]
@@ -16,7 +16,7 @@ class RunStatus:
 
     run: PlannedRun  #: which
     state: RunState  #: finished (all epochs), stopped (its share is used up), failed, or waiting
-    progress: RunProgress  #: how far it has come
+    progress: TrainState  #: how far it has come
     reason: str = ""  #: why it failed or was not trained
 
 
@@ -50,5 +50,5 @@ def failed_status(run: PlannedRun, reason: str) -> RunStatus:
     try:
         progress = run.progress()
     except CheckpointError:
-        progress = RunProgress()
+        progress = TrainState()
     return RunStatus(run, "failed", progress, reason)

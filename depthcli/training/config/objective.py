@@ -44,9 +44,9 @@ class LossConfig:
     weight_penalty: Amount = 1e-6  #: λ of eq. 1, on squared convolution weights
     #: multi-scale gradient matching, beyond the paper
     gradient: Amount = field(default=0.0, metadata=_weighs("gradient:gradient_loss"))
-    #: weight of the error in scale of extra pairs, in [0, 1]: with 0 they supervise relative depth
-    #: only, with 1 metres too; a view mixed by ``data.cutmix`` has one scale for both its pictures
-    extra_scale: UnitInterval = 0.0
+    #: weight of the error in scale of pseudo labels: with 0 they supervise relative depth only,
+    #: with 1 metres too; a view mixed by ``data.cutmix`` has one scale for both its pictures
+    pseudo_label_scale: UnitInterval = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"  #: form of the adversarial terms
     adversarial_backward: bool = True  #: also a discriminator for F's pictures
     #: ``cut`` compares output with input, ``cfl`` output with paired truth

@@ -97,7 +97,9 @@ class DataConfig:
     #: pixels inside it, in the other half it is painted in one gray
     border: UnitInterval = 0.0
     noise: Amount = 0.0  #: largest standard deviation of pixel noise, in [0, 1] units
-    extra_share: Share = 0.5  #: fraction of each batch from the extra pairs, if there are any
+    pseudo_label_share: Share = (
+        0.5  #: fraction of each batch from the pseudo labels, if there are any
+    )
     #: probability that a view gets a rectangle of another one, picture and depth alike
     cutmix: Share = 0.0
     #: NYU Depth v2: the split whose training pairs are used

@@ -10,17 +10,17 @@ from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.cutmix import cutmix
 from depthcli.training.views import draw_views, view_size
 
-_ALL_KNOWN = 0.999  # least interpolated mask of a known pixel
+_ALL_VALID = 0.999  # least interpolated mask of a valid pixel
 _MAX_BORDER = 0.03  # as a fraction of half the picture; NYU Depth v2's is .029
 
 
 class Views(NamedTuple):
     """Augmented views of some pairs."""
 
-    gray: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
+    network_input: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
     depth_m: Tensor  #: (B, 1, H, W) float32 metres, with the same geometry
     #: (B, 1, H, W) bool, False where depth was not measured; None if all of it was
-    known: Tensor | None
+    valid_mask: Tensor | None
 
 
 def augment(
@@ -28,7 +28,7 @@ def augment(
     depth_m: Tensor,
     data: DataConfig,
     random: torch.Generator,
-    known: Tensor | None = None,
+    valid_mask: Tensor | None = None,
     size: tuple[int, int] | None = None,
     tan_half_fov: Tensor | None = None,
 ) -> Views:
@@ -39,7 +39,7 @@ def augment(
         depth_m: (B, 1, h, w) float32 metres, aligned with ``rgb``.
         data: sizes and strengths.
         random: the only source of randomness.
-        known: (B, 1, h, w) bool, where depth was measured; None if it was everywhere.
+        valid_mask: (B, 1, h, w) bool, where depth was measured; None if it was everywhere.
         size: width and height of the views, px; sampled if it is None.
         tan_half_fov: (B, 2) float64, as :func:`~depthcli.training.views.draw_views` takes it.
     """
@@ -50,17 +50,17 @@ def augment(
     gray = _sample_with_borders(gray, grid, data, random)
     depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
     depth_m = depth_m * geometry.depth_scale.to(depth_m.device)
-    if known is not None:
-        share = F.grid_sample(known.float(), grid, padding_mode="border", align_corners=False)
-        known = share > _ALL_KNOWN
+    if valid_mask is not None:
+        share = F.grid_sample(valid_mask.float(), grid, padding_mode="border", align_corners=False)
+        valid_mask = share > _ALL_VALID
     if geometry.inside is not None:
         inside = geometry.inside.to(rgb.device)
-        known = inside if known is None else known & inside
-    views = Views(_jitter_exposure(gray, data, random), depth_m, known)
+        valid_mask = inside if valid_mask is None else valid_mask & inside
+    views = Views(_jitter_exposure(gray, data, random), depth_m, valid_mask)
     return _cutmix_views(views, data.cutmix, random) if data.cutmix else views
 
 
-def network_input(rgb: Tensor, data: DataConfig) -> Tensor:
+def to_network_input(rgb: Tensor, data: DataConfig) -> Tensor:
     """The gray network input (B, 1, H, W) in [-1, 1] of RGB (B, 3, H, W) in [0, 1]."""
     return _gray(rgb, data) * 2 - 1
 
@@ -73,9 +73,13 @@ def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
 
 
 def _cutmix_views(views: Views, share: float, random: torch.Generator) -> Views:
-    maps = [views.gray, views.depth_m, *([] if views.known is None else [views.known])]
-    gray, depth_m, *known = cutmix(maps, share, random)
-    return Views(gray, depth_m, known[0] if known else None)
+    maps = [
+        views.network_input,
+        views.depth_m,
+        *([] if views.valid_mask is None else [views.valid_mask]),
+    ]
+    gray, depth_m, *valid_mask = cutmix(maps, share, random)
+    return Views(gray, depth_m, valid_mask[0] if valid_mask else None)
 
 
 def _sample_with_borders(

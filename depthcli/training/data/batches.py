@@ -19,12 +19,14 @@ from depthcli.training.views import view_size
 class TrainingBatch(NamedTuple):
     """The input of one training step."""
 
-    gray: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
+    network_input: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
     #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
     depth_m: Tensor
-    known: Tensor | None = None  #: (B, 1, H, W) bool, False in the holes; None if there are none
-    #: (B,) bool, True for extra pairs; None if there are none
-    extra: Tensor | None = None
+    valid_mask: Tensor | None = (
+        None  #: (B, 1, H, W) bool, False in the holes; None if there are none
+    )
+    #: (B,) bool, True for pseudo labels; None if there are none
+    is_pseudo_label: Tensor | None = None
 
 
 class Batches:
@@ -39,8 +41,8 @@ class Batches:
         device: the batch is moved to it before augmentation.
         process: rank of this process; each gets its own part of every batch.
         processes: number of processes.
-        extra: pairs with less reliable depth, ``data.extra_share`` of each batch; an epoch is a
-            pass through ``store``.
+        pseudo_labels: pairs with less reliable depth, ``data.pseudo_label_share`` of each batch; an
+            epoch is a pass through ``store``.
 
     Raises:
         UsageError: the batch cannot be divided among the processes or between both stores.
@@ -55,7 +57,7 @@ class Batches:
         device: torch.device,
         process: int = 0,
         processes: int = 1,
-        extra: PairStore | None = None,
+        pseudo_labels: PairStore | None = None,
     ) -> None:
         self.store, self.data, self.seed, self.device = store, data, seed, device
         if batch_size % processes or len(store) < processes:
@@ -63,20 +65,24 @@ class Batches:
                 f"optim.batch_size={batch_size} of {len(store)} pairs is shared by {processes} "
                 f"devices: set it to a multiple of {processes}"
             )
-        if extra and processes > 1:
-            raise UsageError("extra pairs are for one device: remove --devices")
-        self.extra = extra
-        self._extra_size = round(batch_size * data.extra_share) if extra else 0
-        if extra and not 0 < self._extra_size < min(batch_size, len(extra) + 1):
+        if pseudo_labels and processes > 1:
+            raise UsageError("pseudo labels are for one device", "remove {devices}")
+        self.pseudo_labels = pseudo_labels
+        self._pseudo_label_count = (
+            round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
+        )
+        if pseudo_labels and not 0 < self._pseudo_label_count < min(
+            batch_size, len(pseudo_labels) + 1
+        ):
             raise UsageError(
-                f"data.extra_share={data.extra_share} of optim.batch_size={batch_size} is "
-                f"{self._extra_size} extra pairs in each batch: it has to be at least 1, less than "
-                f"the batch, and not more than the {len(extra)} pairs of --extra; set either"
+                f"data.pseudo_label_share={data.pseudo_label_share} of a batch of {batch_size} is "
+                f"{self._pseudo_label_count} of the {len(pseudo_labels)} pseudo labels in each "
+                "batch: it has to be at least 1, less than the batch, and not more than there are"
             )
-        own = batch_size - self._extra_size
+        own = batch_size - self._pseudo_label_count
         self.batch_size = min(own, len(store) // processes * processes)
         self.steps_per_epoch = len(store) // self.batch_size
-        self.own_size = (self.batch_size + self._extra_size) // processes
+        self.own_size = (self.batch_size + self._pseudo_label_count) // processes
         self._own = slice(process * self.own_size, (process + 1) * self.own_size)
 
     def __getitem__(self, step: int) -> TrainingBatch:
@@ -88,17 +94,17 @@ class Batches:
         if not self.data.paired:
             rows = self._rows(self.store, step, self.batch_size, stream=3)
             others = self._augmented(self.store, rows, size, random, part=1)
-            views = Views(views.gray, others.depth_m, others.known)
-        if self.extra is None:
+            views = Views(views.network_input, others.depth_m, others.valid_mask)
+        if self.pseudo_labels is None:
             return self._part(TrainingBatch(*views))
-        extra_rows = self._rows(self.extra, step, self._extra_size, stream=4)
-        more = self._augmented(self.extra, extra_rows, size, random)
+        pseudo_label_rows = self._rows(self.pseudo_labels, step, self._pseudo_label_count, stream=4)
+        more = self._augmented(self.pseudo_labels, pseudo_label_rows, size, random)
         return _concatenated(views, more)
 
     def _part(self, whole: TrainingBatch) -> TrainingBatch:
         """This process's part of a batch."""
-        known = None if whole.known is None else whole.known[self._own]
-        return TrainingBatch(whole.gray[self._own], whole.depth_m[self._own], known)
+        valid_mask = None if whole.valid_mask is None else whole.valid_mask[self._own]
+        return TrainingBatch(whole.network_input[self._own], whole.depth_m[self._own], valid_mask)
 
     def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
         """Rows (``size``,) int64 of a step; the store is shuffled anew for each epoch."""
@@ -118,28 +124,29 @@ class Batches:
         """Views with the geometry of the pictures (``part`` 0) or of the depth (1)."""
         rgb = store.rgb.index_select(0, rows).to(self.device).float().div_(255)
         depth_m = store.depth_m.index_select(0, rows).to(self.device).float()
-        known = None if store.known is None else store.known[rows].to(self.device)
+        valid_mask = None if store.valid_mask is None else store.valid_mask[rows].to(self.device)
         halves = store.tan_half_fov[rows, part]
-        return augment(rgb, depth_m, self.data, random, known, size, halves)
+        return augment(rgb, depth_m, self.data, random, valid_mask, size, halves)
 
 
 def _concatenated(views: Views, more: Views) -> TrainingBatch:
-    """One batch of the training pairs and the extra pairs."""
-    known = None
-    if views.known is not None or more.known is not None:
-        known = torch.cat([_known_mask(views), _known_mask(more)])
-    extra = torch.arange(len(views.gray) + len(more.gray)) >= len(views.gray)
+    """One batch of the training pairs and the pseudo labels."""
+    valid_mask = None
+    if views.valid_mask is not None or more.valid_mask is not None:
+        valid_mask = torch.cat([_valid_mask_of(views), _valid_mask_of(more)])
+    own, labels = len(views.network_input), len(more.network_input)
+    is_pseudo_label = torch.arange(own + labels) >= own
     return TrainingBatch(
-        torch.cat([views.gray, more.gray]),
+        torch.cat([views.network_input, more.network_input]),
         torch.cat([views.depth_m, more.depth_m]),
-        known,
-        extra.to(views.gray.device),
+        valid_mask,
+        is_pseudo_label.to(views.network_input.device),
     )
 
 
-def _known_mask(views: Views) -> Tensor:
+def _valid_mask_of(views: Views) -> Tensor:
     everywhere = torch.ones_like(views.depth_m, dtype=torch.bool)
-    return everywhere if views.known is None else views.known
+    return everywhere if views.valid_mask is None else views.valid_mask
 
 
 def _stream_seed(seed: int, count: int, stream: int) -> int:

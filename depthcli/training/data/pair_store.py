@@ -9,7 +9,7 @@ from torch import Tensor
 from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError
 from depthcli.training.config.schema import DataConfig
-from depthcli.training.data.augment import network_input
+from depthcli.training.data.augment import to_network_input
 from depthcli.training.data.field_of_view import tan_half_fov
 from depthcli.training.data.holes import downsample
 
@@ -27,7 +27,7 @@ class PairStore:
     Attributes:
         rgb: (N, 3, h, w) uint8.
         depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
-        known: (N, 1, h, w) bool, False in the holes; None if no pair has one.
+        valid_mask: (N, 1, h, w) bool, False in the holes; None if no pair has one.
         tan_half_fov: (N, 2, 2) float64, of each picture and of its depth, which differ only in
             unpaired data: the tangent of half the angle of view, across and down.
 
@@ -45,7 +45,7 @@ class PairStore:
         shape = (len(positions), 3, size[1], size[0])
         self.rgb = torch.empty(shape, dtype=torch.uint8)
         self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
-        self.known: Tensor | None = None
+        self.valid_mask: Tensor | None = None
         self.tan_half_fov = torch.empty((len(positions), 2, 2), dtype=torch.float64)
         for row, position in enumerate(positions):
             image, depth_m = dataset.image(position), dataset.depth_m(position)
@@ -59,16 +59,16 @@ class PairStore:
                     f"pair {dataset.ids[position]} has almost no depth: remove or repair it"
                 )
             self.depth_m[row, 0] = torch.from_numpy(measured.depth_m)
-            if measured.known is not None:
-                self._mark_holes(row, torch.from_numpy(measured.known))
+            if measured.valid_mask is not None:
+                self._mark_holes(row, torch.from_numpy(measured.valid_mask))
 
     def __len__(self) -> int:
         return len(self.rgb)
 
-    def _mark_holes(self, row: int, known: Tensor) -> None:
-        if self.known is None:
-            self.known = torch.ones(self.depth_m.shape, dtype=torch.bool)
-        self.known[row, 0] = known
+    def _mark_holes(self, row: int, valid_mask: Tensor) -> None:
+        if self.valid_mask is None:
+            self.valid_mask = torch.ones(self.depth_m.shape, dtype=torch.bool)
+        self.valid_mask[row, 0] = valid_mask
 
 
 def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
@@ -81,5 +81,5 @@ def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
     """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs (B,) int64, without augmentation."""
     rgb = store.rgb[rows].float() / 255
     size = (data.height, data.width)
-    gray = network_input(rgb, data)  # before resampling, as at inference
+    gray = to_network_input(rgb, data)  # before resampling, as at inference
     return torch.nn.functional.interpolate(gray, size=size, mode="area")

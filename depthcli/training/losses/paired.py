@@ -9,7 +9,7 @@ from torch import Tensor
 from depthcli.training.config.objective import PAIRED_LOSSES, LossConfig
 
 PairedLoss: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
-"""Prediction and truth (B, 1, H, W), coded depth, and which pixels are known (B, 1, H, W) bool,
+"""Prediction and truth (B, 1, H, W), coded depth, and which pixels are valid (B, 1, H, W) bool,
 None for all; to a scalar."""
 
 

@@ -10,7 +10,7 @@ def regularized_l1(
     truth: Tensor,
     generator: nn.Module,
     penalty: float,
-    known: Tensor | None = None,
+    valid_mask: Tensor | None = None,
 ) -> Tensor:
     """Mean |prediction − truth| + penalty · Σ‖convolution weights‖²; a scalar.
 
@@ -19,20 +19,20 @@ def regularized_l1(
         truth: (B, 1, H, W), coded depth.
         generator: whose convolution weights are penalized.
         penalty: λ of eq. 1; zero leaves the sum out.
-        known: (B, 1, H, W) bool, the pixels that the mean is of; None for all.
+        valid_mask: (B, 1, H, W) bool, the pixels that the mean is of; None for all.
     """
-    if known is None:
+    if valid_mask is None:
         distance = F.l1_loss(prediction, truth)
     else:
-        distance = masked_mean((prediction - truth).abs(), known)
+        distance = masked_mean((prediction - truth).abs(), valid_mask)
     if not penalty:
         return distance
     return distance + penalty * torch.stack([(w**2).sum() for w in conv_weights(generator)]).sum()
 
 
-def masked_mean(values: Tensor, known: Tensor) -> Tensor:
-    """Mean of the values (B, 1, H, W) where ``known`` (bool, the same shape); 0 for none."""
-    return (values * known).sum() / known.sum().clamp(min=1)
+def masked_mean(values: Tensor, valid_mask: Tensor) -> Tensor:
+    """Mean of the values (B, 1, H, W) where ``valid_mask`` (bool, the same shape); 0 for none."""
+    return (values * valid_mask).sum() / valid_mask.sum().clamp(min=1)
 
 
 def conv_weights(network: nn.Module) -> list[Tensor]:

@@ -74,7 +74,7 @@ class Method(nn.Module):
         return (t - self.codec.shift) / self.codec.scale
 
 
-def translated(generator: nn.Module, image: Tensor) -> Tensor:
+def generate(generator: nn.Module, image: Tensor) -> Tensor:
     """A generator's output (B, 1, H, W), fp32, upsampled to its input's size if it is smaller."""
     return upsampled_like(generator(image).float(), image)
 
@@ -97,7 +97,7 @@ def required(part: _Part | None) -> _Part:
     return part
 
 
-def not_none(*networks: nn.Module | None) -> list[nn.Module]:
+def present(*networks: nn.Module | None) -> list[nn.Module]:
     """The networks that exist; those of losses with a weight of zero are None."""
     return [network for network in networks if network is not None]
 

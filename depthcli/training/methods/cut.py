@@ -9,7 +9,7 @@ from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, frozen, not_none, required, translated
+from depthcli.training.methods.base import Method, Phase, frozen, generate, present, required
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator
 
@@ -35,12 +35,12 @@ class Cut(Method):
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G and the patch heads; or the discriminator."""
         if phase == "generator":
-            return not_none(self.generator, self.sampler)
-        return not_none(self.discriminator)
+            return present(self.generator, self.sampler)
+        return present(self.discriminator)
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The discriminator's term, or the generator's."""
-        x, y = batch.gray, self.encode(batch.depth_m)
+        x, y = batch.network_input, self.encode(batch.depth_m)
         if phase == "discriminator":
             self._fakes = self._translate(x)  # the generator's phase, which is next, reuses it
             fake_y = self._fakes[0].detach()
@@ -56,7 +56,7 @@ class Cut(Method):
 
     def _translate(self, x: Tensor) -> tuple[Tensor, bool]:
         flipped = self.weights.flip_contrast and bool(torch.rand(()) < 0.5)  # noqa: PLR2004
-        return translated(self.generator, x.flip(3) if flipped else x), flipped
+        return generate(self.generator, x.flip(3) if flipped else x), flipped
 
     def _adversarial(self, y: Tensor, fake_y: Tensor) -> dict[str, Tensor]:
         if self.discriminator is None:
@@ -73,7 +73,7 @@ class Cut(Method):
             loss = mean_over_taps(patch_nce, *self._patch_vectors(x, fake_y, flipped=flipped))
             terms["contrast_x"] = self.weights.contrast_x * loss
         if self.weights.contrast_y:
-            same_y = translated(self.generator, y)
+            same_y = generate(self.generator, y)
             loss = mean_over_taps(patch_nce, *self._patch_vectors(y, same_y))
             terms["contrast_y"] = self.weights.contrast_y * loss
         return terms

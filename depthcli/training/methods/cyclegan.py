@@ -13,9 +13,9 @@ from depthcli.training.methods.base import (
     Method,
     Phase,
     frozen,
-    not_none,
+    generate,
+    present,
     required,
-    translated,
     upsampled_like,
 )
 from depthcli.training.networks.build import build_discriminator, build_generator
@@ -62,12 +62,12 @@ class CycleGan(Method):
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G and F; or the discriminators."""
         if phase == "generator":
-            return not_none(self.generator, self.backward_generator)
-        return not_none(self.depth_discriminator, self.gray_discriminator)
+            return present(self.generator, self.backward_generator)
+        return present(self.depth_discriminator, self.gray_discriminator)
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The generators' terms, or the discriminators'."""
-        x, y = batch.gray, self.encode(batch.depth_m)
+        x, y = batch.network_input, self.encode(batch.depth_m)
         if phase == "discriminator":
             return self._discriminator_terms(x, y)
         outputs = self._translate(x, y)
@@ -82,15 +82,15 @@ class CycleGan(Method):
         return GeneratorOutputs(
             raw_y=raw_y,
             fake_y=upsampled_like(raw_y, x),
-            fake_x=translated(backward, y) if backward is not None else None,
-            same_y=translated(forward, y) if keeps_y else None,
+            fake_x=generate(backward, y) if backward is not None else None,
+            same_y=generate(forward, y) if keeps_y else None,
         )
 
     def _terms(
         self, batch: TrainingBatch, y: Tensor, outputs: GeneratorOutputs
     ) -> dict[str, Tensor]:
         """Weighted terms; y is the batch's depth, coded."""
-        x, weights, terms = batch.gray, self.weights, {}
+        x, weights, terms = batch.network_input, self.weights, {}
         if weights.cycle:
             terms["cycle"] = weights.cycle * self._cycle(x, y, outputs)
         if weights.identity:
@@ -101,12 +101,12 @@ class CycleGan(Method):
 
     def _cycle(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
         """Eq. 2."""
-        there = F.l1_loss(translated(required(self.backward_generator), outputs.fake_y), x)
-        return there + F.l1_loss(translated(self.generator, required(outputs.fake_x)), y)
+        there = F.l1_loss(generate(required(self.backward_generator), outputs.fake_y), x)
+        return there + F.l1_loss(generate(self.generator, required(outputs.fake_x)), y)
 
     def _identity(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
         """Eq. 3."""
-        same_x = translated(required(self.backward_generator), x)
+        same_x = generate(required(self.backward_generator), x)
         return F.l1_loss(required(outputs.same_y), y) + F.l1_loss(same_x, x)
 
     def _adversarial(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
@@ -116,7 +116,7 @@ class CycleGan(Method):
             required(self.depth_discriminator),
             self.gray_discriminator,
         )
-        with frozen(not_none(d_y, d_x)):
+        with frozen(present(d_y, d_x)):
             loss = generator_loss(gan, d_y, real=y, fake=outputs.fake_y)
             if d_x is not None:
                 loss = loss + generator_loss(gan, d_x, real=x, fake=required(outputs.fake_x))

@@ -9,13 +9,13 @@ from depthcli.training.config.schema import TrainConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
 from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, frozen, not_none, required, translated
+from depthcli.training.methods.base import Method, Phase, frozen, generate, present, required
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.networks.build import build_discriminator, build_generator
 
 
 class Fakes(NamedTuple):
-    """Both translated images, (B, 1, H, W)."""
+    """Both generate images, (B, 1, H, W)."""
 
     y: Tensor
     x: Tensor
@@ -60,15 +60,15 @@ class DclGan(Method):
         """G, F and the heads; or the discriminators."""
         if phase == "generator":
             return [self.generator, self.backward_generator, *self.heads()]
-        return not_none(self.depth_discriminator, self.gray_discriminator)
+        return present(self.depth_discriminator, self.gray_discriminator)
 
     def heads(self) -> list[nn.Module]:
         """The patch heads of both domains."""
-        return not_none(self.sampler_gray, self.sampler_depth)
+        return present(self.sampler_gray, self.sampler_depth)
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The discriminators' terms, or the generators'."""
-        x, y = batch.gray, self.encode(batch.depth_m)
+        x, y = batch.network_input, self.encode(batch.depth_m)
         if phase == "discriminator":
             self._fakes = self._translate(x, y)  # the generators' phase, which is next, reuses it
             return self._discriminator_terms(x, y, self._fakes)
@@ -78,7 +78,7 @@ class DclGan(Method):
         return self._adversarial(x, y, fakes) | self._identity(x, y) | compared
 
     def _translate(self, x: Tensor, y: Tensor) -> Fakes:
-        return Fakes(translated(self.generator, x), translated(self.backward_generator, y))
+        return Fakes(generate(self.generator, x), generate(self.backward_generator, y))
 
     def _discriminator_terms(self, x: Tensor, y: Tensor, fakes: Fakes) -> dict[str, Tensor]:
         gan, fake_y, fake_x = self.weights.gan, fakes.y.detach(), fakes.x.detach()
@@ -100,8 +100,8 @@ class DclGan(Method):
     def _identity(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         if not self.weights.identity:
             return {}
-        same_y = F.l1_loss(translated(self.generator, y), y)
-        same_x = F.l1_loss(translated(self.backward_generator, x), x)
+        same_y = F.l1_loss(generate(self.generator, y), y)
+        same_x = F.l1_loss(generate(self.backward_generator, x), x)
         return {"identity": self.weights.identity * (same_y + same_x)}
 
     def _features(self, x: Tensor, y: Tensor, fakes: Fakes) -> DomainFeatures:

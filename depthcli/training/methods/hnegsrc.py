@@ -7,7 +7,7 @@ from torch import Tensor
 
 from depthcli.training.losses.hdce import hdce
 from depthcli.training.losses.semantic_relation import semantic_relation
-from depthcli.training.methods.base import translated
+from depthcli.training.methods.base import generate
 from depthcli.training.methods.contrast import mean_over_taps
 from depthcli.training.methods.cut import Cut
 
@@ -37,6 +37,6 @@ class HnegSrc(Cut):
             relation = mean_over_taps(semantic_relation, *vectors)
             terms["relation"] = weights.relation * relation
         if weights.contrast_y:
-            same_y = self._patch_vectors(y, translated(self.generator, y))
+            same_y = self._patch_vectors(y, generate(self.generator, y))
             terms["contrast_y"] = weights.contrast_y * mean_over_taps(hard, *same_y)
         return terms

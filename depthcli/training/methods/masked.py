@@ -18,7 +18,7 @@ _BLOCKS_ACROSS = 12  # hidden blocks are a twelfth of the picture's width
 class Masked(Method):
     """Predict the blocks of a picture that are hidden; a start for other methods.
 
-    The generator learns all of its layers but the last one, which keeps its initial weights: here
+    The generator learns all of its layers but the last one, which keeps its init weights: here
     another last layer, ``reconstruct``, is in its place.
     """
 
@@ -40,9 +40,11 @@ class Masked(Method):
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
         """The only term."""
         del phase
-        hidden = hidden_blocks(batch.gray, self.weights.hidden)
-        output = self.reconstruct(self.generator.last_features(batch.gray.masked_fill(hidden, 0)))
-        loss = reconstruction_loss(output.float(), batch.gray, hidden)
+        hidden = hidden_blocks(batch.network_input, self.weights.hidden)
+        output = self.reconstruct(
+            self.generator.last_features(batch.network_input.masked_fill(hidden, 0))
+        )
+        loss = reconstruction_loss(output.float(), batch.network_input, hidden)
         return {"reconstruction": self.weights.reconstruction * loss}
 
 

@@ -12,7 +12,7 @@ from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.paired import paired_losses
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularized_l1 import regularized_l1
-from depthcli.training.methods.base import Phase, not_none, required, upsampled_like
+from depthcli.training.methods.base import Phase, present, required, upsampled_like
 from depthcli.training.methods.contrast import mean_over_taps, patch_heads
 from depthcli.training.methods.cyclegan import CycleGan, GeneratorOutputs
 
@@ -23,9 +23,9 @@ class Proposed(CycleGan):
     TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", *PAIRED_LOSSES}
     SETTINGS: ClassVar = CycleGan.SETTINGS | {
         "loss.adversarial_backward",
-        "data.extra_share",
+        "data.pseudo_label_share",
         "loss.contrast",
-        "loss.extra_scale",
+        "loss.pseudo_label_scale",
         "loss.l1_backward",
         "loss.weight_penalty",
     }
@@ -47,51 +47,57 @@ class Proposed(CycleGan):
 
     def networks(self, phase: Phase) -> list[nn.Module]:
         """G, F and the patch heads; or the discriminators."""
-        heads = not_none(self.sampler) if phase == "generator" else []
+        heads = present(self.sampler) if phase == "generator" else []
         return super().networks(phase) + heads
 
     def _terms(
         self, batch: TrainingBatch, y: Tensor, outputs: GeneratorOutputs
     ) -> dict[str, Tensor]:
         """Weighted terms of eq. 7."""
-        x, known, penalty = batch.gray, batch.known, self.weights.weight_penalty
-        raw_y = self._correct_extra_scale(outputs.raw_y, y, batch)
-        terms = self._paired_terms(raw_y, y, known) | super()._terms(batch, y, outputs)
+        x, valid_mask, penalty = batch.network_input, batch.valid_mask, self.weights.weight_penalty
+        raw_y = self._correct_pseudo_label_scale(outputs.raw_y, y, batch)
+        terms = self._paired_terms(raw_y, y, valid_mask) | super()._terms(batch, y, outputs)
         if self._has_backward_l1:
             backward = required(self.backward_generator)
-            l1 = regularized_l1(required(outputs.fake_x), x, backward, penalty, known)
+            l1 = regularized_l1(required(outputs.fake_x), x, backward, penalty, valid_mask)
             terms["l1_backward"] = self.weights.l1 * l1
         return terms | self._contrastive_terms(x, y, outputs)
 
-    def _correct_extra_scale(self, raw_y: Tensor, y: Tensor, batch: TrainingBatch) -> Tensor:
-        """The output with part of its scale error removed for extra pairs (``extra_scale``).
+    def _correct_pseudo_label_scale(self, raw_y: Tensor, y: Tensor, batch: TrainingBatch) -> Tensor:
+        """Remove part of the scale error of the output for pseudo labels (``pseudo_label_scale``).
 
         Of log depth, the mean difference from the truth is the error in scale.
         """
-        if batch.extra is None:
+        if batch.is_pseudo_label is None:
             return raw_y
         difference = upsampled_like(y, raw_y) - raw_y
-        if batch.known is not None:
-            known = upsampled_like(batch.known.float(), raw_y)
-            offset = (difference * known).sum((1, 2, 3)) / known.sum((1, 2, 3)).clamp(min=1)
+        if batch.valid_mask is not None:
+            valid_mask = upsampled_like(batch.valid_mask.float(), raw_y)
+            offset = (difference * valid_mask).sum((1, 2, 3)) / valid_mask.sum((1, 2, 3)).clamp(
+                min=1
+            )
         else:
             offset = difference.mean((1, 2, 3))
-        moved = batch.extra * (1 - self.weights.extra_scale) * offset
+        moved = batch.is_pseudo_label * (1 - self.weights.pseudo_label_scale) * offset
         return raw_y + moved[:, None, None, None]
 
-    def _paired_terms(self, raw_y: Tensor, y: Tensor, known: Tensor | None) -> dict[str, Tensor]:
-        """Eq. 1 and the other losses against ground truth, over pixels with known depth."""
+    def _paired_terms(
+        self, raw_y: Tensor, y: Tensor, valid_mask: Tensor | None
+    ) -> dict[str, Tensor]:
+        """Eq. 1 and the other losses against ground truth, over pixels with valid depth."""
         weights, terms, size = self.weights, {}, raw_y.shape[2:]
         if size != y.shape[2:]:
             y = F.interpolate(y, size=size, mode="area")
-            known = (
-                None if known is None else F.interpolate(known.float(), size=size, mode="area") == 1
+            valid_mask = (
+                None
+                if valid_mask is None
+                else F.interpolate(valid_mask.float(), size=size, mode="area") == 1
             )
         if weights.l1:
-            l1 = regularized_l1(raw_y, y, self.generator, weights.weight_penalty, known)
+            l1 = regularized_l1(raw_y, y, self.generator, weights.weight_penalty, valid_mask)
             terms["l1"] = weights.l1 * l1
         for name, loss in self._paired_losses.items():
-            terms[name] = getattr(weights, name) * loss(raw_y, y, known)
+            terms[name] = getattr(weights, name) * loss(raw_y, y, valid_mask)
         return terms
 
     def _contrastive_terms(

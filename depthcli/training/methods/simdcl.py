@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.losses.similarity import similarity
-from depthcli.training.methods.base import not_none, required
+from depthcli.training.methods.base import present, required
 from depthcli.training.methods.dclgan import DclGan, DomainFeatures
 from depthcli.training.networks.similarity_map import SimilarityMap
 
@@ -26,7 +26,7 @@ class SimDcl(DclGan):
 
     def heads(self) -> list[nn.Module]:
         """The patch heads and the four maps."""
-        maps = not_none(self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x)
+        maps = present(self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x)
         return super().heads() + maps
 
     def _contrastive_terms(self, maps: DomainFeatures) -> dict[str, Tensor]:

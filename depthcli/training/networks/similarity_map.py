@@ -13,7 +13,7 @@ from depthcli.training.networks.weights import init_xavier
 class SimilarityMap(nn.Module):
     """Convolution, ReLU, global average, Linear, ReLU, Linear, L2-normalize.
 
-    Its initial weights are small, as in all networks of the CUT family, so that its output, of
+    Its init weights are small, as in all networks of the CUT family, so that its output, of
     ``dim`` channels, underflows half precision before it is normalized.
     """
 

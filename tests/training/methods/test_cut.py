@@ -41,7 +41,7 @@ def contrast(
 def test_cut_is_gan_and_half_of_either_contrast() -> None:
     method = tiny_method("cut")
     terms = phases(method)
-    x, y = batch().gray, coded(batch().depth_m)
+    x, y = batch().network_input, coded(batch().depth_m)
     fake_y, same_y = method.generator(x), method.generator(y)
     discriminator = method.discriminator
     wanted = ((discriminator(y) - 1) ** 2).mean() / 2 + (discriminator(fake_y) ** 2).mean() / 2
@@ -57,7 +57,7 @@ def test_cut_is_gan_and_half_of_either_contrast() -> None:
 
 @pytest.mark.parametrize("flipped", [False, True])
 def test_fastcut_mirrors_the_input_and_mirrors_the_features_back(flipped: bool) -> None:
-    method, x = tiny_method("fastcut"), batch().gray
+    method, x = tiny_method("fastcut"), batch().network_input
     seed = next(s for s in range(99) if flipped == (_first_draw(s) < 0.5))
     terms = phases(method, seed)
     fake_y = method.generator(x.flip(3) if flipped else x)
@@ -80,7 +80,7 @@ def test_hnegsrc_hardens_its_negatives_over_the_schedule(share_done: float, gamm
     method = tiny_method("hnegsrc")
     method.share_done = share_done
     terms = phases(method)
-    x, y = batch().gray, coded(batch().depth_m)
+    x, y = batch().network_input, coded(batch().depth_m)
 
     def hard(query: Tensor, key: Tensor) -> Tensor:
         return hdce(query, key, gamma)
@@ -101,7 +101,7 @@ def test_hnegsrc_s_gamma_follows_the_steps_of_a_run() -> None:
     run = Run(tiny("hnegsrc"), Fabric(accelerator="cpu", devices=1), steps_per_epoch=2)
     gammas = []
     for step in range(run.steps):
-        run.progress = replace(run.progress, step=step)
+        run.state = replace(run.state, step=step)
         run.step(batch())
         gammas.append(run.method.gamma)  # type: ignore[union-attr]
     assert gammas == [50, 40, 30, 20]  # 10 would be the step after the last

@@ -18,7 +18,7 @@ def method() -> Any:
 
 
 def test_generators_lose_both_gans_the_cycles_and_the_identities(method: Any) -> None:
-    x, y = batch().gray, coded(batch().depth_m)
+    x, y = batch().network_input, coded(batch().depth_m)
     forward, backward = method.generator, method.backward_generator
     fake_y, fake_x = forward(x), backward(y)
     gan = ((method.depth_discriminator(fake_y) - 1) ** 2).mean()
@@ -33,7 +33,7 @@ def test_generators_lose_both_gans_the_cycles_and_the_identities(method: Any) ->
 
 
 def test_each_discriminator_judges_its_own_domain(method: Any) -> None:
-    x, y = batch().gray, coded(batch().depth_m)
+    x, y = batch().network_input, coded(batch().depth_m)
     method(batch(), "generator")
     found = method(batch(), "discriminator")
     pairs = {
@@ -58,7 +58,7 @@ def test_discriminators_are_shown_what_the_pool_gives_back(method: Any) -> None:
         torch.manual_seed(seed)
         method(batch(), "generator")
         found = method(batch(), "discriminator")["depth_discriminator"]
-        y, fake_y = coded(batch().depth_m), method.generator(batch().gray)
+        y, fake_y = coded(batch().depth_m), method.generator(batch().network_input)
         discriminator = method.depth_discriminator
         wanted = {
             "past": _lsgan(discriminator(y), discriminator(past[None])),

@@ -27,7 +27,7 @@ def phases(method: Any) -> dict[str, Tensor]:
 def vectors(method: Any) -> tuple[list[Tensor], ...]:
     """Keys of x, queries of G(x), keys of y, queries of F(y)."""
     forward, backward = method.generator, method.backward_generator
-    x, y = batch().gray, coded(batch().depth_m)
+    x, y = batch().network_input, coded(batch().depth_m)
     torch.manual_seed(5)
     key_x, at_x = method.sampler_gray(forward.features(x, TAPS))
     key_y, at_y = method.sampler_depth(backward.features(y, TAPS))
@@ -53,7 +53,7 @@ def test_gans_are_hinge_and_half_of_each_counts(name: str) -> None:
     method = tiny_method(name)
     terms = phases(method)
     forward, backward = method.generator, method.backward_generator
-    x, y = batch().gray, coded(batch().depth_m)
+    x, y = batch().network_input, coded(batch().depth_m)
     fake = {"depth_discriminator": forward(x), "gray_discriminator": backward(y)}
     real = {"depth_discriminator": y, "gray_discriminator": x}
     deceived = torch.zeros(())
@@ -74,7 +74,7 @@ def test_simdcl_compares_one_vector_an_image_and_domain() -> None:
     method = tiny_method("simdcl")
     value = phases(method)["similarity"]
     real_x, at_positions_of_x, real_y, _ = vectors(method)
-    x, y = batch().gray, coded(batch().depth_m)
+    x, y = batch().network_input, coded(batch().depth_m)
     fake_x, _ = method.sampler_gray(method.generator.features(method.backward_generator(y), TAPS))
     fake_y, _ = method.sampler_depth(method.backward_generator.features(method.generator(x), TAPS))
     assert not torch.equal(fake_y[0], at_positions_of_x[0])  # theirs are drawn anew

@@ -52,7 +52,8 @@ def _two() -> TrainingBatch:
     """Two pictures: batch norm needs more than one of this size."""
     first, second = batch(0), batch(1)
     return TrainingBatch(
-        torch.cat([first.gray, second.gray]), torch.cat([first.depth_m, second.depth_m])
+        torch.cat([first.network_input, second.network_input]),
+        torch.cat([first.depth_m, second.depth_m]),
     )
 
 
@@ -95,8 +96,8 @@ def test_the_network_does_not_see_what_is_hidden(monkeypatch: pytest.MonkeyPatch
     torch.manual_seed(5)
     method(given, "generator")
     torch.manual_seed(5)
-    hidden = hidden_blocks(given.gray, 0.55)
-    assert torch.equal(seen[0], torch.where(hidden, torch.zeros(()), given.gray))
+    hidden = hidden_blocks(given.network_input, 0.55)
+    assert torch.equal(seen[0], torch.where(hidden, torch.zeros(()), given.network_input))
 
 
 @pytest.mark.parametrize("network", NETWORKS)
@@ -132,7 +133,7 @@ def test_another_method_starts_from_it(tmp_path: Path) -> None:
     loss = replace(_small().loss, reconstruction=0.0, l1=1.0)
     config = replace(_small(), method="proposed", loss=loss)
     begun = _fit(config, tmp_path / "run", start=[last], limits=Limits(steps=1))
-    assert begun.progress.start.startswith("last.ckpt ")
+    assert begun.provenance.init_weights.startswith("last.ckpt ")
     learned = load_generator(last)[0].state_dict()["stem.0.weight"]
     fresh = build_method(config).generator.state_dict()["stem.0.weight"]
     now = begun.method["generator.stem.0.weight"]
@@ -144,8 +145,8 @@ def test_pictures_without_depth_suffice(pictures: Path, tmp_path: Path) -> None:
     assert data.title == "own pictures (pictures)"
     assert data.dataset.ids == ("2", "3", "4", "5", "a/0", "a/1")
     saved = _fit(_small(), tmp_path / "run", data=data)
-    assert saved.progress.train_ids == data.dataset.ids
-    assert saved.progress.scores == {}
+    assert saved.provenance.train_ids == data.dataset.ids
+    assert saved.state.scores == {}
     with pytest.raises(DatasetError, match="rgb is missing"):
         open_training_data(pictures, paired=True)
 
@@ -176,8 +177,8 @@ def test_a_folder_without_pictures_is_refused(tmp_path: Path) -> None:
 
 def test_held_out_scenes_are_neither_seen_nor_scored(tmp_path: Path) -> None:
     saved = _fit(_small(), tmp_path, limits=Limits(steps=1))
-    assert saved.progress.held_out_ids
-    assert not set(saved.progress.held_out_ids) & set(saved.progress.train_ids)
+    assert saved.provenance.held_out_ids
+    assert not set(saved.provenance.held_out_ids) & set(saved.provenance.train_ids)
     assert not (tmp_path / "samples").exists()
 
 

@@ -16,7 +16,7 @@ from depthcli.training.config.objective import LossConfig
 from depthcli.training.data.batches import TrainingBatch
 from depthcli.training.losses.patchnce import cfl_nce, patch_nce
 from depthcli.training.losses.regularized_l1 import conv_weights
-from depthcli.training.methods.base import translated
+from depthcli.training.methods.base import generate
 from depthcli.training.methods.proposed import Proposed
 
 NOTHING = LossConfig(0, 0, 0, 0, 0, 0, 0, 0)
@@ -64,7 +64,7 @@ def test_cycle_and_identity_are_equations_2_and_3() -> None:
     method, batch = _method(cycle=1.0, identity=1.0), tiny_methods.batch()
     forward, backward = method.generator, method.backward_generator
     assert backward is not None
-    x, y = batch.gray, (batch.depth_m - 5) / 5
+    x, y = batch.network_input, (batch.depth_m - 5) / 5
     terms = method(batch, "generator")
     cycle = (backward(forward(x)) - x).abs().mean() + (forward(backward(y)) - y).abs().mean()
     torch.testing.assert_close(terms["cycle"], cycle)
@@ -75,7 +75,7 @@ def test_cycle_and_identity_are_equations_2_and_3() -> None:
 @pytest.mark.parametrize("both", [False, True])
 def test_l1_is_equation_1_on_one_or_both_generators(both: bool) -> None:
     method, batch = _method(l1=2.0, weight_penalty=0.01, l1_backward=both), tiny_methods.batch()
-    x, y = batch.gray, (batch.depth_m - 5) / 5
+    x, y = batch.network_input, (batch.depth_m - 5) / 5
     terms = method(batch, "generator")
     assert set(terms) == {"l1", "l1_backward"} if both else {"l1"}
     pairs = {"l1": (method.generator, x, y), "l1_backward": (method.backward_generator, y, x)}
@@ -96,7 +96,7 @@ def test_contrast_is_equation_4_over_taps_at_the_same_positions(contrast: str, n
     value = method(batch, "generator")[name]
     generator, sampler = method.generator, method.sampler
     assert sampler is not None
-    x, y = batch.gray, (batch.depth_m - 5) / 5
+    x, y = batch.network_input, (batch.depth_m - 5) / 5
     is_paired = name == "contrast_x" and contrast == "cfl"
     translated_from = x if name == "contrast_x" else y
     source, loss = (y, cfl_nce) if is_paired else (translated_from, patch_nce)
@@ -133,7 +133,7 @@ def test_phases_move_their_own_networks_only(gan: str) -> None:
 @pytest.mark.parametrize("cycle", [0.0, 1.0])
 def test_one_direction_judges_depth_alone(cycle: float) -> None:
     method = _method(adversarial=2.0, adversarial_backward=False, cycle=cycle)
-    x, y = tiny_methods.batch().gray, (tiny_methods.batch().depth_m - 5) / 5
+    x, y = tiny_methods.batch().network_input, (tiny_methods.batch().depth_m - 5) / 5
     terms, discriminator = _terms(method, tiny_methods.batch()), method.depth_discriminator
     assert discriminator is not None
     assert (method.backward_generator is None) == (not cycle)
@@ -177,7 +177,7 @@ def test_output_at_half_the_size_is_held_to_the_mean_of_the_truth() -> None:
     config = replace(EFFICIENT, loss=replace(NOTHING, l1=1.0))
     method, batch = Proposed(config), tiny_methods.batch()
     torch.nn.init.normal_(method.eval().generator.head.weight)
-    raw, y = method.generator(batch.gray), method.encode(batch.depth_m)
+    raw, y = method.generator(batch.network_input), method.encode(batch.depth_m)
     wanted = (raw - F.avg_pool2d(y, 2)).abs().mean()
     torch.testing.assert_close(method(batch, "generator")["l1"], wanted)
 
@@ -189,21 +189,21 @@ def test_what_stands_in_a_hole_is_not_learned(config: Any) -> None:
     method, plain = Proposed(replace(config, loss=loss)).eval(), tiny_methods.batch()
     for weight in method.generator.get_submodule("head").parameters():
         torch.nn.init.normal_(weight, std=0.1)
-    known = torch.ones(1, 1, 32, 32, dtype=torch.bool)
-    known[..., 3:14, 5:20] = False
+    valid_mask = torch.ones(1, 1, 32, 32, dtype=torch.bool)
+    valid_mask[..., 3:14, 5:20] = False
     values = []
     for filled_m in (2.0, 9.0):
-        depth_m = torch.where(known, plain.depth_m, torch.full_like(plain.depth_m, filled_m))
-        holed = plain._replace(depth_m=depth_m, known=known)
+        depth_m = torch.where(valid_mask, plain.depth_m, torch.full_like(plain.depth_m, filled_m))
+        holed = plain._replace(depth_m=depth_m, valid_mask=valid_mask)
         whole = plain._replace(depth_m=depth_m)
         values.append([method(b, "generator") for b in (holed, whole)])
     for name in ("l1", "gradient"):
         (holed, whole), (other_holed, other_whole) = ([t[name] for t in v] for v in values)
         torch.testing.assert_close(holed, other_holed)
         assert abs((whole - other_whole).item()) > 1e-3
-    raw = method.generator(plain.gray)
+    raw = method.generator(plain.network_input)
     step = 32 // raw.shape[2]
-    seen = known[..., ::step, ::step] & known[..., step - 1 :: step, step - 1 :: step]
+    seen = valid_mask[..., ::step, ::step] & valid_mask[..., step - 1 :: step, step - 1 :: step]
     truth = F.avg_pool2d(method.encode(plain.depth_m), step)
     torch.testing.assert_close(values[0][0]["l1"], (raw - truth).abs()[seen].mean())
 
@@ -216,11 +216,11 @@ def test_backward_l1_is_of_measured_pixels_alone(config: Any) -> None:
     assert backward is not None
     for weight in backward.get_submodule("head").parameters():
         torch.nn.init.normal_(weight, std=0.1)
-    known = torch.rand(1, 1, 32, 32, generator=torch.Generator().manual_seed(3)) < 0.6
-    error = (translated(backward, method.encode(plain.depth_m)) - plain.gray).abs()
-    found = method(plain._replace(known=known), "generator")["l1_backward"]
-    torch.testing.assert_close(found, 2 * error[known].mean())
-    assert abs((error[known].mean() - error.mean()).item()) > 1e-3
+    valid_mask = torch.rand(1, 1, 32, 32, generator=torch.Generator().manual_seed(3)) < 0.6
+    error = (generate(backward, method.encode(plain.depth_m)) - plain.network_input).abs()
+    found = method(plain._replace(valid_mask=valid_mask), "generator")["l1_backward"]
+    torch.testing.assert_close(found, 2 * error[valid_mask].mean())
+    assert abs((error[valid_mask].mean() - error.mean()).item()) > 1e-3
 
 
 def test_backward_l1_needs_a_weight() -> None:

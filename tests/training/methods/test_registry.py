@@ -115,8 +115,8 @@ OF_SOME = {
     "loss.l1_backward=true": {"proposed"},
     "loss.adversarial_backward=false": {"proposed"},
     "loss.weight_penalty=0.5": {"proposed"},
-    "loss.extra_scale=0.7": {"proposed"},
-    "data.extra_share=0.7": {"proposed"},
+    "loss.pseudo_label_scale=0.7": {"proposed"},
+    "data.pseudo_label_share=0.7": {"proposed"},
 }
 
 

@@ -1,0 +1,198 @@
+"""Provenance of a network: the data it was trained on, by which runs are compared and resumed."""
+
+import dataclasses
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+from depthcli.core.camera_ranges import HFOV_DEG
+from depthcli.core.validation import Rule
+from depthcli.datasets import id_ranges
+from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.fingerprint import data_fingerprint
+from depthcli.datasets.splits import NYU, TRAIN_IDS, held_out_scenes, is_label, label_id
+from depthcli.datasets.training_data import (
+    NYU_ASPECT,
+    NYU_HFOV_DEG,
+    NYU_PAPER,
+    OWN_PAIRS,
+    OWN_PICTURES,
+    TrainingData,
+    own_pairs_title,
+)
+from depthcli.errors import CheckpointError, DatasetError
+from depthcli.models.card import ModelCard
+from depthcli.training.config.schema import DataConfig, TrainConfig
+
+PairIds: TypeAlias = dict[str, tuple[str, ...]]
+"""Ids of pairs by data set, as :func:`data_set` names it."""
+_Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class DataProvenance:
+    """Data that a run is trained on, and weights that it starts from."""
+
+    data: str = NYU_PAPER  #: name of the data set, as in model cards
+    train_ids: tuple[str, ...] = ()  #: pairs for training
+    held_out_ids: tuple[str, ...] = ()  #: pairs for validation
+    #: horizontal field of view of their camera in degrees; None if it is not known
+    hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
+    aspect: _Aspect = NYU_ASPECT  #: width over height of their first image
+    fingerprint: str = ""  #: :func:`~depthcli.datasets.fingerprint.data_fingerprint` of them
+    pseudo_labels: str = ""  #: name of the pseudo labels; "" if there are none
+    pseudo_label_ids: PairIds = dataclasses.field(default_factory=dict)  #: their pairs
+    pseudo_label_fingerprint: str = ""  #: as ``fingerprint``, of the pseudo labels
+    init_weights: str = ""  #: origin of the init weights; "" for a random initialization
+    init_ids: PairIds = dataclasses.field(default_factory=dict)  #: pairs those were trained on
+
+    @property
+    def seen_ids(self) -> PairIds:
+        """Pairs that the run or its init weights were trained on."""
+        own = _under_names(data_set(self.data), self.train_ids)
+        return merged_ids([own, self.pseudo_label_ids, self.init_ids])
+
+
+def provenance_of(config: TrainConfig, data: TrainingData) -> DataProvenance:
+    """Provenance of a run with random initial weights."""
+    train_rows, held_out = train_val_split(data.dataset, config.data)
+    labels = data.pseudo_labels
+    return DataProvenance(
+        data=data.title,
+        train_ids=tuple(data.dataset.ids[i] for i in train_rows),
+        held_out_ids=tuple(data.dataset.ids[i] for i in held_out),
+        hfov_deg=data.hfov_deg,
+        aspect=data.aspect,
+        fingerprint=data_fingerprint(data.dataset),
+        pseudo_labels=data.pseudo_labels_title,
+        pseudo_label_ids=_under_names(own_pairs_title(labels.root), labels.ids) if labels else {},
+        pseudo_label_fingerprint=data_fingerprint(labels) if labels else "",
+    )
+
+
+def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
+    """Positions of the training pairs and of the held-out ones; scenes are not split."""
+    if not data.holdout_every:
+        return list(range(len(dataset))), []
+    held_out = held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
+    inside = [scene in held_out for scene in dataset.scenes]
+    train_rows = [i for i, held in enumerate(inside) if not held]
+    return train_rows, [i for i, held in enumerate(inside) if held]
+
+
+def data_set(title: str) -> str:
+    """The name under which the pairs of a data set are recorded, of its name in model cards.
+
+    All splits of NYU Depth v2 share one, and so do the pairs of a folder and its images alone.
+    """
+    return NYU if title.startswith(NYU) else title.replace(OWN_PICTURES, OWN_PAIRS, 1)
+
+
+def _under_names(name: str, ids: tuple[str, ...]) -> PairIds:
+    """Ids by data set: also NYU if all are its numbers, as a copy of it need not have an index."""
+    names = (name, NYU) if all(map(is_label, ids)) else (name,)
+    return merged_ids([dict.fromkeys(names, ids)])
+
+
+def merged_ids(records: Iterable[Mapping[str, Sequence[str]]]) -> PairIds:
+    """The union of several records of pairs by data set."""
+    found: dict[str, set[str]] = {}
+    for record in records:
+        for name, ids in record.items():
+            is_nyu = data_set(name) == NYU
+            found.setdefault(data_set(name), set()).update(map(label_id, ids) if is_nyu else ids)
+    return {name: tuple(sorted(ids)) for name, ids in found.items() if ids}
+
+
+def ids_of_card(card: ModelCard) -> PairIds:
+    """Pairs of NYU Depth v2 that a model was trained on, as far as its card states them."""
+    try:
+        numbers = id_ranges.parse(str(card.training.get(TRAIN_IDS, "")))
+    except ValueError:  # ``training`` in a card is free-form
+        return {}
+    return {NYU: tuple(f"{number:04d}" for number in numbers)}
+
+
+def common_ids(
+    data: TrainingData, ids: Iterable[str], seen: Mapping[str, Sequence[str]]
+) -> set[str]:
+    """Those of some pairs of a data set that are also in a record of pairs by data set."""
+    name = data_set(data.title)
+    own = set(map(label_id, ids)) if name == NYU else set(ids)
+    return own.intersection(seen.get(name, ()))
+
+
+def check_pseudo_labels(data: TrainingData, provenance: DataProvenance) -> None:
+    """Check that the pseudo labels have none of the pairs that the run holds out.
+
+    Raises:
+        DatasetError: they have some.
+    """
+    common = common_ids(data, provenance.held_out_ids, provenance.pseudo_label_ids)
+    if common:
+        raise DatasetError(
+            f"the pseudo labels contain {len(common)} of the held-out pairs of "
+            f"{data_set(data.title)} (first: {min(common)})",
+            "remove them from {pseudo_labels}, or rename them if they are other images",
+        )
+
+
+def config_differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...]:
+    """Each setting, by its name for ``--set``, with both of its values.
+
+    >>> config_differences(TrainConfig(seed=0), TrainConfig(seed=1))
+    ('seed is 0 there, 1 here',)
+    """
+    return value_differences(dict(_flat(saved)), dict(_flat(given)))
+
+
+def _flat(config: TrainConfig) -> Iterator[tuple[str, Any]]:
+    for name, value in dataclasses.asdict(config).items():
+        if isinstance(value, dict):
+            yield from ((f"{name}.{key}", item) for key, item in value.items())
+        else:
+            yield name, value
+
+
+def value_differences(there: Mapping[str, object], here: Mapping[str, object]) -> tuple[str, ...]:
+    """Each value by its name that both have, and that differs.
+
+    >>> value_differences({"coding": "log", "min_m": 0.4}, {"coding": "linear"})
+    ('coding is "log" there, "linear" here',)
+    """
+    return tuple(
+        f"{name} is {json.dumps(there[name])} there, {json.dumps(here[name])} here"
+        for name in there
+        if name in here and there[name] != here[name]
+    )
+
+
+def data_differences(saved: DataProvenance, given: DataProvenance) -> tuple[str, ...]:
+    """Differences in data and init weights, one line each; folders may have moved.
+
+    A run without init weights may resume one that had them.
+    """
+    mismatches = []
+    if (saved.train_ids, saved.held_out_ids) != (given.train_ids, given.held_out_ids):
+        there, here = _pair_count(saved), _pair_count(given)
+        mismatches.append(f"the data set is another one ({there} there, {here} here)")
+    elif saved.fingerprint != given.fingerprint:
+        mismatches.append("the data set has other files or focal lengths")
+    if saved.pseudo_label_fingerprint != given.pseudo_label_fingerprint:
+        mismatches.append("the pseudo labels are others, or have other focal lengths")
+    compared = ("hfov_deg", "aspect", *(["init_weights"] if given.init_weights else []))
+    values = [{name: getattr(one, name) for name in compared} for one in (saved, given)]
+    return (*mismatches, *value_differences(*values))
+
+
+def _pair_count(provenance: DataProvenance) -> str:
+    return f"{len(provenance.train_ids)} pairs and {len(provenance.held_out_ids)} held out"
+
+
+def mismatch_error(path: Path, mismatches: Sequence[str]) -> CheckpointError:
+    """The error to raise for a checkpoint of another run."""
+    return CheckpointError(
+        f"{path} belongs to another run: {'; '.join(mismatches)}",
+        "to continue it, give the same settings and data, or give another {out}",
+    )
