@@ -12,7 +12,7 @@ from torch import Tensor
 
 from depthcli.training.config.ranges import check_range
 from depthcli.training.config.schema import DataConfig, TrainConfig
-from depthcli.training.data.augment import augment
+from depthcli.training.data.augment import augment, to_network_input
 
 PLAIN = DataConfig(width=32, height=24)
 FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)
