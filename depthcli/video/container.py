@@ -1,7 +1,6 @@
 """Opening a video with FFmpeg's libraries, with an error of one line."""
 
 import os
-import stat
 from pathlib import Path
 
 import av
@@ -10,6 +9,7 @@ from av.video.stream import VideoStream
 
 from depthcli.errors import InputError
 from depthcli.io.listing.heif import HEIF_SUFFIXES
+from depthcli.io.storage.regular import regular_size
 from depthcli.video.number_pattern import pattern_advice
 from depthcli.video.pipes import InputPipe
 from depthcli.video.single_picture import single_picture_advice
@@ -48,15 +48,14 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
         pass  # reported below
     if container is not None:
         container.close()
-    advice = None
     if isinstance(source, InputPipe):
         source.check()
-    else:
-        advice = single_picture_advice(str(source))
+    elif advice := single_picture_advice(str(source)):
+        raise InputError(advice)
     raise InputError(
-        advice
-        or f"{source} holds no video that can be read: damaged, cut off, without a video stream, "
-        f"or of a codec that FFmpeg does not have here{pipe_advice(source)}"
+        f"{source} holds no video that can be read: damaged, cut off, without a video stream, "
+        "or of a codec that FFmpeg does not have here",
+        pipe_advice(source),
     )
 
 
@@ -64,7 +63,7 @@ def pipe_advice(source: Path | InputPipe) -> str:
     """Advice for a pipe that cannot be read; empty for a file."""
     if not isinstance(source, InputPipe):
         return ""
-    return "; through a pipe, send Matroska, MPEG-TS, NUT or Y4M: most MP4 files have to be files"
+    return "through a pipe, send Matroska, MPEG-TS, NUT or Y4M: most MP4 files have to be files"
 
 
 def _is_cover(stream: VideoStream) -> bool:
@@ -75,21 +74,12 @@ def _is_cover(stream: VideoStream) -> bool:
 def _check_file(path: Path) -> None:
     """Check a file, for clearer errors than FFmpeg's."""
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode) and not path.is_dir():
-            raise InputError(
-                f"{path} is a pipe or a device; 'depthcli video -' reads standard input"
-            )
+        size = regular_size(path)
         with path.open("rb"):  # not read: files such as /proc/kmsg state no size and never end
-            empty = not status.st_size
+            pass
     except FileNotFoundError:
-        what = "is a broken link" if path.is_symlink() else "is missing: no such file"
-        raise InputError(f"{path} {what}{pattern_advice(path.name)}") from None
-    except IsADirectoryError:
-        raise InputError(f"{path} is a folder; name a video in it") from None
+        raise InputError(f"{path} is missing: no such file", pattern_advice(path.name)) from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except ValueError as error:  # a NUL byte
-        raise InputError(f"{path} cannot be read: no file has such a name ({error})") from None
-    if empty:
+    if not size:
         raise InputError(f"{path} is empty")

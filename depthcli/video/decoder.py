@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import av
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
 
 _CHECKED_CODEC = "ffv1"
-_PROBED_PACKETS = 8
-"""Of FFV1, how many may be damaged before it is known whether the stream has checksums."""
 
 
 class FrameDecoder:
@@ -38,17 +35,17 @@ class FrameDecoder:
         Args:
             container: open for reading.
             stream: one of its streams.
-            is_own: whether depthcli wrote it, so that all frames of its FFV1 have checksums.
+            is_own: whether depthcli wrote it, so that all frames of its FFV1 have checksums; other
+                files are taken to have them if their first frame has.
         """
         self.ended_early = False
-        self._numbers: dict[int | None, list[int]] = {}
         self._failed = 0
         self._skipped: list[int] = []
         self._corrupt: list[int] = []
-        # Version 0.1.0 wrote FFV1 without a header, which has none.
-        self._has_checksums = is_own and bool(stream.codec_context.extradata)
         self._is_checked = stream.codec_context.name == _CHECKED_CODEC
+        self._has_checksums = True if is_own else None
         self._is_intact = True
+        stream.codec_context.copy_opaque = True
         self._packets = container.demux(stream)
         self._frames = self._decoded()
 
@@ -56,15 +53,10 @@ class FrameDecoder:
         """The next frame; None at the end."""
         return next(self._frames, None)
 
-    def pop_number(self, ticks: int | None) -> int | None:
-        """The number that the packet of a frame states, by its timestamp; None if it states none.
-
-        Timestamps may repeat if frames are closer than the container's ticks.
-        """
-        numbers = self._numbers.pop(ticks, [])
-        if len(numbers) > 1:
-            self._numbers[ticks] = numbers[1:]
-        return numbers[0] if numbers else None
+    @staticmethod
+    def stated_number(frame: VideoFrame) -> int | None:
+        """The number that the packet of a frame states; None if it states none."""
+        return frame.opaque if isinstance(frame.opaque, int) else None
 
     def pop_failed(self, before: int | None = None) -> int:
         """How many frames could not be decoded since the last call.
@@ -78,7 +70,7 @@ class FrameDecoder:
         return failed
 
     def _decoded(self) -> Iterator[VideoFrame]:
-        for packet in chain(self._probed(), iter(self._packet, None)):
+        for packet in iter(self._packet, None):
             if packet.size:  # not at the end
                 if packet.is_corrupt:  # by the end of the file, or by a gap before the next packet
                     self._corrupt.append(packet.pts or 0)
@@ -86,13 +78,11 @@ class FrameDecoder:
                     continue
                 self._skipped += self._corrupt
                 self._corrupt, self.ended_early = [], False
-            if self._is_checked and packet.size and not self._is_valid(packet):
-                # The decoder may still hold earlier frames.
-                self._skipped.append(packet.pts or 0)
-                continue
-            number = stated_number(packet)
-            if number is not None:
-                self._numbers.setdefault(packet.pts, []).append(number)
+                if self._is_checked and not self._is_valid(packet):
+                    # The decoder may still hold earlier frames.
+                    self._skipped.append(packet.pts or 0)
+                    continue
+                packet.opaque = stated_number(packet)
             try:
                 frames = packet.decode()
             except (av.FFmpegError, EOFError):
@@ -104,17 +94,6 @@ class FrameDecoder:
                 else:
                     yield frame
 
-    def _probed(self) -> list[Packet[VideoStream]]:
-        """The first packets, up to one with valid checksums; none if nothing is to be found out."""
-        probed: list[Packet[VideoStream]] = []
-        while self._is_checked and not self._has_checksums and len(probed) < _PROBED_PACKETS:
-            packet = self._packet()
-            if packet is None:
-                break
-            probed.append(packet)
-            self._has_checksums = has_valid_slices(bytes(packet))
-        return probed
-
     def _packet(self) -> Packet[VideoStream] | None:
         try:
             return next(self._packets, None)
@@ -124,9 +103,9 @@ class FrameDecoder:
 
     def _is_valid(self, packet: Packet[VideoStream]) -> bool:
         """Whether a packet's checksums are right and no damage precedes it up to its keyframe."""
-        if not self._has_checksums:
-            return True
-        self._is_intact = has_valid_slices(bytes(packet)) and (
-            self._is_intact or packet.is_keyframe
-        )
+        is_valid = has_valid_slices(bytes(packet))
+        if self._has_checksums is None:
+            self._has_checksums = is_valid
+        if self._has_checksums:
+            self._is_intact = is_valid and (self._is_intact or packet.is_keyframe)
         return self._is_intact

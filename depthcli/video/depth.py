@@ -10,8 +10,8 @@ import numpy as np
 
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import kind_named, number, positive_number, provenance_of
-from depthcli.io.depth.quantization import UINT16_MAX, denormalized, dequantized
+from depthcli.io.depth.metadata import kind_named, number, provenance_of
+from depthcli.io.depth.quantization import denormalized, dequantized
 from depthcli.io.depth.stored import step_scale
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.video.codecs import DEPTH_PIXELS
@@ -105,11 +105,6 @@ class DepthVideo:
         from depthcli.video.integrity import is_incomplete_matroska  # noqa: PLC0415
 
         container, stream = open_video(self.path)
-        # Version 0.1.0 doubled an odd row or column, and stored the true size as metadata.
-        width, height = (
-            int(positive_number(self.labels.get(name)) or UINT16_MAX + 1)
-            for name in ("width", "height")
-        )
         try:
             decoder = FrameDecoder(container, stream, is_own=bool(self.labels))
             count = first_ticks = 0
@@ -119,8 +114,8 @@ class DepthVideo:
                 steps = frame.to_ndarray()
                 first_ticks = first_ticks if count else frame.pts or 0
                 time_s = start_s + float(((frame.pts or 0) - first_ticks) * (frame.time_base or 0))
-                frame_number = decoder.pop_number(frame.pts)
-                yield frame_number, time_s, np.ascontiguousarray(steps[:height, :width], np.uint16)
+                frame_number = decoder.stated_number(frame)
+                yield frame_number, time_s, np.ascontiguousarray(steps, np.uint16)
                 count += 1
             self._check(decoder, count)
             if decoder.ended_early or is_incomplete_matroska(self.path):

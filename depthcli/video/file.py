@@ -13,13 +13,11 @@ from depthcli.errors import OutputError
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.guard import Guard
 from depthcli.video.audio import AudioTrack
-from depthcli.video.codecs import Codec, check_encoder, container_format
+from depthcli.video.codecs import Codec, check_encoder
 from depthcli.video.encoder import add_video, delay_header, new_container, state_pixel_aspect
 from depthcli.video.pipes import OutputPipe
 from depthcli.video.rates import Timing
 from depthcli.video.stated_numbers import state_number
-
-_MAX_DURATION_TICKS = 1 << 30
 
 
 class VideoFile:
@@ -55,7 +53,6 @@ class VideoFile:
                 "sequence with --format png16 or --format exr"
             )
         self._target = target
-        self._is_mp4 = container_format(target.suffix.lower()) in {"mp4", "mov"}
         self._codec = codec
         self._timing = timing
         self._audio = audio
@@ -88,9 +85,6 @@ class VideoFile:
         at = round((time_s - self._first_s) / time_base)
         if self._before is not None:
             at = max(at, (self._before.pts or 0) + 1)
-            while self._is_mp4 and at - (self._before.pts or 0) > _MAX_DURATION_TICKS:
-                # A duration that MP4 and MOV cannot represent is divided by repeating the picture.
-                self._encode(self._before, (self._before.pts or 0) + _MAX_DURATION_TICKS)
         self._encode(frame, at, number)
 
     def finish(self) -> tuple[str, ...]:

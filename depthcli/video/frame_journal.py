@@ -1,16 +1,11 @@
 """The journal of finished frames of a sequence, to resume an interrupted run."""
 
 import json
-import os
 import re
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Self, TextIO
+from typing import Self
 
-from depthcli.core.exit_hooks import exit_hook
-
-_MODE = 0o666
 _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
@@ -26,7 +21,11 @@ def remove_journal(folder: Path, name: str) -> None:
 class FrameJournal:
     """A hidden file beside the frames: a fingerprint, then the numbers of finished frames.
 
-    It is removed when the run is complete, and kept when it is interrupted.
+    It is removed when the run is complete or has written no frame, and kept if it is interrupted.
+
+    Attributes:
+        is_resumed: whether an earlier run with the same fingerprint was stopped.
+        earlier: numbers of frames that an earlier run with the same fingerprint finished.
     """
 
     def __init__(self, folder: Path, name: str, fingerprint: str) -> None:
@@ -42,12 +41,15 @@ class FrameJournal:
         """
         folder.mkdir(parents=True, exist_ok=True)
         self._path = _journal_path(folder, name)
-        self._fingerprint = fingerprint
-        self.is_resumed = False  # whether an earlier run with this fingerprint was stopped
-        self.earlier = self._read()
+        earlier = _finished(self._path, fingerprint)
+        self.is_resumed = earlier is not None
+        self.earlier = earlier or frozenset()
         self._count = len(self.earlier)
-        self._exit_hook = exit_hook(self._drop_empty)
-        self._file = self._created()
+        self._path.unlink(missing_ok=True)
+        self._file = self._path.open("x", encoding="utf-8")
+        lines = (json.dumps(fingerprint), *map(str, sorted(self.earlier)))
+        self._file.write("".join(f"{line}\n" for line in lines))
+        self._file.flush()
 
     def add(self, number: int) -> None:
         """Record that all files of a frame are written."""
@@ -57,45 +59,23 @@ class FrameJournal:
             self._count += 1
 
     def __enter__(self) -> Self:
-        self._exit_hook.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._exit_hook.__exit__(None, None, None)
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         with suppress(OSError):  # of a full disk, which add has reported already
             self._file.close()
-        if kind is None:
-            self._path.unlink(missing_ok=True)
-        self._drop_empty()
-
-    def _drop_empty(self) -> None:
-        if not self._count:
+        if kind is None or not self._count:
             self._path.unlink(missing_ok=True)
 
-    def _read(self) -> frozenset[int]:
-        """Numbers of frames that were done with the same fingerprint."""
-        if self._path.is_symlink() or not self._path.is_file():
-            return frozenset()
-        head, *lines = self._path.read_text("utf-8", "replace").splitlines() or [""]
-        if head != json.dumps(self._fingerprint):
-            return frozenset()
-        self.is_resumed = True
-        return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
 
-    def _created(self) -> TextIO:
-        """Create the file with the frames that count, replacing an old one; follow no links."""
-        self._path.unlink(missing_ok=True)
-        handle = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _MODE)
-        file = os.fdopen(handle, "w", encoding="utf-8")
-        numbers = "".join(f"{number}\n" for number in sorted(self.earlier))
-        file.write(json.dumps(self._fingerprint) + "\n" + numbers)
-        file.flush()
-        return file
+def _finished(path: Path, fingerprint: str) -> frozenset[int] | None:
+    """Numbers of frames that a run with this fingerprint finished; None without such a run."""
+    if path.is_symlink() or not path.is_file():
+        return None
+    head, *lines = path.read_text("utf-8", "replace").splitlines() or [""]
+    if head != json.dumps(fingerprint):
+        return None
+    return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
 
 
 def _journal_path(folder: Path, name: str) -> Path:

@@ -38,7 +38,7 @@ def pattern_advice(name: str) -> str:
     """What to add to "no such file" for a name that looks like a pattern; else empty."""
     if _MARKS.isdisjoint(name):
         return ""
-    return "; the name of an image sequence has one of %04d, %d and ####"
+    return "the name of an image sequence has one of %04d, %d and ####"
 
 
 def check_folders(pattern: Path) -> None:

@@ -65,8 +65,8 @@ class VideoSource(FrameSource):
         if first is None:
             self.close()
             raise InputError(
-                f"{source} holds no frame that can be decoded; it is damaged"
-                + pipe_advice(self._source)
+                f"{source} holds no frame that can be decoded: it is damaged",
+                pipe_advice(self._source),
             )
         self._timestamps = stated.timestamps
         self._current, self._is_read = first, False

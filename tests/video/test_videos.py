@@ -512,7 +512,7 @@ def test_frames_without_a_time_get_one(tmp_path: Path) -> None:
 
 def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mp4")
-    with pytest.raises(InputError, match="reads standard input"):
+    with pytest.raises(InputError, match="pipe or a device"):
         VideoSource(tmp_path / "a.mp4")
 
 
@@ -524,13 +524,11 @@ def test_what_is_no_video_is_one_clear_line(tmp_path: Path, capfd: Any) -> None:
     head += bytes([1, 0, 1, 0, 0x40, 0x1F, 0, 0, 0x40, 0x1F, 0, 0, 1, 0, 8, 0])
     sound = head + b"data" + len(samples).to_bytes(4, "little") + samples
     (tmp_path / "sound.wav").write_bytes(sound)
-    (tmp_path / "link.mp4").symlink_to("nowhere")
     cases = {
         "empty.mp4": "is empty",
         "text.mp4": "no video",
         "sound.wav": "without a video stream",
         "missing.mp4": "no such file",
-        "link.mp4": "broken link",
         ".": "folder",
         "/proc/version": "is empty",  # as files without an end, it states no size
     }
@@ -637,19 +635,6 @@ def test_a_time_lapse_over_days_keeps_its_times(suffix: str, tmp_path: Path) -> 
         with VideoSource(tmp_path / name) as source:
             found = [frame.timestamp_s for frame in source.frames()]
         assert found == pytest.approx(times_s)
-
-
-def test_a_long_pause_between_fine_times_is_held(tmp_path: Path) -> None:
-    times_s = [0, 1 / 60, 2 / 60, 50_000]
-    timing = Timing(Fraction(60), Fraction(1, 90_000))
-    with preview_video(tmp_path / "a.mp4", timing, PreviewWriter(), None) as output:
-        for time_s in times_s:
-            output.append(output.encode(shot(np.ones((16, 16), np.float32), time_s=time_s)))
-        output.finish()
-    with VideoSource(tmp_path / "a.mp4") as source:
-        found = [frame.timestamp_s for frame in source.frames()]
-    assert [*found[:3], found[-1]] == pytest.approx(times_s)
-    assert len(found) <= 8
 
 
 def stream_of(path: Path) -> tuple[str, str | None, Fraction | None]:
