@@ -105,7 +105,7 @@ def earlier_frames(
     except OSError as error:
         reason = error.strerror or str(error)
         where = error.filename or f"into {plan.folder}"
-        raise OutputError(f"cannot write {where}: {reason}", "choose another {output}") from error
+        raise OutputError(f"cannot write {where}: {reason}", "choose another {out}") from error
     with record as journal:
         yield EarlierFrames(plan, kind, journal)
 
