@@ -27,7 +27,7 @@ from depthcli.core.scale_shift import Pairs, least_squares, robust
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.table import plan_nyu
+from depthcli.evaluation.task import plan_nyu
 
 if TYPE_CHECKING:
     import numpy.typing as npt

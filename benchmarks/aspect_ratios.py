@@ -22,14 +22,14 @@ import depthcli
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.table import plan_nyu
+from depthcli.evaluation.task import plan_nyu
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from depthcli.evaluation.table import EvalTask
+    from depthcli.evaluation.task import EvalTask
 
     FloatArray = npt.NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.resize import resize_bilinear
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.table import plan_nyu
+from depthcli.evaluation.task import plan_nyu
 from depthcli.inference.pipeline import load
 
 

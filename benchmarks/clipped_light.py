@@ -17,7 +17,7 @@ import numpy as np
 import depthcli
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.table import plan_nyu
+from depthcli.evaluation.task import plan_nyu
 from depthcli.io.exr.image import encode
 
 STOPS = (0.25, 0.5, 1, 1.5, 2, 2.5, 3)

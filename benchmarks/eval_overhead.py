@@ -26,8 +26,8 @@ from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
-from depthcli.evaluation.predictors.model import open_model
-from depthcli.evaluation.run import Entry, evaluate
+from depthcli.evaluation.evaluate import entry_for, score
+from depthcli.evaluation.predictors import open_model
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.png16 import Png16Writer
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.predictors.model import ModelPredictor
+    from depthcli.evaluation.predictors import ModelPredictor
 
 PART = 100
 
@@ -96,7 +96,7 @@ def main() -> None:
         "pipeline, pictures": lambda part: run_pipeline(dataset, part, model),
         "pipeline, to PNG": lambda part: run_pipeline(dataset, part, model, out=out),
         "pipeline, pairs": lambda part: run_pipeline(dataset, part, model, with_depth=True),
-        "evaluation": lambda part: evaluate(dataset, part, [Entry(model)], workers=usable_cores()),
+        "evaluation": lambda part: score(dataset, part, [entry_for(model)], workers=usable_cores()),
     }
     run_pipeline(dataset, range(20), model, with_depth=True)
     found: dict[str, list[float]] = {name: [] for name in ways}

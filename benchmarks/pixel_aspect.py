@@ -18,7 +18,7 @@ from depthcli.core import scaling
 from depthcli.core.resize import resize_bilinear
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.table import plan_nyu
+from depthcli.evaluation.task import plan_nyu
 
 NYU_HFOV_DEG = 63.3
 SQUEEZES = (1, 4 / 3, 2, 1 / 2)

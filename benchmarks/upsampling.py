@@ -23,17 +23,17 @@ from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.models_table import evaluate_models
-from depthcli.evaluation.predictors.model import ModelPredictor
+from depthcli.evaluation.evaluate import EvalOptions, evaluate
+from depthcli.evaluation.predictors import ModelPredictor
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.table import EvalOptions, plan_nyu
+from depthcli.evaluation.task import plan_nyu
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import prepare
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from depthcli.evaluation.table import EvalTask
+    from depthcli.evaluation.task import EvalTask
     from depthcli.inference.session import Session
 
 WAYS = {
@@ -73,9 +73,7 @@ def _print_scores(task: EvalTask, session: Session) -> None:
         )
         for name, way in WAYS.items()
     ]
-    report = evaluate_models(
-        task, predictors, EvalOptions(EvalProtocol(boundary=True), trivial=False)
-    )
+    report = evaluate(task, predictors, EvalOptions(EvalProtocol(boundary=True), trivial=False))
     print(report.title)
     print(f"{'':16}" + "".join(f"{name:>10}" for name in (*_DEPTH, *_EDGES)))
     for row in report.rows:

@@ -92,8 +92,9 @@ class DepthcliError(Exception):
     exit_code: ClassVar[ExitCode] = ExitCode.FAILURE
 
     def __init__(self, problem: str = "", advice: str = "", *, option: str = "") -> None:
-        is_message = isinstance(problem, Message) and not advice and not option
-        self.message = problem if is_message else Message(problem, advice, option=option)
+        if not isinstance(problem, Message) or advice or option:
+            problem = Message(problem, advice, option=option)
+        self.message = problem
         super().__init__(self.message)
 
 

@@ -16,10 +16,6 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
 ROW = re.compile(r"^\| `(\w+)` \| (.+?) \|", re.MULTILINE)
 FILE = re.compile(r"`([\w/]+\.py)`((?:(?:\s+|,\s+|\s+and\s+)`\w+(?:\.\w+)*`)*)")
 FOLDER = re.compile(r"`([\w/]+/)`")
-SHARED = {
-    "convert predict train video": ("cli/commands/", "jobs/"),  # a command, and the job it runs
-    "DepthMap DepthVideo VideoSource": ("api/", "core/", "video/"),  # the public face
-}
 """Names that two folders may have, for one thing."""
 
 
@@ -42,18 +38,6 @@ def defined(path: Path) -> set[str]:
             parts = [part for part in node.body if isinstance(part, ast.FunctionDef)]
             names |= {f"{node.name}.{part.name}" for part in parts}
     return names
-
-
-def test_no_two_functions_or_classes_have_one_name() -> None:
-    places: dict[str, list[str]] = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
-        for node in ast.parse(path.read_text("utf-8")).body:
-            if isinstance(node, ast.FunctionDef | ast.ClassDef):
-                file = path.relative_to(PACKAGE).as_posix()
-                shared = [part for key, part in SHARED.items() if node.name in key.split()]
-                if not shared or not file.startswith(shared[0]):
-                    places.setdefault(node.name, []).append(file)
-    assert {name: files for name, files in places.items() if len(files) > 1} == {}
 
 
 def test_every_folder_has_a_row_and_every_row_a_folder() -> None:

@@ -11,7 +11,7 @@ COMMANDS = {
     "convert": ("convert", "Convert depth files and report the conversion error."),
     "info": ("info", "Show unit, scale and range of a depth file."),
     "probe": ("probe", "Show the depth at given pixels of a depth file."),
-    "eval": ("eval.app", "Measure accuracy on NYU Depth v2 or your pairs."),
+    "eval": ("eval", "Measure accuracy on NYU Depth v2 or your pairs."),
     "render": ("render", "Render rooms with exact depth as training data."),
     "train": ("train", "Train a model; can be resumed."),
     "export-onnx": ("export", "Export a checkpoint to ONNX with a model card."),

@@ -53,6 +53,24 @@ class Sensor(StrEnum):
     """With the noise and the holes of a structured-light sensor."""
 
 
+class Crop(StrEnum):
+    """The part of the frame that is evaluated."""
+
+    NONE = "none"
+    """The full frame."""
+    EIGEN = "eigen"
+    """Rows 45 to 470 and columns 41 to 600 of 480×640."""
+
+
+class Mask(StrEnum):
+    """The pixels that have ground truth in an evaluation."""
+
+    FILLED = "filled"
+    """All of the in-filled depth."""
+    RAW = "raw"
+    """Only where the sensor measured: raw depth > 0."""
+
+
 AUTO_TILE = 0
 """Tile width that stands for three quarters of the picture's width; see docs/sharpness.md."""
 GPU_BATCH = 8

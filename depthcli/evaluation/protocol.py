@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import AUTO_TILE, Upsampling
+from depthcli.core.choices import AUTO_TILE, Crop, Mask, Upsampling
 from depthcli.core.resize import resize_bilinear
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
-from depthcli.evaluation.choices import Crop, Mask
 from depthcli.metrics.alignment import align, is_reversed
 from depthcli.metrics.boundary import BoundaryScores, boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging

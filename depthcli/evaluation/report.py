@@ -1,22 +1,64 @@
-"""The result of an evaluation, and the same as JSON and CSV."""
+"""The table of an evaluation: its rows, the paper's own, and all of it as JSON and CSV."""
 
 import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from typing import Any
 
-from depthcli.datasets.splits import ALL_PAIRS
-from depthcli.evaluation.choices import Source
-from depthcli.evaluation.differences import Difference
+from depthcli.datasets.splits import ALL_PAIRS, SplitName
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.io.formats.metadata import SOFTWARE
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
+
+PUBLISHED_COUNT = 449
+_TRAINING = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", "parameters", "ms")
+"""Columns of a training run in CSV."""
+
+
+class Source(StrEnum):
+    """The origin of a row's scores."""
+
+    MODEL = "model"
+    """A model that was run here."""
+    FILES = "files"
+    """Depth files that another tool wrote."""
+    TRIVIAL = "trivial"
+    """A baseline that ignores the image."""
+    PUBLISHED = "published"
+    """Printed in the paper; not measured here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean and its 95 % confidence interval."""
+
+    mean: float
+    low: float  #: NaN if the interval is not known
+    high: float  #: NaN if the interval is not known
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether zero is outside the interval."""
+        return self.low > 0 or self.high < 0
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One row's scores minus another's, on the same images."""
+
+    name: str  #: the row that is subtracted from
+    other: str  #: the row that is subtracted
+    alignment: Alignment | None  #: of both
+    #: of every metric, in the order of the table; below 0, ``name`` is better where lower is better
+    intervals: tuple[Interval, ...]
+    scene_count: int  #: scenes of the images, which are resampled
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +71,22 @@ class ImageScores:
 
 
 @dataclass(frozen=True, slots=True)
+class Training:
+    """The training of a row; a tuple has one entry per seed."""
+
+    seeds: tuple[int, ...]  #: of the runs
+    paired: bool  #: whether they were trained with aligned pairs of image and depth map
+    parameters: int  #: number of the generator's parameters
+    latency_ms: float  #: median latency of the network for one image, mean over the seeds
+    epochs: tuple[int, ...]  #: done
+    epochs_planned: int  #: of the whole schedule
+    steps: tuple[int, ...]  #: optimization steps done
+    minutes: tuple[float, ...]  #: of training
+
+
+@dataclass(frozen=True, slots=True)
 class ReportRow:
-    """One line of the table."""
+    """One line of the table; that of a training run has means over its seeds."""
 
     name: str  #: what was evaluated
     source: Source  #: origin of its scores
@@ -45,6 +101,10 @@ class ReportRow:
     #: number of these images that the model was trained on; None if unknown
     train_overlap: int | None = None
     reversed_count: int = 0  #: images whose order of depth the alignment reversed
+    training: Training | None = None  #: None for a row that is no training run
+    seeds: "tuple[ReportRow, ...]" = ()  #: of a training run, the row of each seed
+    #: of a training run, the sample standard deviation over its seeds; None for fewer than two
+    std: Scores | None = None
 
     def items(self, *, boundary: bool) -> tuple[tuple[str, float], ...]:
         """(name, value) of every score, in the order of the table's columns."""
@@ -52,8 +112,8 @@ class ReportRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
-    """Data set, split and protocol of a table."""
+class EvalReport:
+    """A table of scores with its data set, split and protocol."""
 
     dataset: str  #: name of the data set
     split: str  #: name of the split
@@ -61,46 +121,28 @@ class Comparison:
     split_count: int  #: number of test images of the complete split
     train_count: int  #: number of training pairs of the trivial rows; 0 without them
     protocol: EvalProtocol  #: how prediction and ground truth were compared
+    rows: tuple[ReportRow, ...]  #: the lines
     notes: tuple[str, ...] = ()  #: footnotes of the table
     differences: tuple[Difference, ...] = ()  #: between one row and every other, if requested
 
-    def titled(self, split: str) -> str:
-        """Data set, split in words, number of images and protocol in one line."""
+    @property
+    def has_training(self) -> bool:
+        """Whether rows are training runs, whose table has other columns."""
+        return any(row.training for row in self.rows)
+
+    @property
+    def title(self) -> str:
+        """Data set, split, number of images and protocol in one line."""
+        if self.has_training:
+            held_out = self.split == SplitName.VAL
+            split = "scenes that the runs held out" if held_out else self.split
+        else:
+            split = "all pairs" if self.split == ALL_PAIRS else f"{self.split} split"
         count = str(self.image_count)
         if self.image_count != self.split_count:
             count = f"{count} of {self.split_count}"
         count += " image" if self.split_count == 1 else " images"
         return f"{self.dataset} · {split}, {count} · protocol: {self.protocol.name}"
-
-    def document(self, rows: list[dict[str, Any]]) -> str:
-        """The table as JSON."""
-        split = {
-            "name": self.split,
-            "images": self.image_count,
-            "images_of_complete_split": self.split_count,
-            "training_pairs_of_trivial_rows": self.train_count,
-        }
-        names = {"name": self.protocol.name, "description": self.protocol.description}
-        protocol = names | asdict(self.protocol)
-        del protocol["boundary"]
-        origin = {"schema": 1, "software": SOFTWARE, "dataset": self.dataset}
-        document: dict[str, Any] = origin | {"split": split, "protocol": protocol}
-        document |= {"rows": rows, "notes": self.notes}
-        if self.differences:
-            document["differences"] = [_difference_json(found) for found in self.differences]
-        return json.dumps(document, indent=2)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvalReport(Comparison):
-    """A table of scores with its data set, split and protocol."""
-
-    rows: tuple[ReportRow, ...]  #: the lines
-
-    @property
-    def title(self) -> str:
-        """Data set, split, number of images and protocol in one line."""
-        return self.titled("all pairs" if self.split == ALL_PAIRS else f"{self.split} split")
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -109,35 +151,80 @@ class EvalReport(Comparison):
 
     def to_json(self) -> str:
         """The report as JSON; NaN becomes null."""
-        return self.document([row_json(row) for row in self.rows])
+        names = {"name": self.protocol.name, "description": self.protocol.description}
+        protocol = names | asdict(self.protocol)
+        del protocol["boundary"]
+        document: dict[str, Any] = {
+            "schema": 1,
+            "software": SOFTWARE,
+            "dataset": self.dataset,
+            "split": {
+                "name": self.split,
+                "images": self.image_count,
+                "images_of_complete_split": self.split_count,
+                "training_pairs_of_trivial_rows": self.train_count,
+            },
+            "protocol": protocol,
+            "rows": [_row_json(row) for row in self.rows],
+            "notes": self.notes,
+        }
+        if self.differences:
+            document["differences"] = [_difference_json(found) for found in self.differences]
+        return json.dumps(document, indent=2)
 
     def to_csv(self) -> str:
         """One line per row, each with split, number of images and protocol."""
-        origin = ["dataset", "split", "images", "trained_on", "protocol"]
-        lines = [["name", "source", "align", *origin, *self.columns]]
-        for row in self.rows:
-            values = row.items(boundary=self.protocol.boundary)
-            learned = "" if row.train_overlap is None else str(row.train_overlap)
-            facts = [self.dataset, self.split, str(row.image_count), learned, self.protocol.name]
-            scores = [csv_cell(value) for _, value in values]
-            lines.append([row.name, row.source, row.alignment or "", *facts, *scores])
-        return csv_text(lines)
+        text, cells = io.StringIO(), self._run_cells if self.has_training else self._cells
+        lines = [dict(cells(row)) for row in self.rows]
+        writer = csv.DictWriter(text, list(lines[0]) if lines else [], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(lines)
+        return text.getvalue()
+
+    def _cells(self, row: ReportRow) -> Iterator[tuple[str, object]]:
+        """(column, value) of a row in CSV."""
+        yield from (("name", row.name), ("source", row.source), ("align", row.alignment))
+        yield from (("dataset", self.dataset), ("split", self.split), ("images", row.image_count))
+        yield from (("trained_on", row.train_overlap), ("protocol", self.protocol.name))
+        for name, value in row.items(boundary=self.protocol.boundary):
+            yield name, _csv_number(value)
+
+    def _run_cells(self, row: ReportRow) -> Iterator[tuple[str, object]]:
+        """(column, value) of a row in the CSV of training runs."""
+        split = SplitName.PAPER if row.source is Source.PUBLISHED else self.split
+        yield from (("name", row.name), ("source", row.source), ("align", row.alignment))
+        yield from (("split", split), ("images", row.image_count))
+        yield "protocol", self.protocol.name
+        yield from zip(_TRAINING, _training_cells(row.training), strict=True)
+        for name, value in row.scores.items():
+            yield name, _csv_number(value)
+        for name in METRICS:
+            yield f"{name}_sd", _csv_number(row.std[name]) if row.std else ""
 
 
-def csv_text(lines: Iterable[Sequence[object]]) -> str:
-    """Rows of cells as CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
-    return text.getvalue()
-
-
-def csv_cell(value: float) -> str:
+def _csv_number(value: float) -> str:
     """A score with all its digits; empty for NaN."""
     return "" if math.isnan(value) else repr(value)
 
 
-def row_json(row: ReportRow) -> dict[str, Any]:
-    """A row with its scores, and those of each image if requested."""
+def _training_cells(training: Training | None) -> list[str]:
+    """In the order of ``_TRAINING``; several seeds are separated by spaces."""
+    if training is None:
+        return [""] * len(_TRAINING)
+    return [
+        "yes" if training.paired else "no",
+        " ".join(map(str, training.seeds)),
+        " ".join(map(str, training.epochs)),
+        str(training.epochs_planned),
+        " ".join(map(str, training.steps)),
+        " ".join(f"{minutes:.2f}" for minutes in training.minutes),
+        str(training.parameters),
+        f"{training.latency_ms:.3f}",
+    ]
+
+
+def _row_json(row: ReportRow) -> dict[str, Any]:
+    """A row with its scores, and those of each image or seed if there are any."""
     entry: dict[str, Any] = {
         "name": row.name,
         "source": row.source,
@@ -146,22 +233,28 @@ def row_json(row: ReportRow) -> dict[str, Any]:
         "images_without_valid_pixel": row.empty_count,
         "scores": _all_scores_json(row),
     }
-    if row.train_overlap is not None:
-        entry["images_trained_on"] = row.train_overlap
-    if row.reversed_count:
-        entry["images_with_reversed_order"] = row.reversed_count
-    if row.note:
-        entry["note"] = row.note
-    if row.model_sha256:
-        entry["model_sha256"] = row.model_sha256
+    optional = {
+        "images_trained_on": row.train_overlap,
+        "images_with_reversed_order": row.reversed_count or None,
+        "note": row.note or None,
+        "model_sha256": row.model_sha256,
+    }
+    entry |= {name: value for name, value in optional.items() if value is not None}
     if row.images:
         entry["per_image"] = [{"id": i.id, **_all_scores_json(i)} for i in row.images]
+    if row.training is not None:
+        entry["standard_deviation"] = row.std and _scores_json(row.std)
+        entry["training"] = asdict(row.training) | {
+            "latency_ms": round(row.training.latency_ms, 3),
+            "minutes": [round(minutes, 4) for minutes in row.training.minutes],
+        }
+        entry["runs"] = [_row_json(seed) for seed in row.seeds]
     return entry
 
 
 def _all_scores_json(scored: ReportRow | ImageScores) -> dict[str, float | None]:
-    boundary = scores_json(scored.boundary) if scored.boundary else {}
-    return scores_json(scored.scores) | boundary
+    boundary = _scores_json(scored.boundary) if scored.boundary else {}
+    return _scores_json(scored.scores) | boundary
 
 
 def _difference_json(difference: Difference) -> dict[str, Any]:
@@ -170,10 +263,49 @@ def _difference_json(difference: Difference) -> dict[str, Any]:
         "row": difference.name,
         "minus": difference.other,
         "align": difference.alignment,
-        "intervals": {metric: scores_json(asdict(interval)) for metric, interval in intervals},
+        "intervals": {metric: _scores_json(asdict(interval)) for metric, interval in intervals},
     }
 
 
-def scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:
+def _scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:
     """Scores by name; those that are not finite become None."""
     return {name: value if math.isfinite(value) else None for name, value in scores.items()}
+
+
+def _published_row(name: str, note: str = "", **scores: float) -> ReportRow:
+    return ReportRow(
+        name=f"{name} (paper)",
+        source=Source.PUBLISHED,
+        alignment=None,
+        image_count=PUBLISHED_COUNT,
+        scores=Scores.of(**scores),
+        note=note,
+    )
+
+
+_MISPRINT = (
+    "log10 of CycleGAN is a misprint in the paper: log10·ln10 / rms_log is .80 in every other row, "
+    "which puts it near .1435"
+)
+# fmt: off
+PUBLISHED: tuple[ReportRow, ...] = (
+    _published_row("CycleGAN", abs_rel=.3483, rmse=1.2226, rms_log=.4096, log10=.1164,
+         d1=.4401, d2=.7248, d3=.8793, note=_MISPRINT),
+    _published_row("CUT", abs_rel=.3450, rmse=1.1969, rms_log=.4048, log10=.1421,
+         d1=.4335, d2=.7317, d3=.8875),
+    _published_row("FastCUT", abs_rel=.3385, rmse=1.2501, rms_log=.4091, log10=.1426,
+         d1=.4420, d2=.7331, d3=.8821),
+    _published_row("DCLGAN", abs_rel=.3384, rmse=1.1894, rms_log=.3993, log10=.1398,
+         d1=.4434, d2=.7414, d3=.8903),
+    _published_row("SimDCL", abs_rel=.3483, rmse=1.1881, rms_log=.4080, log10=.1427,
+         d1=.4380, d2=.7300, d3=.8855),
+    _published_row("HnegSRC", abs_rel=.3514, rmse=1.2163, rms_log=.4105, log10=.1437,
+         d1=.4328, d2=.7244, d3=.8812),
+    _published_row("Proposed", abs_rel=.2727, rmse=.9712, rms_log=.3363, log10=.1164,
+         d1=.5296, d2=.8154, d3=.9331),
+)
+# fmt: on
+"""Rows of the paper's Table I as printed, for its 449 test images (pairs 1001-1449).
+
+Source: "Depth Map Estimation from a Single 2D Image".
+"""

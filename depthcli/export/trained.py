@@ -17,7 +17,7 @@ from depthcli.training.checkpoint import load_generator
 from depthcli.training.config.schema import TrainConfig
 from depthcli.training.folder import CHECKPOINT
 from depthcli.training.provenance import DataProvenance
-from depthcli.training.trained_run import TrainedRun
+from depthcli.training.trained import TrainedRun
 
 CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
 _HASH_LENGTH = 16

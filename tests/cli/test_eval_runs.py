@@ -22,12 +22,13 @@ from depthcli.cli.app import main
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.splits import SplitName
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
-from depthcli.errors import DepthcliError, ExitCode, ModelError
-from depthcli.evaluation.table import HEADLINE_TABLE
+from depthcli.errors import DepthcliError, ExitCode, ModelError, UsageError
+from depthcli.evaluation.evaluate import HEADLINE_TABLE
 from depthcli.export.trained import export_run
 from depthcli.inference.pipeline import load
-from depthcli.jobs.evaluate.runs import RunsRequest, compare_runs
+from depthcli.jobs.evaluate import EvalRequest, run_evaluation
 from depthcli.training.callbacks import Callback
 from depthcli.training.config.overrides import updated
 from depthcli.training.loop import Limits, fit
@@ -37,7 +38,7 @@ from depthcli.training.networks.build import build_generator
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
     from depthcli.training.config.schema import TrainConfig
-    from depthcli.training.trained_run import TrainedRun
+    from depthcli.training.trained import TrainedRun
 
 SMALL = {
     "generator": {"width": 4, "blocks": 1},
@@ -274,7 +275,10 @@ def test_a_row_to_compare_with_has_to_be_there(
     trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _run(trained, data, "--against", "cut") == 2
-    assert "--against cut is not a row; choose from fastcut, proposed" in capsys.readouterr().err
+    assert (
+        "--against: cut is not a row; choose from constant mean, per-pixel mean, fastcut, proposed"
+        in capsys.readouterr().err
+    )
 
 
 def test_runs_that_held_out_other_pictures_are_not_mixed(
@@ -333,20 +337,21 @@ def test_a_run_that_cannot_be_exported_is_named_and_the_others_are_compared(
         return export_run(run, *rest)
 
     watched = Watched()
-    monkeypatch.setattr("depthcli.jobs.evaluate.runs.export_run", export)
-    asked = RunsRequest(trained, data, options=replace(HEADLINE_TABLE, trivial=False))
+    monkeypatch.setattr("depthcli.export.trained.export_run", export)
+    few = replace(HEADLINE_TABLE, trivial=False, published=False)
+    asked = EvalRequest(data, runs=trained, split=SplitName.VAL, options=few)
     unable = {"fastcut-seed0", "proposed-seed0"}
-    done = compare_runs(replace(asked, published=False, shown_ids=()), watched)
+    done = run_evaluation(replace(asked, shown_ids=()), watched)
     assert done.failed == ("fastcut-seed0 (no room)", "proposed-seed0 (no room)")
-    assert [[run.name for run in row.runs] for row in done.report.rows] == [["fastcut-seed1"]]
+    assert [[seed.name for seed in row.seeds] for row in done.report.rows] == [["fastcut-seed1"]]
     assert watched.begun[0] == ("exporting runs", 3, "")
     assert watched.counts[0] == [1, 1, 1]
     assert list(watched.stages)[1:] == ["comparing images", "drawing pictures"]
-    with pytest.raises(DepthcliError, match=r"no run of proposed can be exported: .* \(no room\)"):
-        compare_runs(replace(asked, against="proposed"))
+    with pytest.raises(UsageError, match="proposed is not a row"):
+        run_evaluation(replace(asked, options=replace(few, against="proposed", trivial=True)))
     unable.add("fastcut-seed1")
     with pytest.raises(DepthcliError, match="no run can be exported: fastcut-seed0 "):
-        compare_runs(asked)
+        run_evaluation(asked)
 
 
 def test_ids_choose_the_pictures(
@@ -359,7 +364,7 @@ def test_ids_choose_the_pictures(
     assert _run(runs, data, "--ids", "0001", "--html", str(page)) == 2
     assert "0001 is not among the 2 pictures" in capsys.readouterr().err
     assert _run(runs, data, "--ids", "0005") == 2
-    assert "--ids needs --figures DIR or --html FILE" in capsys.readouterr().err
+    assert "--ids: it needs figures; give --figures or --html" in capsys.readouterr().err
 
 
 def test_folder_without_runs(

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
-from depthcli.evaluation.choices import Source
+from depthcli.evaluation.report import Source
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from depthcli.evaluation.predictors.base import Sample
+    from depthcli.evaluation.predictors import Sample
 
 HEIGHT, WIDTH = 12, 16
 

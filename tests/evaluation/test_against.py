@@ -10,21 +10,18 @@ import numpy as np
 import pytest
 from small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
 
-from depthcli.core.types import DepthKind
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.against import check_against
-from depthcli.evaluation.bootstrap import scene_interval
-from depthcli.evaluation.models_table import evaluate_models
+from depthcli.evaluation.evaluate import EvalOptions, check_against, evaluate, scene_interval
+from depthcli.evaluation.html import html_page
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.reports.html import html_page
-from depthcli.evaluation.reports.text import report_page
-from depthcli.evaluation.table import EvalOptions, EvalTask, plan_nyu, plan_pairs
+from depthcli.evaluation.task import plan_nyu, plan_pairs
+from depthcli.evaluation.text import report_page
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import METRICS
 
 PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
-NONE, MEDIAN, DEPTH, DISPARITY = Alignment
+NONE, MEDIAN = Alignment.NONE, Alignment.MEDIAN
 ALONE = EvalOptions(PROTOCOL, trivial=False)
 
 
@@ -44,13 +41,13 @@ def test_means_and_intervals_are_those_of_the_images() -> None:
     dataset = small_set(12)
     dataset.depths_m[7] = 0
     task, rows = plan_pairs(dataset, "own"), _rows(dataset)
-    report = evaluate_models(task, rows, ALONE, against="b")
+    report = evaluate(task, rows, replace(ALONE, against="b"))
     assert not any(row.images for row in report.rows)
     assert [(d.name, d.other, d.alignment) for d in report.differences] == [
         ("b", "a", NONE),
         ("b", "c", NONE),
     ]
-    kept = evaluate_models(task, rows, replace(ALONE, per_image=True), against="b")
+    kept = evaluate(task, rows, replace(replace(ALONE, per_image=True), against="b"))
     assert kept.differences == report.differences
     images = {row.name: [image.scores for image in row.images] for row in kept.rows}
     for difference in report.differences:
@@ -71,7 +68,7 @@ def test_means_and_intervals_are_those_of_the_images() -> None:
 def test_text_json_and_page() -> None:
     dataset = small_set(12)
     rows = [Playback(row.maps, name=f"{row.name}\n<1>") for row in _rows(dataset)]
-    report = evaluate_models(plan_pairs(dataset, "own"), rows, ALONE, against="a\n<1>")
+    report = evaluate(plan_pairs(dataset, "own"), rows, replace(ALONE, against="a\n<1>"))
     entries = json.loads(report.to_json())["differences"]
     page = report_page(report)
     assert page.differences is not None
@@ -102,7 +99,7 @@ def test_text_json_and_page() -> None:
             assert low[j] == f"{interval.low:+.4f} "
             assert high[j] == f"{interval.high:+.4f} "
             assert f"<td>{mean[j]}</td>" in html
-    plain = evaluate_models(plan_pairs(dataset, "own"), rows, ALONE)
+    plain = evaluate(plan_pairs(dataset, "own"), rows, ALONE)
     assert report_page(plain).differences is None
     assert "differences" not in json.loads(plain.to_json())
 
@@ -111,7 +108,7 @@ def test_trivial_rows_are_compared_with_their_alignments() -> None:
     dataset = small_set(20, first=985)
     task = plan_nyu(dataset, SplitName.PAPER)
     options = EvalOptions(PROTOCOL, alignments=(MEDIAN,))
-    report = evaluate_models(task, _rows(dataset)[:1], options, against="per-pixel mean")
+    report = evaluate(task, _rows(dataset)[:1], replace(options, against="per-pixel mean"))
     assert [(d.other, d.alignment) for d in report.differences] == [
         ("constant mean", NONE),
         ("constant mean", MEDIAN),
@@ -126,16 +123,16 @@ def test_images_of_unknown_scene_are_scenes_of_their_own() -> None:
     assert list(scenes) == list(dataset.ids)
     assert len(set(scenes.values())) == 5
     assert scenes["0003"] == scenes["0004"]
-    report = evaluate_models(plan_pairs(dataset, "own"), _rows(dataset), ALONE, against="a")
+    report = evaluate(plan_pairs(dataset, "own"), _rows(dataset), replace(ALONE, against="a"))
     dataset.scenes = ("a", "b", "d", "e", "e", "c")
-    named = evaluate_models(plan_pairs(dataset, "own"), _rows(dataset), ALONE, against="a")
+    named = evaluate(plan_pairs(dataset, "own"), _rows(dataset), replace(ALONE, against="a"))
     assert report.differences == named.differences
 
 
 def test_one_scene_has_no_interval() -> None:
     dataset = small_set(6)
     dataset.scenes = ("room",) * 6
-    report = evaluate_models(plan_pairs(dataset, "own"), _rows(dataset), ALONE, against="a")
+    report = evaluate(plan_pairs(dataset, "own"), _rows(dataset), replace(ALONE, against="a"))
     interval = report.differences[0].intervals[0]
     assert math.isfinite(interval.mean)
     assert not interval.is_significant
@@ -148,54 +145,15 @@ def test_one_scene_has_no_interval() -> None:
     assert entry["intervals"]["abs_rel"] == {"mean": interval.mean, "low": None, "high": None}
 
 
-def _task(first: int = 985) -> EvalTask:
-    return plan_nyu(small_set(20, first=first), SplitName.PAPER)
-
-
-def test_rows_that_can_be_compared() -> None:
-    rows = [Playback({}, name="a"), Playback({}, DepthKind.RELATIVE, "b")]
-    options = replace(ALONE, alignments=(NONE, DEPTH))
-    check_against("a", _task(), rows, options)
-    check_against("b", _task(), rows, options)
-    check_against("a", _task(), rows[:1], EvalOptions(PROTOCOL))
-    check_against("constant mean", _task(), [], EvalOptions(PROTOCOL))
-
-
 @pytest.mark.parametrize(
-    ("name", "names", "options", "problem"),
+    ("name", "rows", "averaging"),
     [
-        ("x", "ab", ALONE, "--against x is not a row; choose from a, b"),
-        (
-            "x",
-            "a",
-            EvalOptions(PROTOCOL),
-            "--against x is not a row; choose from constant mean, per-pixel mean, a",
-        ),
-        ("a", "aba", ALONE, "--against needs rows of different names: a is given twice"),
-        ("a", "a", ALONE, "--against a: there is no other row of its alignment; add one"),
-        (
-            "a",
-            "ab",
-            replace(ALONE, protocol=EvalProtocol(averaging=Averaging.POOLED)),
-            "--against compares means over images: remove --average pooled",
-        ),
+        ("x", "ab", Averaging.IMAGE),
+        ("a", "a", Averaging.IMAGE),
+        ("a", "ab", Averaging.POOLED),
     ],
 )
-def test_rows_that_cannot_be_compared(
-    name: str, names: str, options: EvalOptions, problem: str
-) -> None:
+def test_rows_that_cannot_be_compared(name: str, rows: str, averaging: Averaging) -> None:
     with pytest.raises(UsageError) as raised:
-        check_against(name, _task(), [Playback({}, name=n) for n in names], options)
-    assert str(raised.value) == problem
-
-
-def test_rows_of_other_alignments_cannot_be_compared() -> None:
-    rows = [Playback({}, DepthKind.RELATIVE, "a"), Playback({}, DepthKind.INVERSE, "b")]
-    options = replace(ALONE, alignments=(DEPTH, DISPARITY))
-    with pytest.raises(UsageError, match="--against a: there is no other row of its alignment"):
-        check_against("a", _task(), rows, options)
-
-
-def test_trivial_rows_of_a_split_without_training_pairs_are_not_offered() -> None:
-    with pytest.raises(UsageError, match=r"choose from a$"):
-        check_against("per-pixel mean", _task(1000), [Playback({}, name="a")], EvalOptions())
+        check_against(name, list(rows), EvalProtocol(averaging=averaging))
+    assert raised.value.message.option == "against"

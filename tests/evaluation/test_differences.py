@@ -8,10 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depthcli.evaluation.bootstrap import differences_from, scene_interval
-from depthcli.evaluation.choices import Source
-from depthcli.evaluation.differences import Interval
-from depthcli.evaluation.report import ImageScores, ReportRow
+from depthcli.evaluation.evaluate import differences_from, scene_interval
+from depthcli.evaluation.report import ImageScores, Interval, ReportRow, Source
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS

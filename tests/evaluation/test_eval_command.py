@@ -301,16 +301,16 @@ def test_data_may_come_from_the_environment(
     [
         (["--model", "default", "--no-model"], "exclude each other"),
         (["--no-model", "--per-image"], "add --json"),
-        (["--split", "val", "--no-model", "--no-trivial"], "nothing to compare: give --model or"),
-        (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "not feet"),
+        (["--split", "val", "--no-model", "--no-trivial"], "nothing to compare; give --model or"),
+        (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "feet is not"),
         (["--split", "test"], "'test' is not one of"),
         (
             ["--split", "val", "--no-model", "--against", "CUT (paper)"],
-            "--against CUT (paper) is not a row; choose from constant mean, per-pixel mean",
+            "--against: CUT (paper) is not a row; choose from constant mean, per-pixel mean",
         ),
         (
             ["--split=val", "--no-model", "--average=pooled", "--against=constant mean"],
-            "--against compares means over images: remove --average pooled",
+            "remove --average pooled",
         ),
         (["--limit", "0"], "limit"),
     ],

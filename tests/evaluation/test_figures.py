@@ -14,10 +14,10 @@ from depthcli._version import __version__
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.reports.figures import Figure, choose_pictures, draw_figures, scene_type
-from depthcli.evaluation.reports.html import html_page
-from depthcli.evaluation.reports.text import Page
-from depthcli.evaluation.table import EvalTask
+from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures, scene_type
+from depthcli.evaluation.html import html_page
+from depthcli.evaluation.task import EvalTask
+from depthcli.evaluation.text import Page
 from depthcli.io.formats.contact_sheet import contact_sheet
 from depthcli.io.formats.preview import PreviewWriter
 
@@ -79,7 +79,9 @@ def test_columns_are_input_predictors_and_truth_in_one_range() -> None:
     exact = dict(zip(dataset.ids, dataset.depths_m, strict=True))
     far = {name: np.full((120, 160), 9.9, np.float32) for name in dataset.ids}
     predictors = [Playback(exact), Playback(far)]
-    gray, coloured = draw_figures(task, (0, 1), predictors, ["exact", "far"])
+    gray, coloured = draw_figures(
+        task, (0, 1), list(zip(["exact", "far"], predictors, strict=True))
+    )
     for figure in (gray, coloured):
         sheet = _pixels(figure)
         for row in (0, 1):
@@ -91,7 +93,7 @@ def test_columns_are_input_predictors_and_truth_in_one_range() -> None:
     assert (near_to_far[4], near_to_far[-4]) == (255, 0)
     assert (np.diff(near_to_far) <= 0).all()
     assert _pixels(coloured).shape[1] > _pixels(gray).shape[1]  # the legend
-    again = draw_figures(task, (0, 1), predictors, ["exact", "far"])
+    again = draw_figures(task, (0, 1), list(zip(["exact", "far"], predictors, strict=True)))
     assert [figure.png for figure in again] == [gray.png, coloured.png]
 
 
@@ -101,7 +103,7 @@ def test_depth_without_metres_is_fitted_before_it_is_shown() -> None:
     assert isinstance(dataset, SmallSet)
     dataset.depths_m[:] = np.linspace(1, 8, 160, dtype=np.float32)
     inverse = {"0000": (5 / dataset.depths_m[0] + 3).astype(np.float32)}
-    gray, _ = draw_figures(task, (0,), [Playback(inverse, DepthKind.INVERSE)], ["inverse"])
+    gray, _ = draw_figures(task, (0,), [("inverse", Playback(inverse, DepthKind.INVERSE))])
     sheet = _pixels(gray)
     assert np.abs(_cell(sheet, 0, 1) - _cell(sheet, 0, 2)).max() <= 1
 
@@ -112,10 +114,10 @@ def test_holes_of_the_truth_are_no_depth() -> None:
     assert isinstance(dataset, SmallSet)
     dataset.depths_m[:] = np.linspace(1, 8, 160, dtype=np.float32)
     dataset.depths_m[0, :60] = 0
-    gray, _ = draw_figures(task, (0,), [Playback(noisy(dataset))], ["noisy"])
+    gray, _ = draw_figures(task, (0,), [("noisy", Playback(noisy(dataset)))])
     assert (_cell(_pixels(gray), 0, 2)[:80] == 96).all()
     dataset.depths_m[:] = 0
-    empty, _ = draw_figures(task, (0,), [Playback(noisy(dataset))], ["noisy"])
+    empty, _ = draw_figures(task, (0,), [("noisy", Playback(noisy(dataset)))])
     assert (_cell(_pixels(empty), 0, 2) == 96).all()
 
 
@@ -138,7 +140,7 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
     other = Playback(dict.fromkeys(dataset.ids, inverse), DepthKind.INVERSE)
     watched = Watched()
     gray, coloured = draw_figures(
-        replace(task, dataset=dataset), (1, 0), [metric, other], ["a", "b"], progress=watched
+        replace(task, dataset=dataset), (1, 0), [("a", metric), ("b", other)], watched
     )
     assert watched.stages == {"drawing pictures": (2, 2)}
     for row, i in enumerate((1, 0)):
@@ -166,7 +168,7 @@ def test_without_any_truth_the_range_is_one_metre() -> None:
     assert isinstance(dataset, SmallSet)
     dataset.depths_m[:] = 0
     steps = np.repeat(np.float32([[0.9, 1.1]]), 300, 1)
-    gray, _ = draw_figures(task, (0,), [Playback({"0000": steps})], ["steps"])
+    gray, _ = draw_figures(task, (0,), [("steps", Playback({"0000": steps}))])
     sheet = _pixels(gray)
     assert len(sheet) == TITLE + 1 + GAP
     cell = sheet[TITLE, 2 * GAP + CELL[0] :][: CELL[0], 0]

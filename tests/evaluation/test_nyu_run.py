@@ -13,16 +13,14 @@ from small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
 from tiny import write_model
 from watched import Watched
 
+from depthcli.core.choices import Mask
 from depthcli.core.types import DepthKind
 from depthcli.datasets.splits import ALL_PAIRS, Split, SplitName
 from depthcli.errors import DatasetError, UsageError
-from depthcli.evaluation.choices import Mask
-from depthcli.evaluation.models_table import evaluate_models
-from depthcli.evaluation.predictors.base import Sample
-from depthcli.evaluation.predictors.model import open_model
+from depthcli.evaluation.evaluate import EvalOptions, entry_for, evaluate, score
+from depthcli.evaluation.predictors import Sample, open_model
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.run import Entry, entry_for, evaluate
-from depthcli.evaluation.table import EvalOptions, plan_nyu, plan_pairs
+from depthcli.evaluation.task import plan_nyu, plan_pairs
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.boundary import boundary_scores, mean_boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging
@@ -48,10 +46,10 @@ def test_evaluator_equals_the_plain_loop(
 ) -> None:
     dataset = small_set()
     predictor = Playback(noisy(dataset, shape=shape))
-    (row,) = evaluate(
+    (row,) = score(
         dataset,
         (1, 2, 5),
-        [Entry(predictor, (alignment,))],
+        [entry_for(predictor, (alignment,))],
         EvalProtocol(averaging=averaging, full_size_px=SMALL),
     )
     images = [
@@ -70,46 +68,46 @@ def test_evaluator_equals_the_plain_loop(
 def test_every_entry_and_alignment_has_its_own_row() -> None:
     dataset = small_set()
     entries = [
-        Entry(Playback(noisy(dataset), name="a"), (Alignment.NONE, Alignment.MEDIAN)),
-        Entry(Playback(noisy(dataset, seed=6), name="b"), (Alignment.DEPTH,)),
+        entry_for(Playback(noisy(dataset), name="a"), (Alignment.NONE, Alignment.MEDIAN)),
+        entry_for(Playback(noisy(dataset, seed=6), name="b"), (Alignment.DEPTH,)),
     ]
-    together = evaluate(dataset, range(6), entries, EvalProtocol(full_size_px=SMALL))
+    together = score(dataset, range(6), entries, EvalProtocol(full_size_px=SMALL))
     assert [(row.name, row.alignment) for row in together] == [
         ("a", "none"),
         ("a", "median"),
         ("b", "depth"),
     ]
-    alone = evaluate(dataset, range(6), entries[1:], EvalProtocol(full_size_px=SMALL))
+    alone = score(dataset, range(6), entries[1:], EvalProtocol(full_size_px=SMALL))
     assert together[2] == alone[0]
 
 
 def test_depth_is_read_once_and_pictures_only_if_somebody_looks() -> None:
     dataset = small_set()
-    blind = [Entry(Playback(noisy(dataset)), tuple(Alignment)) for _ in range(3)]
-    evaluate(dataset, range(6), blind, EvalProtocol(full_size_px=SMALL))
+    blind = [entry_for(Playback(noisy(dataset)), tuple(Alignment)) for _ in range(3)]
+    score(dataset, range(6), blind, EvalProtocol(full_size_px=SMALL))
     assert dataset.depth_reads == dict.fromkeys(range(6), 1)
     assert dataset.image_reads == {}
-    seeing = [Entry(Playback(noisy(dataset), look=True)) for _ in range(3)]
-    evaluate(dataset, range(6), seeing, EvalProtocol(full_size_px=SMALL))
+    seeing = [entry_for(Playback(noisy(dataset), look=True)) for _ in range(3)]
+    score(dataset, range(6), seeing, EvalProtocol(full_size_px=SMALL))
     assert dataset.image_reads == dict.fromkeys(range(6), 1)
 
 
 def test_scores_of_each_image_on_request() -> None:
     dataset = small_set()
-    entry = Entry(Playback(noisy(dataset)))
-    (row,) = evaluate(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL), per_image=True)
+    entry = entry_for(Playback(noisy(dataset)))
+    (row,) = score(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL), per_image=True)
     assert [image.id for image in row.images] == ["0004", "0000"]
     average = sum(image.scores["rmse"] for image in row.images) / 2
     assert row.scores["rmse"] == pytest.approx(average, rel=1e-12)
-    (silent,) = evaluate(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL))
+    (silent,) = score(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL))
     assert silent.images == ()
 
 
 def test_image_without_valid_pixel_is_reported() -> None:
     dataset = small_set()
     dataset.depths_m[2] = 0
-    (row,) = evaluate(
-        dataset, range(6), [Entry(Playback(noisy(dataset)))], EvalProtocol(full_size_px=SMALL)
+    (row,) = score(
+        dataset, range(6), [entry_for(Playback(noisy(dataset)))], EvalProtocol(full_size_px=SMALL)
     )
     assert (row.image_count, row.empty_count) == (5, 1)
     assert not math.isnan(row.scores["abs_rel"])
@@ -118,10 +116,10 @@ def test_image_without_valid_pixel_is_reported() -> None:
 def test_progress_is_told_after_each_image() -> None:
     dataset = small_set()
     watched = Watched()
-    evaluate(
+    score(
         dataset,
         range(4),
-        [Entry(Playback(noisy(dataset)))],
+        [entry_for(Playback(noisy(dataset)))],
         EvalProtocol(full_size_px=SMALL),
         progress=watched,
     )
@@ -131,7 +129,7 @@ def test_progress_is_told_after_each_image() -> None:
 def test_error_about_the_truth_names_the_pair() -> None:
     dataset = small_set()
     with pytest.raises(DatasetError, match="0003: the depth is 16×12 but the protocol needs"):
-        evaluate(dataset, (3,), [], EvalProtocol())
+        score(dataset, (3,), [], EvalProtocol())
 
 
 def test_raw_mask_of_a_set_without_raw_depth() -> None:
@@ -141,7 +139,7 @@ def test_raw_mask_of_a_set_without_raw_depth() -> None:
         ids, depth_m = dataset.ids, dataset.depth_m
 
     with pytest.raises(DatasetError, match="the raw-valid mask needs raw depth"):
-        evaluate(Filled(), (0,), [], EvalProtocol(mask=Mask.RAW, full_size_px=SMALL))
+        score(Filled(), (0,), [], EvalProtocol(mask=Mask.RAW, full_size_px=SMALL))
 
 
 @pytest.mark.parametrize(
@@ -149,7 +147,7 @@ def test_raw_mask_of_a_set_without_raw_depth() -> None:
 )
 def test_relative_depth_needs_its_alignment(kind: DepthKind, needed: str) -> None:
     predictor = Playback({}, kind=kind)
-    with pytest.raises(UsageError, match=f"playback gives {kind} depth.* add --align {needed}"):
+    with pytest.raises(UsageError, match=f"playback gives {kind} depth.* add align {needed}"):
         entry_for(predictor, [Alignment.NONE, Alignment.MEDIAN])
     assert entry_for(predictor, tuple(Alignment)).alignments == (Alignment(needed),)
 
@@ -161,7 +159,7 @@ def test_inverse_depth_is_aligned_in_disparity() -> None:
         for name, depth in zip(dataset.ids, dataset.depths_m, strict=True)
     }
     entry = entry_for(Playback(inverse, kind=DepthKind.INVERSE), [Alignment.DISPARITY])
-    (row,) = evaluate(dataset, range(6), [entry], EvalProtocol(full_size_px=SMALL))
+    (row,) = score(dataset, range(6), [entry], EvalProtocol(full_size_px=SMALL))
     assert row.scores["abs_rel"] < 1e-5
 
 
@@ -187,8 +185,8 @@ def test_no_image_is_kept_in_memory(workers: int) -> None:
         def image(self, i: int) -> np.ndarray:
             return fresh(dataset.image(i))
 
-    entries = [Entry(Playback(noisy(dataset), look=True), tuple(Alignment))]
-    evaluate(Streamed(), range(30), entries, EvalProtocol(full_size_px=SMALL), workers=workers)
+    entries = [entry_for(Playback(noisy(dataset), look=True), tuple(Alignment))]
+    score(Streamed(), range(30), entries, EvalProtocol(full_size_px=SMALL), workers=workers)
     assert len(most) == 60
     assert 1 <= max(most) <= 4 * max(1, workers)
 
@@ -197,11 +195,12 @@ def test_no_image_is_kept_in_memory(workers: int) -> None:
 def test_no_digit_depends_on_the_number_of_workers(averaging: Averaging) -> None:
     dataset = small_set(30)
     entries = [
-        Entry(Playback(noisy(dataset, seed=seed), look=True), tuple(Alignment)) for seed in (5, 6)
+        entry_for(Playback(noisy(dataset, seed=seed), look=True), tuple(Alignment))
+        for seed in (5, 6)
     ]
     protocol = EvalProtocol(averaging=averaging, full_size_px=SMALL, boundary=True)
     alone, together = (
-        evaluate(dataset, range(30), entries, protocol, per_image=True, workers=workers)
+        score(dataset, range(30), entries, protocol, per_image=True, workers=workers)
         for workers in (0, 3)
     )
     assert repr(alone) == repr(together)  # NaN is not itself
@@ -215,10 +214,10 @@ def test_an_error_ends_all_workers() -> None:
     watched = Watched()
     before = threading.active_count()
     with pytest.raises(KeyError, match="0007"):
-        evaluate(
+        score(
             dataset,
             range(30),
-            [Entry(Playback(maps))],
+            [entry_for(Playback(maps))],
             EvalProtocol(full_size_px=SMALL),
             progress=watched,
             workers=3,
@@ -232,7 +231,7 @@ def test_scores_of_edges_are_those_of_the_map_put_together_again() -> None:
     dataset = small_set(shape=(40, 60))
     maps = noisy(dataset)
     protocol = EvalProtocol(full_size_px=(60, 40), boundary=True)
-    (row,) = evaluate(dataset, (0, 3), [Entry(Playback(maps))], protocol, per_image=True)
+    (row,) = score(dataset, (0, 3), [entry_for(Playback(maps))], protocol, per_image=True)
     expected = []
     for image, i in zip(row.images, (0, 3), strict=True):
         depth_m = dataset.depths_m[i]
@@ -242,8 +241,12 @@ def test_scores_of_edges_are_those_of_the_map_put_together_again() -> None:
         expected.append(scores)
     assert row.boundary == mean_boundary_scores(expected)
     assert not math.isnan(row.boundary.edge_f1)
-    (without,) = evaluate(
-        dataset, (0,), [Entry(Playback(maps))], replace(protocol, boundary=False), per_image=True
+    (without,) = score(
+        dataset,
+        (0,),
+        [entry_for(Playback(maps))],
+        replace(protocol, boundary=False),
+        per_image=True,
     )
     assert without.boundary is without.images[0].boundary is None
 
@@ -260,7 +263,7 @@ def test_work_is_done_where_it_was_asked_for(workers: int | None) -> None:
 
     task = plan_nyu(Listening(**vars(small_set())), SplitName.OFFICIAL)
     options = EvalOptions(EvalProtocol(full_size_px=SMALL))
-    evaluate_models(task, [], options if workers is None else replace(options, workers=workers))
+    evaluate(task, [], options if workers is None else replace(options, workers=workers))
     training, testing = threads[:3], threads[3:]
     for part in (training, testing):
         assert len(part) == 3
@@ -271,7 +274,7 @@ def test_trivial_rows_know_the_depth_that_counts() -> None:
     dataset = small_set()
     protocol = EvalProtocol(full_size_px=SMALL, min_m=2, max_m=5)
     task = plan_nyu(dataset, SplitName.OFFICIAL)
-    (row, *_) = evaluate_models(task, [], EvalOptions(protocol)).rows
+    (row, *_) = evaluate(task, [], EvalOptions(protocol)).rows
     training = np.concatenate([dataset.depths_m[i].ravel() for i in task.split.train])
     mean_m = training[(training > 2) & (training < 5)].astype(float).mean()
     errors = []
@@ -288,7 +291,7 @@ def test_a_set_of_ones_own_is_compared_whole() -> None:
     assert (task.title, task.test) == ("own", (0, 1, 2))
     assert task.split == Split(ALL_PAIRS, (), (0, 1, 2), 0, 3)
     options = EvalOptions(EvalProtocol(full_size_px=SMALL))
-    report = evaluate_models(task, [Playback(noisy(dataset))], options)
+    report = evaluate(task, [Playback(noisy(dataset))], options)
     assert [row.name for row in report.rows] == ["playback"]
     assert report.notes == ("no training pair of this split is available: baselines are omitted",)
 

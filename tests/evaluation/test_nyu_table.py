@@ -10,11 +10,10 @@ from small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 from watched import Watched
 
 from depthcli.datasets.splits import SplitName
-from depthcli.evaluation.choices import Source
-from depthcli.evaluation.models_table import evaluate_models
+from depthcli.evaluation.evaluate import EvalOptions, evaluate
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.published import PUBLISHED
-from depthcli.evaluation.table import EvalOptions, plan_nyu
+from depthcli.evaluation.report import PUBLISHED, Source
+from depthcli.evaluation.task import plan_nyu
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import METRICS
 
@@ -53,7 +52,7 @@ def test_trivial_rows_know_the_training_part_only() -> None:
     dataset = small_set(**AROUND_1000)
     task = plan_nyu(dataset, SplitName.PAPER)
     assert task.ids == ("1000", "1001", "1002")
-    report = evaluate_models(task, [], EvalOptions(ANY_SIZE))
+    report = evaluate(task, [], EvalOptions(ANY_SIZE))
     assert dataset.depth_reads == dict.fromkeys(range(8), 1)
     assert [(row.name, row.alignment) for row in report.rows] == [
         ("constant mean", "none"),
@@ -62,7 +61,7 @@ def test_trivial_rows_know_the_training_part_only() -> None:
         ("per-pixel mean", "median"),
     ]
     dataset.depths_m[5:] *= 0.5
-    changed = evaluate_models(task, [], EvalOptions(ANY_SIZE))
+    changed = evaluate(task, [], EvalOptions(ANY_SIZE))
     assert report.rows[0].scores != changed.rows[0].scores
     assert any(
         "computed from 5 of the split's 1000 training pairs" in note for note in report.notes
@@ -71,23 +70,21 @@ def test_trivial_rows_know_the_training_part_only() -> None:
 
 def test_trivial_rows_get_every_alignment_that_is_asked_for() -> None:
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
-    report = evaluate_models(task, [], EvalOptions(ANY_SIZE, alignments=(Alignment.DEPTH,)))
+    report = evaluate(task, [], EvalOptions(ANY_SIZE, alignments=(Alignment.DEPTH,)))
     alignments = [row.alignment for row in report.rows if row.name == "per-pixel mean"]
     assert alignments == ["none", "median", "depth"]
 
 
 def test_trivial_rows_can_be_left_out() -> None:
     dataset = small_set(**AROUND_1000)
-    report = evaluate_models(
-        plan_nyu(dataset, SplitName.PAPER), [], EvalOptions(ANY_SIZE, trivial=False)
-    )
+    report = evaluate(plan_nyu(dataset, SplitName.PAPER), [], EvalOptions(ANY_SIZE, trivial=False))
     assert report.rows == ()
     assert set(dataset.depth_reads) == {5, 6, 7}
 
 
 def test_test_part_alone_has_no_trivial_rows_and_says_so() -> None:
     task = plan_nyu(small_set(3, first=1000), SplitName.PAPER)
-    report = evaluate_models(task, [], EvalOptions(ANY_SIZE))
+    report = evaluate(task, [], EvalOptions(ANY_SIZE))
     assert report.rows == ()
     assert any("baselines are omitted" in note for note in report.notes)
 
@@ -98,9 +95,9 @@ def test_published_rows_stand_beside_the_headline_of_the_paper_split_only() -> N
         plan_nyu(dataset, name, limit=1) for name in (SplitName.PAPER, SplitName.OFFICIAL)
     )
     pooled = EvalProtocol(averaging=Averaging.POOLED)
-    assert evaluate_models(paper, [], EvalOptions(trivial=False)).rows == PUBLISHED
-    assert evaluate_models(official, [], EvalOptions(trivial=False)).rows == ()
-    other = evaluate_models(paper, [], EvalOptions(pooled, trivial=False))
+    assert evaluate(paper, [], EvalOptions(trivial=False)).rows == PUBLISHED
+    assert evaluate(official, [], EvalOptions(trivial=False)).rows == ()
+    other = evaluate(paper, [], EvalOptions(pooled, trivial=False))
     assert other.rows == ()
     assert any("the paper's rows" in note for note in other.notes)
 
@@ -114,9 +111,9 @@ def test_limit_is_spread_over_the_split() -> None:
 
 def test_title_names_split_images_and_protocol() -> None:
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
-    report = evaluate_models(task, [], EvalOptions(ANY_SIZE))
+    report = evaluate(task, [], EvalOptions(ANY_SIZE))
     assert report.title == ("NYU Depth v2 · paper split, 3 of 449 images · protocol: 16×12")
-    val = evaluate_models(plan_nyu(small_set(), SplitName.OFFICIAL), [], EvalOptions(ANY_SIZE))
+    val = evaluate(plan_nyu(small_set(), SplitName.OFFICIAL), [], EvalOptions(ANY_SIZE))
     assert "official split, 3 of 654 images" in val.title
 
 
@@ -124,7 +121,7 @@ def test_json_holds_every_number_and_what_it_means() -> None:
     dataset = small_set(**AROUND_1000)
     predictor = Playback(noisy(dataset), model_sha256="ab" * 32)
     task = plan_nyu(dataset, SplitName.PAPER)
-    report = evaluate_models(task, [predictor], EvalOptions(ANY_SIZE, per_image=True))
+    report = evaluate(task, [predictor], EvalOptions(ANY_SIZE, per_image=True))
     document = json.loads(report.to_json())
     assert document["split"]["name"] == "paper"
     assert document["split"]["images"] == 3
@@ -140,9 +137,7 @@ def test_json_holds_every_number_and_what_it_means() -> None:
 
 def test_json_of_published_rows_has_null_where_nothing_was_printed() -> None:
     dataset = small_set(**AROUND_1000, shape=(480, 640))
-    report = evaluate_models(
-        plan_nyu(dataset, SplitName.PAPER, limit=1), [], EvalOptions(trivial=False)
-    )
+    report = evaluate(plan_nyu(dataset, SplitName.PAPER, limit=1), [], EvalOptions(trivial=False))
     document = json.loads(report.to_json())
     assert document["schema"] == 1
     first = document["rows"][0]
@@ -154,7 +149,7 @@ def test_json_of_published_rows_has_null_where_nothing_was_printed() -> None:
 def test_csv_names_protocol_and_split_in_every_line() -> None:
     dataset = small_set(**AROUND_1000, shape=(480, 640))
     task = plan_nyu(dataset, SplitName.PAPER, limit=1)
-    report = evaluate_models(task, [Playback(noisy(dataset))], EvalOptions(trivial=False))
+    report = evaluate(task, [Playback(noisy(dataset))], EvalOptions(trivial=False))
     lines = list(csv.DictReader(io.StringIO(report.to_csv())))
     assert len(lines) == 8
     assert {(line["split"], line["protocol"]) for line in lines} == {("paper", "headline")}
@@ -167,7 +162,7 @@ def test_csv_names_protocol_and_split_in_every_line() -> None:
 def test_progress_has_two_stages() -> None:
     watched = Watched()
     task = plan_nyu(small_set(**AROUND_1000), SplitName.PAPER)
-    evaluate_models(task, [], EvalOptions(ANY_SIZE), watched)
+    evaluate(task, [], EvalOptions(ANY_SIZE), watched)
     assert watched.stages == {"mean of training images": (5, 5), "comparing images": (3, 3)}
 
 

@@ -5,10 +5,9 @@ import plain_evaluator as plain
 import pytest
 from small_set import HEIGHT, WIDTH, noisy, small_set
 
-from depthcli.core.choices import AUTO_TILE, Upsampling
+from depthcli.core.choices import AUTO_TILE, Crop, Mask, Upsampling
 from depthcli.core.types import DepthMap
 from depthcli.errors import DatasetError
-from depthcli.evaluation.choices import Crop, Mask
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.metrics.accumulate import PixelSums
 from depthcli.metrics.choices import Alignment, Averaging

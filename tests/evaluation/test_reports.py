@@ -10,10 +10,9 @@ import pytest
 
 from depthcli._version import __version__
 from depthcli.datasets.splits import ALL_PAIRS
-from depthcli.evaluation.choices import Source
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.report import EvalReport, ImageScores, ReportRow
-from depthcli.evaluation.reports.text import report_page
+from depthcli.evaluation.report import EvalReport, ImageScores, ReportRow, Source
+from depthcli.evaluation.text import report_page
 from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.boundary import BoundaryScores
 from depthcli.metrics.choices import Alignment

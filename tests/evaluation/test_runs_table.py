@@ -14,26 +14,24 @@ import pytest
 from small_set import HEIGHT, WIDTH, SmallSet, small_set
 from tiny import write_model
 
-from depthcli.core.choices import Weights
 from depthcli.datasets.splits import Split, SplitName
 from depthcli.errors import DatasetError, UsageError
-from depthcli.evaluation.predictors.model import open_model
+from depthcli.evaluation.evaluate import EvalOptions, entry_for, evaluate, score
+from depthcli.evaluation.predictors import open_model
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.published import PUBLISHED
-from depthcli.evaluation.reports.runs_text import runs_page
-from depthcli.evaluation.run import Entry, evaluate
-from depthcli.evaluation.runs_table import evaluate_runs
-from depthcli.evaluation.table import EvalOptions, EvalTask
-from depthcli.evaluation.trained import TrainedModel, group_by_seed, plan_comparison
+from depthcli.evaluation.report import PUBLISHED
+from depthcli.evaluation.task import EvalTask, group_by_seed, plan_runs
+from depthcli.evaluation.text import report_page
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
-from depthcli.training.trained_run import TrainedRun
+from depthcli.training.trained import TrainedRun
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from depthcli.evaluation.runs_report import RunsReport, RunsRow
+    from depthcli.evaluation.predictors import ModelPredictor
+    from depthcli.evaluation.report import EvalReport, ReportRow
 
 PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
 NONE, MEDIAN = Alignment.NONE, Alignment.MEDIAN
@@ -59,7 +57,7 @@ def _run(name: str, run: TrainedRun = RUN, **changes: object) -> TrainedRun:
 
 
 @pytest.fixture(scope="module")
-def models(tmp_path_factory: pytest.TempPathFactory) -> list[TrainedModel]:
+def models(tmp_path_factory: pytest.TempPathFactory) -> list[ModelPredictor]:
     """In no order; each says one depth of every picture, give or take the picture's grey."""
     runs = {
         "zeta": (_run("zeta"), 1.0),
@@ -71,27 +69,27 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> list[TrainedModel]:
     for i, (name, (run, far_m)) in enumerate(runs.items()):
         loader = SessionLoader(write_model(folder / name, output__shift=far_m + 4), "cpu", 1)
         predictor = replace(open_model(loader), name=name)
-        found.append(TrainedModel(run, predictor, 10.0 + i / 3))
+        found.append(replace(predictor, run=run, latency_ms=10.0 + i / 3))
     return found
 
 
 @pytest.fixture
-def task(models: list[TrainedModel]) -> EvalTask:
-    return plan_comparison(small_set(), [model.run for model in models])
+def task(models: list[ModelPredictor]) -> EvalTask:
+    return plan_runs(small_set(), [model.run for model in models])
 
 
 def _report(
-    task: EvalTask, models: list[TrainedModel], *alignments: Alignment, **more: object
-) -> RunsReport:
-    return evaluate_runs(task, models, EvalOptions(PROTOCOL, alignments or (NONE,)), **more)
+    task: EvalTask, models: list[ModelPredictor], *alignments: Alignment, **more: object
+) -> EvalReport:
+    return evaluate(task, models, EvalOptions(PROTOCOL, alignments or (NONE,), **more))
 
 
-def _scores(task: EvalTask, model: TrainedModel, alignment: Alignment) -> tuple[float, ...]:
-    entry = Entry(model.predictor, (alignment,))
-    return evaluate(task.dataset, task.test, [entry], PROTOCOL)[0].scores.values
+def _scores(task: EvalTask, model: ModelPredictor, alignment: Alignment) -> tuple[float, ...]:
+    entry = entry_for(model, (alignment,))
+    return score(task.dataset, task.test, [entry], PROTOCOL)[0].scores.values
 
 
-def _trained(report: RunsReport) -> list[RunsRow]:
+def _trained(report: EvalReport) -> list[ReportRow]:
     return [line for line in report.rows if line.training]
 
 
@@ -101,27 +99,27 @@ def test_pictures_are_those_that_the_runs_held_out(task: EvalTask) -> None:
 
 
 def test_rows_are_means_over_seeds_in_the_papers_order(
-    task: EvalTask, models: list[TrainedModel]
+    task: EvalTask, models: list[ModelPredictor]
 ) -> None:
     report = _report(task, models, NONE, MEDIAN)
     zeta, proposed_1, proposed_0, cut = models
     members = {"cut": (cut,), "proposed": (proposed_1, proposed_0), "zeta": (zeta,)}
-    others = [(line.row.name, line.row.alignment) for line in report.rows if not line.training]
+    others = [(line.name, line.alignment) for line in report.rows if not line.training]
     trivial = [(name, a) for name in ("constant mean", "per-pixel mean") for a in (NONE, MEDIAN)]
     assert others == [*trivial, *((row.name, None) for row in PUBLISHED)]
-    assert [(line.row.name, line.row.alignment) for line in _trained(report)] == [
+    assert [(line.name, line.alignment) for line in _trained(report)] == [
         (name, a) for name in members for a in (NONE, MEDIAN)
     ]
     for line in _trained(report):
-        row = line.row
+        row = line
         assert row.alignment is not None
         each = [_scores(task, model, row.alignment) for model in members[row.name]]
-        assert [run.scores.values for run in line.runs] == each
+        assert [run.scores.values for run in line.seeds] == each
         columns = list(zip(*each, strict=True))
         assert row.scores.values == pytest.approx([statistics.mean(c) for c in columns])
         assert (row.source, row.image_count, row.empty_count) == ("model", 2, 0)
-        assert {run.name for run in line.runs} == {m.run.name for m in members[row.name]}
-        assert not any(run.images for run in line.runs)
+        assert {run.name for run in line.seeds} == {m.run.name for m in members[row.name]}
+        assert not any(run.images for run in line.seeds)
         if len(each) == 1:
             assert line.std is None
         else:
@@ -131,18 +129,18 @@ def test_rows_are_means_over_seeds_in_the_papers_order(
             assert (max(expected) > 0.1) is (row.alignment is NONE)  # no factor is left after it
 
 
-def test_pictures_without_depth_are_counted(models: list[TrainedModel]) -> None:
+def test_pictures_without_depth_are_counted(models: list[ModelPredictor]) -> None:
     dataset = small_set()
     dataset.depths_m[5] = 0
-    report = _report(plan_comparison(dataset, [model.run for model in models]), models)
-    assert {(line.row.image_count, line.row.empty_count) for line in _trained(report)} == {(1, 1)}
+    report = _report(plan_runs(dataset, [model.run for model in models]), models)
+    assert {(line.image_count, line.empty_count) for line in _trained(report)} == {(1, 1)}
 
 
-def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[TrainedModel]) -> None:
+def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[ModelPredictor]) -> None:
     report = _report(task, models)
     assert (report.dataset, report.split, report.image_count) == ("NYU Depth v2", "val", 2)
     assert (report.split_count, report.train_count, report.protocol) == (2, 3, PROTOCOL)
-    lines = runs_page(report).to_text().splitlines()
+    lines = report_page(report).to_text().splitlines()
     shown = {line.split()[0]: line.split()[1:10] for line in lines[4:] if line}
     assert lines[3].split()[2:9] == [
         "paired",
@@ -177,9 +175,9 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[Traine
     records = {r["name"]: list(r.values()) for r in csv.DictReader(io.StringIO(report.to_csv()))}
     known = ["model", "none", "val", "2", PROTOCOL.name]
     costs = ["yes", "1 0", "3 4", "4", "60 80", "2.50 1.23", "1234567", "10.500"]
-    (proposed,) = (line for line in report.rows if line.row.name == "proposed")
+    (proposed,) = (line for line in report.rows if line.name == "proposed")
     assert proposed.std is not None
-    numbers = [*proposed.row.scores.values, *proposed.std.values]
+    numbers = [*proposed.scores.values, *proposed.std.values]
     assert records["proposed"] == ["proposed", *known, *costs, *map(repr, numbers)]
     assert records["cut"][-9:] == [""] * 9
     assert records["CUT (paper)"][:14] == [
@@ -188,7 +186,7 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[Traine
     ]
 
 
-def test_notes(task: EvalTask, models: list[TrainedModel]) -> None:
+def test_notes(task: EvalTask, models: list[ModelPredictor]) -> None:
     notes = _report(task, models).notes
     assert notes == (
         "± is the sample standard deviation over the seeds",
@@ -203,10 +201,7 @@ def test_notes(task: EvalTask, models: list[TrainedModel]) -> None:
         ),
     )
     whole = [model for model in models if model.run.epochs == 4]
-    assert _report(task, whole, published=False, weights=Weights.RAW).notes == (
-        *notes[:2],
-        "weights of the last step, not their moving average",
-    )
+    assert _report(task, whole, published=False).notes == notes[:2]
     paper = replace(task, split=replace(task.split, name=SplitName.PAPER, train_count=1000))
     assert _report(paper, whole).notes == (
         *notes[:2],
@@ -215,11 +210,11 @@ def test_notes(task: EvalTask, models: list[TrainedModel]) -> None:
 
 
 def test_trivial_and_published_rows_can_be_left_out(
-    task: EvalTask, models: list[TrainedModel]
+    task: EvalTask, models: list[ModelPredictor]
 ) -> None:
-    options = EvalOptions(PROTOCOL, trivial=False)
-    report = evaluate_runs(task, models, options, published=False)
-    assert [line.row.name for line in report.rows] == ["cut", "proposed", "zeta"]
+    options = EvalOptions(PROTOCOL, trivial=False, published=False)
+    report = evaluate(task, models, options)
+    assert [line.name for line in report.rows] == ["cut", "proposed", "zeta"]
     assert report.train_count == 0
 
 
@@ -231,35 +226,35 @@ def test_trivial_and_published_rows_can_be_left_out(
     ],
 )
 def test_titles(
-    models: list[TrainedModel], split: SplitName, limit: int | None, title: str
+    models: list[ModelPredictor], split: SplitName, limit: int | None, title: str
 ) -> None:
     runs = [replace(model.run, train_ids=("0003",), nyu_ids=("0003",)) for model in models]
-    report = _report(plan_comparison(small_set(), runs, split, limit), models)
+    report = _report(plan_runs(small_set(), runs, split, limit), models)
     assert report.title == f"{title} · protocol: {PROTOCOL.name}"
 
 
 def test_pairs_of_one_s_own_are_not_those_of_nyu() -> None:
     own = _run("a", train_ids=("0000", "0002"), nyu_ids=())
-    assert plan_comparison(small_set(), [own], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
+    assert plan_runs(small_set(), [own], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
 
 
 def test_runs_are_compared_on_nyu_only() -> None:
     own = _run("a", held_out_ids=("1449",), train_ids=("1450",))
-    with pytest.raises(DatasetError, match=r"is not NYU Depth v2: .* 'depthcli eval pairs'"):
-        plan_comparison(small_set(2, first=1449), [own])
+    with pytest.raises(DatasetError, match=r"is not NYU Depth v2"):
+        plan_runs(small_set(2, first=1449), [own])
 
 
-def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) -> None:
+def test_one_row_minus_each_other(task: EvalTask, models: list[ModelPredictor]) -> None:
     report = _report(task, models, NONE, MEDIAN, against="zeta")
     assert [(d.name, d.other, d.alignment) for d in report.differences] == [
         ("zeta", other, alignment)
         for alignment in (NONE, MEDIAN)
         for other in ("constant mean", "per-pixel mean", "proposed", "cut")
     ]
-    assert not any(line.row.images or any(run.images for run in line.runs) for line in report.rows)
-    rows = {(line.row.name, line.row.alignment): line.row.scores for line in report.rows}
+    assert not any(line.images or any(run.images for run in line.seeds) for line in report.rows)
+    rows = {(line.name, line.alignment): line.scores for line in report.rows}
     entries = json.loads(report.to_json())["differences"]
-    page = runs_page(report)
+    page = report_page(report)
     assert page.differences is not None
     title, (header, *cells) = page.differences
     assert title.startswith("zeta minus each row: mean and 95 % interval over ")
@@ -279,21 +274,21 @@ def test_one_row_minus_each_other(task: EvalTask, models: list[TrainedModel]) ->
         assert cell[:4] == [other, alignment, "mean", f"{first.mean:+.4f}{mark}"]
 
 
-def test_what_has_no_score_is_a_dash(models: list[TrainedModel]) -> None:
+def test_what_has_no_score_is_a_dash(models: list[ModelPredictor]) -> None:
     dataset = small_set()
     dataset.depths_m[[1, 5]] = 0
-    task = plan_comparison(dataset, [model.run for model in models])
+    task = plan_runs(dataset, [model.run for model in models])
     report = _report(task, models, against="zeta")
-    page = runs_page(report)
+    page = report_page(report)
     assert page.differences is not None
     assert all(set(cells[3:]) == {"- "} for cells in page.differences[1][1:])
     assert {line.split()[-1] for line in page.to_text().splitlines() if "cut " in line} == {"-"}
 
 
 def test_pages_name_footnotes_and_the_models_of_all_seeds(
-    task: EvalTask, models: list[TrainedModel]
+    task: EvalTask, models: list[ModelPredictor]
 ) -> None:
-    page = runs_page(_report(task, models))
+    page = report_page(_report(task, models))
     assert page.notes[0] == (
         "higher is better for d1, d2, d3, lower for the others; rmse in metres"
     )
@@ -311,12 +306,12 @@ def test_pages_name_footnotes_and_the_models_of_all_seeds(
         ([_run("a", held_out_ids=())], "a held out no pair"),
         ([_run("a", held_out_ids=("0001", "0099"))], r"1 pairs .* \(first: 0099\)"),
         ([_run("a", train_ids=("0098", "0099"))], r"2 pairs .* \(first: 0098\)"),
-        ([_run("a", nyu_ids=("0001", "0005"))], "a was trained on 2 of the 2 test pictures"),
+        ([_run("a", nyu_ids=("0001", "0005"))], "a was trained on 2 of the 2 test images"),
     ],
 )
 def test_what_cannot_be_compared(runs: Sequence[TrainedRun], problem: str) -> None:
     with pytest.raises((UsageError, DatasetError), match=problem):
-        plan_comparison(small_set(), runs)
+        plan_runs(small_set(), runs)
 
 
 @pytest.mark.parametrize(
@@ -333,17 +328,9 @@ def test_a_group_differs_in_its_seeds_alone(first: TrainedRun, second: TrainedRu
     assert group_by_seed([first, seeds, _run("b2")]) == {"a": (first, seeds), "b2": (_run("b2"),)}
 
 
-def test_pictures_are_read_by_nobody_else(models: list[TrainedModel]) -> None:
+def test_pictures_are_read_by_nobody_else(models: list[ModelPredictor]) -> None:
     dataset = small_set()
     assert isinstance(dataset, SmallSet)
-    _report(plan_comparison(dataset, [model.run for model in models]), models)
+    _report(plan_runs(dataset, [model.run for model in models]), models)
     assert dataset.image_reads == {1: 1, 5: 1}
     assert dataset.depth_reads == dict.fromkeys(range(1, 6), 1)
-
-
-def test_one_row_minus_one_other(task: EvalTask, models: list[TrainedModel]) -> None:
-    options = EvalOptions(PROTOCOL, trivial=False)
-    report = evaluate_runs(task, models[::3], options, against="zeta")
-    page = runs_page(report)
-    assert page.differences is not None
-    assert [cells[0] for cells in page.differences[1]] == ["minus", "cut", "", ""]

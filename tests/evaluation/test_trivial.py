@@ -7,7 +7,7 @@ from small_set import HEIGHT, WIDTH, small_set
 from watched import Watched
 
 from depthcli.errors import DatasetError
-from depthcli.evaluation.predictors.trivial import fit_trivial
+from depthcli.evaluation.predictors import fit_trivial
 
 
 def test_means_equal_the_plain_loop() -> None:

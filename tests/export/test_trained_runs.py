@@ -12,12 +12,12 @@ from small import small_network, write_checkpoint
 from depthcli.core.choices import Weights
 from depthcli.datasets.training_data import NYU_PAPER
 from depthcli.errors import ParityError, UsageError
-from depthcli.evaluation.trained import group_by_seed
+from depthcli.evaluation.task import group_by_seed
 from depthcli.export import trained
 from depthcli.export.trained import export_run, find_runs, open_run
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.trained_run import TrainedRun
+from depthcli.training.trained import TrainedRun
 
 if TYPE_CHECKING:
     from pathlib import Path

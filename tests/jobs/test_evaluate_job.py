@@ -11,17 +11,14 @@ import pytest
 from tiny import write_model
 from watched import Watched
 
+from depthcli.core.choices import Mask
 from depthcli.datasets.splits import SplitName
 from depthcli.errors import DatasetError, UsageError
-from depthcli.evaluation.choices import Mask
+from depthcli.evaluation.evaluate import EvalOptions
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.reports.text import report_page
-from depthcli.evaluation.table import EvalOptions
+from depthcli.evaluation.text import report_page
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.session import Session
-from depthcli.jobs.evaluate.files import EvaluationFiles
-from depthcli.jobs.evaluate.models import ModelsRequest, compare_models
-from depthcli.models.catalog import find_model
+from depthcli.jobs.evaluate import EvalRequest, ReportFiles, run_evaluation
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,7 +27,7 @@ COUNT = 8
 
 
 @pytest.fixture
-def request_of_val(tmp_path: Path) -> ModelsRequest:
+def request_of_val(tmp_path: Path) -> EvalRequest:
     """Eight scenes of one pair, and the tiny model."""
     for name in ("rgb", "depth"):
         (tmp_path / "nyu" / name).mkdir(parents=True)
@@ -42,7 +39,7 @@ def request_of_val(tmp_path: Path) -> ModelsRequest:
         rows.append(f"{i:04d},room_{i:04d},train")
     (tmp_path / "nyu" / "index.csv").write_text("\n".join(rows))
     loader = SessionLoader(write_model(tmp_path / "tiny"), "cpu", 1)
-    return ModelsRequest(
+    return EvalRequest(
         tmp_path / "nyu",
         (loader,),
         split=SplitName.VAL,
@@ -52,66 +49,30 @@ def request_of_val(tmp_path: Path) -> ModelsRequest:
 
 
 def test_a_program_gets_the_table_and_the_figures(
-    request_of_val: ModelsRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    request_of_val: EvalRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     watched = Watched()
-    done = compare_models(request_of_val, watched)
+    done = run_evaluation(request_of_val, watched)
     assert list(watched.stages) == ["comparing images", "drawing pictures"]
     (row,) = done.report.rows
     assert (row.image_count, len(done.figures)) == (1, 2)
-    files = EvaluationFiles(tmp_path / "t.csv", tmp_path / "sheets", tmp_path / "t.html")
+    files = ReportFiles(tmp_path / "t.csv", tmp_path / "sheets", tmp_path / "t.html")
     written = list(files.write(report_page(done.report), done.report.to_csv(), done.figures))
     assert [path.name for path in written] == ["depth-gray.png", "depth-colour.png"]
     assert all(path.is_file() for path in (*written, tmp_path / "t.csv", tmp_path / "t.html"))
     assert capsys.readouterr() == ("", "")
 
 
-def test_figures_are_not_written_among_the_pictures(tmp_path: Path) -> None:
-    for part in ("rgb", "depth/more"):
-        files = EvaluationFiles(figures=tmp_path / "pairs" / part)
-        with pytest.raises(UsageError, match="is among the inputs"):
-            files.check((tmp_path / "pairs",))
-    EvaluationFiles(figures=tmp_path / "pairs" / "figures").check((tmp_path / "pairs",))
-
-
-def test_what_a_model_settled_for_is_said_once(
-    request_of_val: ModelsRequest, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def settled(self: SessionLoader) -> Session:
-        session = Session(find_model(self.model), provider="cpu")
-        session.warnings = ("runs on cpu",)
-        return session
-
-    monkeypatch.setattr(SessionLoader, "load", settled)
-    said: list[str] = []
-    twice = (*request_of_val.models, *request_of_val.models)
-    compare_models(replace(request_of_val, models=twice, shown_ids=None), warn=said.append)
-    assert said == ["runs on cpu"]
-
-
-def test_what_is_not_wanted_is_not_written(
-    request_of_val: ModelsRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    done = compare_models(replace(request_of_val, shown_ids=None))
-    monkeypatch.chdir(tmp_path)
-    before = set(tmp_path.rglob("*"))
-    assert (done.figures, list(EvaluationFiles().write(report_page(done.report), "", ()))) == (
-        (),
-        [],
-    )
-    assert set(tmp_path.rglob("*")) == before
-
-
-def test_nothing_to_compare(request_of_val: ModelsRequest) -> None:
+def test_nothing_to_compare(request_of_val: EvalRequest) -> None:
     with pytest.raises(UsageError, match="nothing to compare"):
-        compare_models(replace(request_of_val, models=()))
+        run_evaluation(replace(request_of_val, models=()))
 
 
 def test_raw_depth_that_is_missing_is_told_before_anything_is_computed(
-    request_of_val: ModelsRequest,
+    request_of_val: EvalRequest,
 ) -> None:
     watched = Watched()
     raw = replace(request_of_val.options, protocol=EvalProtocol(mask=Mask.RAW))
     with pytest.raises(DatasetError, match="no raw depth"):
-        compare_models(replace(request_of_val, options=raw), watched)
+        run_evaluation(replace(request_of_val, options=raw), watched)
     assert watched.begun == []

@@ -12,7 +12,7 @@ from rooms import Rooms
 from torch import Tensor
 
 from depthcli.datasets.subset import Subset
-from depthcli.evaluation.predictors.base import Sample
+from depthcli.evaluation.predictors import Sample
 from depthcli.training.config.schema import DataConfig
 from depthcli.training.data.batches import Batches
 from depthcli.training.data.field_of_view import tan_half_fov

@@ -4,8 +4,8 @@ import base64
 from collections.abc import Sequence
 from html import escape
 
-from depthcli.evaluation.reports.figures import Figure
-from depthcli.evaluation.reports.text import Page
+from depthcli.evaluation.figures import Figure
+from depthcli.evaluation.text import Page
 from depthcli.io.formats.metadata import SOFTWARE
 
 _STYLE = """\

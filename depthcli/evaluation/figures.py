@@ -14,8 +14,8 @@ from depthcli.core.resize import resize_area
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.datasets.base import DepthDataset
 from depthcli.errors import UsageError
-from depthcli.evaluation.predictors.base import Predictor, Sample
-from depthcli.evaluation.table import EvalTask
+from depthcli.evaluation.predictors import Predictor, Sample
+from depthcli.evaluation.task import EvalTask
 from depthcli.io.formats.colormaps import colour_table
 from depthcli.io.formats.contact_sheet import contact_sheet
 from depthcli.io.formats.legend import with_legend
@@ -98,14 +98,13 @@ class _FigureRow:
 def draw_figures(
     task: EvalTask,
     positions: Sequence[int],
-    predictors: Sequence[Predictor],
-    titles: Sequence[str],
-    *,
+    shown: Sequence[tuple[str, Predictor]],
     progress: Progress = NO_PROGRESS,
 ) -> tuple[Figure, Figure]:
     """Draw a figure in gray and one in colour: input, a column per predictor, ground truth.
 
-    Every row has the range of its ground truth. Non-metric depth is aligned to it first.
+    ``shown`` has the title and the predictor of each column. Every row has the range of its ground
+    truth. Non-metric depth is aligned to it first.
 
     Raises:
         DatasetError: a pair cannot be read.
@@ -113,11 +112,11 @@ def draw_figures(
     """
     advance, rows = progress.begin("drawing pictures", len(positions)), []
     for position in positions:
-        rows.append(_figure_row(task.dataset, position, predictors))
+        rows.append(_figure_row(task.dataset, position, [predictor for _, predictor in shown]))
         advance(1)
-    columns = ["input", *titles, "truth"]
-    shown = ", ".join(task.dataset.ids[i] for i in positions)
-    rule = f"pictures {shown} from top to bottom; each row has the range of its truth"
+    columns = ["input", *(title for title, _ in shown), "truth"]
+    ids = ", ".join(task.dataset.ids[i] for i in positions)
+    rule = f"pictures {ids} from top to bottom; each row has the range of its truth"
     gray = contact_sheet(
         [_pictures_of_row(row, Colormap.GRAY, legend=False) for row in rows], columns
     )

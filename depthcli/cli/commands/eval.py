@@ -1,0 +1,443 @@
+"""``depthcli eval``: comparing models, predictions of other tools and training runs."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from depthcli.cli.arguments import completion, options
+from depthcli.cli.arguments.numbers import png_scale_range, positive
+from depthcli.cli.screen import console
+from depthcli.core.choices import Crop, Mask, Upsampling, Weights
+from depthcli.core.extras import INSTALL_TRAIN
+from depthcli.datasets.splits import SplitName
+from depthcli.errors import DepthcliError, ExitCode, UsageError
+from depthcli.metrics.choices import Alignment, Averaging
+
+if TYPE_CHECKING:
+    from depthcli.core.types import DepthKind
+    from depthcli.evaluation.protocol import EvalProtocol
+    from depthcli.jobs.evaluate import EvalRequest
+
+app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
+
+_AGAINST = "Also compare this row with every other: paired bootstrap over scenes"
+
+
+@app.callback()
+def _eval_group() -> None:
+    """Compare models on a data set."""
+
+
+def grouped(command: Callable[..., int]) -> Callable[..., int]:
+    """Let a command take dataclasses whose fields are its options."""
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {}
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        kind = hints[name]
+        if not is_dataclass(kind):
+            parameters.append(parameter.replace(annotation=kind))
+            continue
+        groups[name] = kind
+        types = get_type_hints(kind, include_extras=True)
+        parameters += [
+            inspect.Parameter(
+                f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=types[f.name]
+            )
+            for f in fields(kind)
+        ]
+
+    @wraps(command)
+    def flat(**values: Any) -> int:  # noqa: ANN401 - the values of any options
+        made = {
+            name: kind(**{f.name: values.pop(f.name) for f in fields(kind)})
+            for name, kind in groups.items()
+        }
+        return command(**values, **made)
+
+    flat.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    flat.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return flat
+
+
+@dataclass(frozen=True, slots=True)
+class ModelOptions:
+    """Models and predictions to compare."""
+
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model",
+            metavar="MODEL",
+            autocompletion=completion.models,
+            help="Name or path of a model; repeatable. Default: the bundled model.",
+        ),
+    ] = None
+    predictions: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; "
+            "repeatable.",
+        ),
+    ] = None
+    predictions_kind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="metric|relative|inverse",
+            help="Depth kind of --predictions, if the files do not state it.",
+        ),
+    ] = None
+    predictions_scale: Annotated[
+        float | None,
+        typer.Option(
+            callback=png_scale_range,
+            help="Units per metre of --predictions in PNG and in NPY of integers, if the files do "
+            "not state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
+        ),
+    ] = None
+    upsample: Annotated[
+        Upsampling,
+        typer.Option(
+            help="Upsampling of the models' depth: bilinear as in the protocol, or guided as in "
+            "predict."
+        ),
+    ] = Upsampling.BILINEAR
+    tile: options.TileOption = None
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Images processed in parallel. Default: one per core."),
+    ] = None
+    average: Annotated[Averaging, typer.Option(help="Average over images, or over all pixels.")] = (
+        Averaging.IMAGE
+    )
+    compare_at: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            max=20_000,
+            help="Resize prediction and ground truth to N×N first (for example 256).",
+        ),
+    ] = None
+    boundary: Annotated[
+        bool,
+        typer.Option(
+            "--boundary", help="Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1."
+        ),
+    ] = False
+    per_image: Annotated[
+        bool, typer.Option("--per-image", help="With --json, also print the scores of each image.")
+    ] = False
+
+    @property
+    def kind(self) -> "DepthKind | None":
+        """The depth kind of another tool's files; None if they state it.
+
+        Raises:
+            UsageError: there is no such kind.
+        """
+        from depthcli.core.types import DepthKind
+
+        if self.predictions_kind is None:
+            return None
+        if self.predictions_kind not in tuple(DepthKind):
+            known = ", ".join(DepthKind)
+            raise UsageError(f"{self.predictions_kind} is not {known}", option="predictions_kind")
+        return DepthKind(self.predictions_kind)
+
+
+@dataclass(frozen=True, slots=True)
+class TableOptions:
+    """Rows, images and files of every table."""
+
+    align: Annotated[
+        list[Alignment] | None,
+        typer.Option(
+            help="Alignment to ground truth per image: none, median (scale), depth or disparity "
+            "(least-squares scale and shift); repeatable, one row each. Default: none."
+        ),
+    ] = None
+    limit: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."
+        ),
+    ] = None
+    provider: options.ProviderOption = "auto"
+    provider_option: options.ProviderSettingsOption = None
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=1024, help="Inference threads per worker. Default: cores / workers."
+        ),
+    ] = None
+    csv: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write the table as CSV.")
+    ] = None
+    figures: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write figures of sample images, in gray and in colour."),
+    ] = None
+    ids: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Image ids to show in the figures.")
+    ] = None
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write table and figures to one HTML file."),
+    ] = None
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not show progress.")] = False
+
+    @property
+    def alignments(self) -> tuple[Alignment, ...]:
+        """The alignments, a row for each."""
+        return tuple(self.align or (Alignment.NONE,))
+
+    @property
+    def shown_ids(self) -> tuple[str, ...] | None:
+        """Ids of images for the figures; empty for some of each scene type, None for no figures.
+
+        Raises:
+            UsageError: there are ids, but no figures are requested.
+        """
+        if not (self.figures or self.html):
+            if self.ids:
+                raise UsageError("it needs figures", "give {figures} or {html}", option="ids")
+            return None
+        return tuple(name.strip() for name in (self.ids or "").split(",") if name.strip())
+
+
+_TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignore the image.")]
+
+
+@app.command()
+@grouped
+def nyu(
+    *,
+    data: Annotated[
+        Path,
+        typer.Option(
+            envvar="DEPTHCLI_NYU",
+            help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
+        ),
+    ],
+    models: ModelOptions,
+    no_model: Annotated[
+        bool, typer.Option("--no-model", help="Do not evaluate the bundled model.")
+    ] = False,
+    split: Annotated[
+        SplitName,
+        typer.Option(
+            help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
+            "of the first 1000."
+        ),
+    ] = SplitName.PAPER,
+    crop: Annotated[
+        Crop, typer.Option(help="eigen: rows 45:471, columns 41:601 only.")
+    ] = Crop.NONE,
+    mask: Annotated[
+        Mask, typer.Option(help="raw: only where the sensor measured depth.")
+    ] = Mask.FILLED,
+    trivial: _TrivialOption = True,
+    against: Annotated[str | None, typer.Option(metavar="ROW", help=f"{_AGAINST}.")] = None,
+    table: TableOptions,
+) -> int:
+    """Evaluate depth metrics on NYU Depth v2."""
+    from depthcli.evaluation.protocol import EvalProtocol
+
+    if models.model and no_model:
+        raise UsageError("{model} and {no_model} exclude each other", "give one of them")
+    request = _request(
+        data, models, table, EvalProtocol(crop=crop, mask=mask), bundled=not no_model
+    )
+    options = replace(request.options, trivial=trivial, against=against)
+    return _run(replace(request, split=split, options=options), table)
+
+
+@app.command()
+@grouped
+def pairs(
+    data: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR",
+            help="Folder with rgb/ and depth/ (16-bit PNG, 0 = no depth) of the same names, and "
+            "cameras.csv (id,focal_px) if the focal lengths are known.",
+        ),
+    ],
+    *,
+    models: ModelOptions,
+    png_scale: Annotated[
+        float | None,
+        typer.Option(
+            callback=png_scale_range,
+            help="Units per metre of the PNG files in depth/: 1000 (default, millimetres), "
+            "256 (KITTI), 5000 (TUM), 4000 (Matterport).",
+        ),
+    ] = None,
+    max_depth: Annotated[
+        float,
+        typer.Option(
+            metavar="METRES",
+            callback=positive,
+            help="Farthest depth that counts; predictions are clamped to it.",
+        ),
+    ] = 10.0,
+    against: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROW",
+            help=f"{_AGAINST} (subfolders of rgb/, or scenes of index.csv; an image without one "
+            "is a scene of its own).",
+        ),
+    ] = None,
+    table: TableOptions,
+) -> int:
+    """Evaluate depth metrics on pictures and depth of your own.
+
+    Metric models are rescaled to the focal length of each picture, where it is known.
+    """
+    from depthcli.evaluation.protocol import EvalProtocol
+
+    protocol = EvalProtocol(full_size_px=None, max_m=max_depth)
+    request = _request(data, models, table, protocol)
+    options = replace(request.options, trivial=False, against=against)
+    request = replace(request, split=None, units_per_metre=png_scale, options=options)
+    return _run(request, table)
+
+
+@app.command()
+@grouped
+def runs(
+    folder: Annotated[
+        Path, typer.Argument(metavar="RUNS", help="The --out folder of depthcli train.")
+    ],
+    *,
+    data: Annotated[
+        Path,
+        typer.Option(envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."),
+    ],
+    split: Annotated[
+        SplitName,
+        typer.Option(
+            help="val: scenes held out by the runs. paper, official: test part of the split, if "
+            "no run was trained on it."
+        ),
+    ] = SplitName.VAL,
+    weights: options.WeightsOption = Weights.AVERAGED,
+    trivial: _TrivialOption = True,
+    published: Annotated[bool, typer.Option(help="Include the paper's rows.")] = True,
+    against: Annotated[str | None, typer.Option(metavar="ROW", help=f"{_AGAINST}.")] = None,
+    table: TableOptions,
+) -> int:
+    """Compare training runs on images that none of them was trained on.
+
+    Runs whose folders differ only in -seedK are one row: mean and standard deviation.
+    """
+    from depthcli.cli.arguments.provider import session_loader
+    from depthcli.core.parallel.cores import usable_cores
+    from depthcli.evaluation.evaluate import EvalOptions
+    from depthcli.jobs.evaluate import EvalRequest
+
+    request = EvalRequest(
+        data,
+        runs=folder,
+        weights=weights,
+        runner=session_loader(None, table.provider, table.threads, table.provider_option),
+        split=split,
+        limit=table.limit,
+        options=EvalOptions(
+            alignments=table.alignments,
+            trivial=trivial,
+            published=published,
+            against=against,
+            workers=usable_cores(),
+        ),
+        shown_ids=table.shown_ids,
+    )
+    return _run(request, table)
+
+
+def _request(
+    data: Path,
+    models: ModelOptions,
+    table: TableOptions,
+    protocol: "EvalProtocol",
+    *,
+    bundled: bool = True,
+) -> "EvalRequest":
+    """A request to compare models and predictions; without any, the bundled model if allowed."""
+    from depthcli.cli.arguments.detail import choose_detail
+    from depthcli.cli.arguments.provider import session_loader
+    from depthcli.core.parallel.cores import share_cores
+    from depthcli.evaluation.evaluate import EvalOptions
+    from depthcli.jobs.evaluate import EvalRequest
+
+    names: list[str | None] = [*(models.model or ())]
+    if bundled and not names and not models.predictions:
+        names = [None]
+    if models.per_image and not table.as_json:
+        raise UsageError("{per_image} is part of the JSON output", "add {json}")
+    if not names and (models.tile is not None or models.upsample != protocol.upsampling):
+        raise UsageError("no model is compared", "remove {upsample} and {tile}")
+    workers, threads = share_cores(models.workers, table.threads)
+    size_px = models.compare_at
+    return EvalRequest(
+        data,
+        models=tuple(
+            session_loader(name, table.provider, threads, table.provider_option) for name in names
+        ),
+        predictions=tuple(models.predictions or ()),
+        predictions_kind=models.kind,
+        predictions_scale=models.predictions_scale,
+        limit=table.limit,
+        options=EvalOptions(
+            replace(
+                protocol,
+                averaging=models.average,
+                compare_px=None if size_px is None else (size_px, size_px),
+                upsampling=models.upsample,
+                tile_px=choose_detail(models.upsample, models.tile).tile_px,
+                boundary=models.boundary,
+            ),
+            alignments=table.alignments,
+            per_image=models.per_image,
+            workers=workers,
+        ),
+        shown_ids=table.shown_ids,
+    )
+
+
+def _run(request: "EvalRequest", table: TableOptions) -> int:
+    """Evaluate, print the table as JSON or text, and write the files."""
+    from depthcli.cli.screen.progress import show_progress
+    from depthcli.evaluation.text import report_page
+    from depthcli.jobs.evaluate import ReportFiles, run_evaluation
+
+    is_silent = table.quiet or table.as_json
+    files = ReportFiles(table.csv, table.figures, table.html)
+    files.check()
+    with show_progress(silent=is_silent, announce=True) as progress:
+        try:
+            done = run_evaluation(request, progress, console.warn)
+        except ImportError as error:
+            if request.runs is None:
+                raise
+            raise DepthcliError(
+                f"reading checkpoints needs {error.name}: {INSTALL_TRAIN}"
+            ) from error
+    page = report_page(done.report)
+    console.out(done.report.to_json() if table.as_json else page.to_text())
+    for path in files.write(page, done.report.to_csv(), done.figures):
+        if not is_silent:
+            console.note(str(path))
+    if done.failed:
+        count = "1 run is" if len(done.failed) == 1 else f"{len(done.failed)} runs are"
+        console.error(f"{count} skipped: {'; '.join(done.failed)}")
+    return ExitCode.SOME_FAILED if done.failed else ExitCode.OK

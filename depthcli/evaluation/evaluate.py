@@ -1,0 +1,487 @@
+"""Evaluating predictors on a data set, image by image, and comparing their rows.
+
+Differences between rows are paired, with intervals by a bootstrap over scenes: images of one scene
+are correlated, so scenes are resampled, not images.
+Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13 (percentiles).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.choices import Mask
+from depthcli.core.parallel.opencv_threads import one_thread_each
+from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.datasets.base import DepthDataset, HasRawDepth
+from depthcli.datasets.splits import SplitName
+from depthcli.errors import DatasetError, UsageError
+from depthcli.evaluation.predictors import (
+    TRIVIAL_NAMES,
+    ModelPredictor,
+    Predictor,
+    Sample,
+    fit_trivial,
+)
+from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, Truth, compare_boundaries
+from depthcli.evaluation.report import (
+    PUBLISHED,
+    PUBLISHED_COUNT,
+    Difference,
+    EvalReport,
+    ImageScores,
+    Interval,
+    ReportRow,
+    Source,
+    Training,
+)
+from depthcli.evaluation.task import EvalTask, group_by_seed, train_overlap
+from depthcli.metrics.accumulate import Accumulator, PixelSums, Scores
+from depthcli.metrics.alignment import SUITABLE
+from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
+from depthcli.metrics.choices import Alignment, Averaging
+from depthcli.training.trained import TrainedRun
+
+_PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
+_RESAMPLES = 10_000
+_BLOCK = 100
+"""Resamplings at a time, which bounds the memory for data sets of many scenes."""
+_PERCENTILES = (2.5, 97.5)
+
+
+@dataclass(frozen=True, slots=True)
+class EvalOptions:
+    """Options of a table."""
+
+    protocol: EvalProtocol = HEADLINE  #: how prediction and ground truth are compared
+    #: a row for each that suits a predictor; trivial rows also have none and median
+    alignments: tuple[Alignment, ...] = (Alignment.NONE,)
+    trivial: bool = True  #: include baselines that ignore the image
+    published: bool = True  #: include the paper's rows, of models only where they are comparable
+    per_image: bool = False  #: keep the scores of each image
+    against: str | None = None  #: also compare this row with every other
+    workers: int = 0  #: images processed in parallel; 0 for the calling thread
+
+
+HEADLINE_TABLE = EvalOptions()
+
+
+class Entry(NamedTuple):
+    """A predictor and its rows of the table."""
+
+    predictor: Predictor  #: what is evaluated
+    alignments: tuple[Alignment, ...]  #: a row for each
+    train_overlap: int | None = None  #: number of the images it was trained on; None if unknown
+
+
+def entry_for(
+    predictor: Predictor,
+    wanted: Sequence[Alignment] = (Alignment.NONE,),
+    train_overlap: int | None = None,
+) -> Entry:
+    """An entry with those of the alignments that suit the predictor's kind of depth.
+
+    Raises:
+        UsageError: none is left.
+    """
+    suitable = tuple(a for a in dict.fromkeys(wanted) if a in SUITABLE[predictor.kind])
+    if not suitable:
+        raise UsageError(
+            f"{predictor.name} gives {predictor.kind} depth, which is not metric and has to be "
+            "aligned",
+            f"add {{align}} {SUITABLE[predictor.kind][0]}",
+        )
+    return Entry(predictor, suitable, train_overlap)
+
+
+def has_trivial(task: EvalTask, options: EvalOptions) -> bool:
+    """Whether the table has rows that ignore the image."""
+    return options.trivial and bool(task.split.train)
+
+
+class _Line(NamedTuple):
+    """The predictors that one name of the table stands for: one, or the seeds of a training run."""
+
+    name: str
+    entries: tuple[Entry, ...]
+
+    @property
+    def runs(self) -> list[tuple[ModelPredictor, TrainedRun]]:
+        """The seeds of a training run with their models; empty for other predictors."""
+        models = (entry.predictor for entry in self.entries)
+        return [(m, m.run) for m in models if isinstance(m, ModelPredictor) and m.run]
+
+
+def evaluate(
+    task: EvalTask,
+    predictors: Sequence[Predictor],
+    options: EvalOptions = HEADLINE_TABLE,
+    progress: Progress = NO_PROGRESS,
+) -> EvalReport:
+    """Make the table of trivial rows, predictors and published rows.
+
+    Training runs that differ only in their seed are one row.
+
+    Raises:
+        DatasetError: a pair cannot be read or does not fit the protocol.
+        UsageError: no alignment suits a predictor, runs of one name differ in more than their
+            seed, or there is no row to compare with the others.
+    """
+    lines = _lines(task, predictors, options)
+    trivial = TRIVIAL_NAMES if has_trivial(task, options) else ()
+    if options.against is not None:
+        names = [*trivial, *(line.name for line in lines)]
+        check_against(options.against, names, options.protocol)
+    if trivial:
+        lines = [*_trivial_lines(task, options, progress), *lines]
+    scored = score(
+        task.dataset,
+        task.test,
+        [entry for line in lines for entry in line.entries],
+        options.protocol,
+        per_image=options.per_image or options.against is not None,
+        progress=progress,
+        workers=options.workers,
+    )
+    rest = iter(scored)
+    each = [[next(rest) for entry in line.entries for _ in entry.alignments] for line in lines]
+    differences: tuple[Difference, ...] = ()
+    if options.against is not None:
+        by_name = {line.name: rows for line, rows in zip(lines, each, strict=True)}
+        differences = differences_from(options.against, by_name, task.scenes)
+    if not options.per_image:
+        each = [[replace(row, images=()) for row in rows] for rows in each]
+    rows = [row for line, own in zip(lines, each, strict=True) for row in _merged(line, own)]
+    return EvalReport(
+        dataset=task.title,
+        split=task.split.name,
+        image_count=len(task.test),
+        split_count=task.split.test_count,
+        train_count=len(task.split.train) if options.trivial else 0,
+        protocol=options.protocol,
+        rows=_with_published(rows, task, options),
+        notes=tuple(_notes(task, lines, options)),
+        differences=differences,
+    )
+
+
+def check_against(name: str, rows: Sequence[str], protocol: EvalProtocol = HEADLINE) -> None:
+    """Check that a row can be compared with others, image by image.
+
+    Raises:
+        UsageError: there is no such row, or no other, or the average is over pooled pixels.
+    """
+    if protocol.averaging is Averaging.POOLED:
+        raise UsageError(
+            "it compares means over images", "remove {average} pooled", option="against"
+        )
+    if name not in rows:
+        raise UsageError(f"{name} is not a row; choose from {', '.join(rows)}", option="against")
+    if set(rows) == {name}:
+        raise UsageError(f"there is no other row than {name}", "add one", option="against")
+
+
+def _trivial_lines(task: EvalTask, options: EvalOptions, progress: Progress) -> list[_Line]:
+    wanted = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
+    means = fit_trivial(
+        task.dataset,
+        task.split.train,
+        min_m=options.protocol.min_m,
+        max_m=options.protocol.max_m,
+        progress=progress,
+        workers=options.workers,
+    )
+    return [_Line(mean.name, (entry_for(mean, wanted),)) for mean in means]
+
+
+def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions) -> list[_Line]:
+    """Predictors with their rows; seeds of a training run stand together."""
+    runs = [p.run for p in predictors if isinstance(p, ModelPredictor) and p.run]
+    group_of = {run.name: name for name, seeds in group_by_seed(runs).items() for run in seeds}
+    groups: dict[object, tuple[str, list[Entry]]] = {}
+    for predictor in predictors:
+        is_run, card = False, None
+        if isinstance(predictor, ModelPredictor):
+            is_run, card = predictor.run is not None, predictor.pipeline.card
+        name = group_of[predictor.name] if is_run else predictor.name
+        overlap = None if card is None else train_overlap(card, task)
+        entry = entry_for(predictor, options.alignments, overlap)
+        groups.setdefault(name if is_run else id(predictor), (name, []))[1].append(entry)
+    return [_Line(name, tuple(entries)) for name, entries in groups.values()]
+
+
+def _merged(line: _Line, rows: Sequence[ReportRow]) -> Sequence[ReportRow]:
+    """The rows of a line; of a training run, one for each alignment, with means over its seeds."""
+    if not line.runs:
+        return rows
+    alignments = dict.fromkeys(row.alignment for row in rows)
+    return [_mean_row(line, [r for r in rows if r.alignment is wanted]) for wanted in alignments]
+
+
+def _mean_row(line: _Line, seeds: Sequence[ReportRow]) -> ReportRow:
+    values = np.array([row.scores.values for row in seeds])
+    std = Scores(tuple(map(float, values.std(0, ddof=1)))) if len(seeds) > 1 else None
+    first = seeds[0]
+    return ReportRow(
+        name=line.name,
+        source=first.source,
+        alignment=first.alignment,
+        image_count=first.image_count,
+        scores=Scores(tuple(map(float, values.mean(0)))),
+        empty_count=first.empty_count,
+        note="; ".join(dict.fromkeys(row.note for row in seeds if row.note)),
+        training=_training_of(line),
+        seeds=tuple(seeds),
+        std=std,
+    )
+
+
+def _training_of(line: _Line) -> Training:
+    runs = [run for _, run in line.runs]
+    return Training(
+        seeds=tuple(run.seed for run in runs),
+        paired=runs[0].paired,
+        parameters=runs[0].parameters,
+        latency_ms=float(np.mean([model.latency_ms for model, _ in line.runs])),
+        epochs=tuple(run.epochs for run in runs),
+        epochs_planned=runs[0].epochs_planned,
+        steps=tuple(run.steps for run in runs),
+        minutes=tuple(run.minutes for run in runs),
+    )
+
+
+def _with_published(
+    rows: Sequence[ReportRow], task: EvalTask, options: EvalOptions
+) -> tuple[ReportRow, ...]:
+    """The rows and the paper's own: after training runs, in its order, or before other rows."""
+    if any(row.training for row in rows):
+        ordered = sorted(rows, key=_paper_order)
+        return (*ordered, *(PUBLISHED if options.published else ()))
+    is_comparable = options.published and _is_headline(task, options)
+    return (*(PUBLISHED if is_comparable else ()), *rows)
+
+
+def _paper_order(row: ReportRow) -> tuple[bool, int, str]:
+    if row.training is None:
+        return (False, 0, "")
+    is_known = row.name in _PAPER_ORDER
+    return (True, _PAPER_ORDER.index(row.name) if is_known else len(_PAPER_ORDER), row.name)
+
+
+def _is_headline(task: EvalTask, options: EvalOptions) -> bool:
+    return task.split.name == SplitName.PAPER and options.protocol.is_headline
+
+
+def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iterator[str]:
+    runs = [pair for line in lines for pair in line.runs]
+    yield from _run_notes(runs) if runs else ()
+    if runs and options.published and task.split.name != SplitName.PAPER:
+        yield (
+            f"the paper's rows are of its own {PUBLISHED_COUNT} test pictures, not of these: "
+            "their numbers are not comparable"
+        )
+    if not runs and task.is_nyu and not _is_headline(task, options):
+        yield (
+            "the paper's rows belong to the paper split and the headline protocol and are omitted "
+            "here"
+        )
+    split = task.split
+    if not runs and split.name == SplitName.VAL and len(split.test) != split.test_count:
+        yield (
+            "not all of pairs 1-1000 are here, so the held-out scenes are not those of all of them"
+        )
+    if options.trivial and not split.train:
+        yield "no training pair of this split is available: baselines are omitted"
+    elif options.trivial and len(split.train) != split.train_count:
+        known = f"{len(split.train)} of the split's {split.train_count} training pairs"
+        yield f"the mean rows were computed from {known}"
+
+
+def _run_notes(runs: Sequence[tuple[ModelPredictor, TrainedRun]]) -> Iterator[str]:
+    yield "± is the sample standard deviation over the seeds"
+    providers = sorted({model.pipeline.session.provider for model, _ in runs})
+    yield (
+        f"ms: median of the network alone for one picture, onnxruntime on {', '.join(providers)}, "
+        "measured in turns in this run"
+    )
+    short = [run.name for _, run in runs if run.epochs < run.epochs_planned]
+    if short:
+        yield f"stopped before their schedule's end: {', '.join(short)}"
+
+
+class _ImageSums(NamedTuple):
+    """Sums and scores of one image for one row; small, so that pixels need not be kept."""
+
+    sums: PixelSums
+    boundary: BoundaryScores | None
+    is_reversed: bool
+
+
+class _RowAccumulator:
+    """Accumulates the scores of a row over the images."""
+
+    def __init__(self, entry: Entry, alignment: Alignment, protocol: EvalProtocol) -> None:
+        self._entry, self._alignment = entry, alignment
+        self._total = Accumulator(protocol.averaging)
+        self._boundaries: list[BoundaryScores] = []
+        self._images: list[ImageScores] = []
+        self._reversed_count = 0
+
+    def add(self, image_id: str, image: _ImageSums, *, keep: bool) -> None:
+        scores = self._total.add(image.sums)
+        self._reversed_count += image.is_reversed
+        if image.boundary is not None:
+            self._boundaries.append(image.boundary)
+        if keep:
+            self._images.append(ImageScores(image_id, scores, image.boundary))
+
+    def close(self) -> ReportRow:
+        predictor, total = self._entry.predictor, self._total
+        return ReportRow(
+            name=predictor.name,
+            source=predictor.source,
+            alignment=self._alignment,
+            image_count=total.image_count,
+            scores=total.compute(),
+            empty_count=total.empty_count,
+            note="; ".join(self._footnotes()),
+            model_sha256=predictor.model_sha256,
+            images=tuple(self._images),
+            boundary=mean_boundary_scores(self._boundaries) if self._boundaries else None,
+            train_overlap=self._entry.train_overlap,
+            reversed_count=self._reversed_count,
+        )
+
+    def _footnotes(self) -> Iterator[str]:
+        name, learned = self._entry.predictor.name, self._entry.train_overlap
+        if learned:
+            yield (
+                f"{name} was trained on {learned} of these images, or on others of their scenes: "
+                "its scores say nothing about new pictures and are not comparable"
+            )
+        count, images = self._reversed_count, self._total.image_count
+        if count and self._entry.predictor.source is not Source.TRIVIAL:
+            usual = ": its kind of depth may be wrong" if 2 * count > images else ""
+            yield (
+                f"{name}: the fit ({self._alignment}) reversed the order of depth in {count} of "
+                f"{images} images{usual}"
+            )
+
+
+def score(
+    dataset: DepthDataset,
+    test: Sequence[int],
+    entries: Sequence[Entry],
+    protocol: EvalProtocol = HEADLINE,
+    *,
+    per_image: bool = False,
+    progress: Progress = NO_PROGRESS,
+    workers: int = 0,
+) -> tuple[ReportRow, ...]:
+    """Score every entry on the same images; each depth is read once, each image at most once.
+
+    A worker processes a whole image; sums are added in the order of the images, so that results do
+    not depend on the number of workers. With 0 workers, the calling thread does the work.
+
+    Returns:
+        A row for each alignment of each entry, in their order.
+
+    Raises:
+        DatasetError: a pair cannot be read or does not fit the protocol.
+        DepthcliError: a predictor failed.
+    """
+    rows = [_RowAccumulator(e, alignment, protocol) for e in entries for alignment in e.alignments]
+    advance = progress.begin("comparing images", len(test))
+
+    def score_one(position: int) -> list[_ImageSums]:
+        return _score_image(dataset, position, entries, protocol)
+
+    with one_thread_each(workers), closing(ordered_map(score_one, test, workers=workers)) as images:
+        for position, image in zip(test, images, strict=True):
+            for row, one in zip(rows, image, strict=True):
+                row.add(dataset.ids[position], one, keep=per_image)
+            advance(1)
+    return tuple(row.close() for row in rows)
+
+
+def _score_image(
+    dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: EvalProtocol
+) -> list[_ImageSums]:
+    """The scores of one image for every row; thread-safe."""
+    sample, truth = Sample(dataset, position), _truth(dataset, position, protocol)
+    found = []
+    for entry in entries:
+        depth = entry.predictor.predict(sample)
+        for alignment in entry.alignments:
+            pixels = protocol.compare(depth, truth, alignment)
+            boundary = compare_boundaries(pixels, truth) if protocol.boundary else None
+            found.append(_ImageSums(PixelSums.of(pixels), boundary, pixels.is_reversed))
+    return found
+
+
+def _truth(dataset: DepthDataset, position: int, protocol: EvalProtocol) -> Truth:
+    depth_m = dataset.depth_m(position)
+    raw_depth_m = None
+    if protocol.mask is Mask.RAW and isinstance(dataset, HasRawDepth):
+        raw_depth_m = dataset.raw_depth_m(position)
+    try:
+        return protocol.truth(depth_m, raw_depth_m)
+    except DatasetError as error:
+        raise DatasetError(error.message.about(dataset.ids[position])) from error
+
+
+def differences_from(
+    name: str, groups: Mapping[str, Sequence[ReportRow]], scenes: Mapping[str, str]
+) -> tuple[Difference, ...]:
+    """Paired differences between one row and every other of the same alignment.
+
+    ``groups`` has the rows of the seeds by name, with scores per image, which are averaged over the
+    seeds; ``scenes`` has the scene of each image id.
+    """
+    found = []
+    for alignment in dict.fromkeys(row.alignment for row in groups[name]):
+        own = _per_image(groups[name], alignment)
+        order = [scenes[image.id] for image in groups[name][0].images]
+        for other, rows in groups.items():
+            if other == name or all(row.alignment is not alignment for row in rows):
+                continue
+            values = own - _per_image(rows, alignment)
+            intervals = tuple(scene_interval(column, order) for column in values.T)
+            is_scored = np.isfinite(values).any(1)  # others were excluded
+            scenes_scored = set(np.asarray(order)[is_scored])
+            found.append(Difference(name, other, alignment, intervals, len(scenes_scored)))
+    return tuple(found)
+
+
+def _per_image(rows: Sequence[ReportRow], alignment: Alignment | None) -> npt.NDArray[np.float64]:
+    """(N, metrics): the scores of each image, averaged over the seeds."""
+    seeds = [[i.scores.values for i in row.images] for row in rows if row.alignment is alignment]
+    averaged: npt.NDArray[np.float64] = np.asarray(seeds, np.float64).mean(0)
+    return averaged
+
+
+def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> Interval:
+    """The mean over images, and its bootstrap interval with scenes resampled.
+
+    ``values`` (N,) has one value per image, or NaN, and ``scenes`` the scene of each. One scene
+    alone has no interval.
+    """
+    valid_mask = np.isfinite(values)
+    _, scene = np.unique(np.asarray(scenes)[valid_mask], return_inverse=True)
+    sums = np.bincount(scene, values[valid_mask])
+    counts = np.bincount(scene)
+    if not len(sums):
+        return Interval(np.nan, np.nan, np.nan)
+    mean = float(sums.sum() / counts.sum())
+    if len(sums) == 1:  # whose resamplings are all the same, however much other scenes differ
+        return Interval(mean, np.nan, np.nan)
+    share, rng, means = np.full(len(sums), 1 / len(sums)), np.random.default_rng(0), []
+    for _ in range(_RESAMPLES // _BLOCK):
+        drawn = rng.multinomial(len(sums), share, _BLOCK)
+        means.append((drawn @ sums) / (drawn @ counts))
+    low, high = np.percentile(np.concatenate(means), _PERCENTILES)
+    return Interval(mean, float(low), float(high))

@@ -1,0 +1,274 @@
+"""Predictors, which give one depth map per image: models, files of other tools, baselines."""
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.choices import DEFAULT_DETAIL, Detail
+from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
+from depthcli.errors import DatasetError, InputError
+from depthcli.evaluation.report import Source
+from depthcli.inference.loading import SessionLoader
+from depthcli.inference.pipeline import Pipeline
+from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.depth.stored import StoredDepth
+from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
+from depthcli.training.trained import TrainedRun
+
+SUFFIXES = (".npy", ".depth.npy", ".exr", ".depth.exr", ".png", ".depth.png")
+"""Suffixes of predictions in order of precision; those with ``.depth`` are of ``predict``."""
+TRIVIAL_NAMES = ("constant mean", "per-pixel mean")
+"""Names of the rows of :func:`fit_trivial`, in its order."""
+
+
+class Sample:
+    """One image of a data set, decoded on first access.
+
+    Attributes:
+        id: its name in the data set.
+        focal_px: focal length in pixels of the image; None if unknown.
+        hfov_deg: horizontal field of view of the data set's camera in degrees; None if unknown.
+    """
+
+    def __init__(self, dataset: DepthDataset, position: int) -> None:
+        self.id = dataset.ids[position]
+        focal_px = dataset.focal_px if isinstance(dataset, HasFocalLengths) else ()
+        self.focal_px = focal_px[position] if focal_px else None
+        self.hfov_deg = dataset.hfov_deg if isinstance(dataset, HasCamera) else None
+        self._dataset, self._position = dataset, position
+
+    @cached_property
+    def frame(self) -> Frame:
+        """The image."""
+        return Frame(self._dataset.image(self._position))
+
+
+class Predictor(Protocol):
+    """Predicts depth for one row of the table, or for several with different alignments."""
+
+    @property
+    def name(self) -> str:
+        """Name of the row."""
+
+    @property
+    def source(self) -> Source:
+        """Origin of its predictions."""
+
+    @property
+    def kind(self) -> DepthKind:
+        """Kind of its depth."""
+
+    @property
+    def model_sha256(self) -> str | None:
+        """Checksum of the model file, if there is one."""
+
+    def predict(self, sample: Sample) -> DepthMap:
+        """Depth of one image, any size.
+
+        Raises:
+            DepthcliError: the prediction fails.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class ModelPredictor:
+    """A model, run in the same way as by ``depthcli predict``."""
+
+    name: str  #: as requested: a name or a path; of a training run, its name
+    pipeline: Pipeline  #: the inference pipeline
+    run: TrainedRun | None = None  #: the training run that the model is of, one seed of its row
+    latency_ms: float = (
+        math.nan
+    )  #: median latency of the network for one image; NaN if not measured
+    source: Source = Source.MODEL  #: always model
+
+    @property
+    def kind(self) -> DepthKind:
+        """Kind of depth that it predicts."""
+        return self.pipeline.card.output.kind
+
+    @property
+    def model_sha256(self) -> str:
+        """Checksum of its file."""
+        return self.pipeline.session.model.sha256
+
+    def predict(self, sample: Sample) -> DepthMap:
+        """Depth at the image's size.
+
+        Raises:
+            DepthcliError: the model failed.
+        """
+        hfov_deg = None if sample.focal_px else sample.hfov_deg
+        return self.pipeline.predict(sample.frame, focal_px=sample.focal_px, hfov_deg=hfov_deg)
+
+
+def open_model(loader: SessionLoader, detail: Detail = DEFAULT_DETAIL) -> ModelPredictor:
+    """Find a model and load it.
+
+    Raises:
+        ModelError: it is missing or cannot be used.
+    """
+    pipeline = Pipeline(loader.load(), detail)
+    return ModelPredictor(str(loader.model or pipeline.card.name), pipeline)
+
+
+def open_models(
+    loaders: Sequence[SessionLoader], detail: Detail, warn: Callable[[str], object]
+) -> list[ModelPredictor]:
+    """Load models; ``warn`` is called once with each distinct warning.
+
+    Raises:
+        DepthcliError: a model or its provider is missing or cannot be used.
+    """
+    models = [open_model(loader, detail) for loader in loaders]
+    warnings = (text for model in models for text in model.pipeline.session.warnings)
+    for warning in dict.fromkeys(warnings):
+        warn(warning)
+    return models
+
+
+@dataclass(frozen=True, slots=True)
+class FilePredictor:
+    """A folder of depth files named by id, which another tool wrote."""
+
+    folder: Path  #: the folder
+    suffix: str  #: suffix of the files that are read
+    kind: DepthKind  #: kind of their depth
+    scale: float | None = None  #: units per metre of integers that state none; None if not known
+    warnings: tuple[str, ...] = ()  #: about the first file, one line each
+    source: Source = Source.FILES  #: always files
+    model_sha256: str | None = None  #: always None
+
+    @property
+    def name(self) -> str:
+        """The folder, as it was given."""
+        return str(self.folder)
+
+    def predict(self, sample: Sample) -> DepthMap:
+        """Depth of one image as it was written, any size.
+
+        Raises:
+            DatasetError: the file is damaged, or states another kind than the first one.
+        """
+        path = self.folder / f"{sample.id}{self.suffix}"
+        stored = _read(path, self.kind, self.scale)
+        if stored.depth.kind is not self.kind:
+            raise DatasetError(
+                f"{path} states {stored.depth.kind} depth, and the first file of its folder "
+                f"{self.kind} depth",
+                "evaluate them in folders of their own",
+            )
+        return stored.displayed
+
+
+def open_predictions(
+    folder: Path, ids: Sequence[str], kind: DepthKind | None = None, scale: float | None = None
+) -> FilePredictor:
+    """Check that a folder has ``ID.npy``, ``ID.exr`` or ``ID.png`` for every image.
+
+    Args:
+        folder: the folder; ``ID.depth.npy`` and so on are accepted, too.
+        ids: ids of the images.
+        kind: of files that state none; None for metric.
+        scale: units per metre of PNG, and of integers in NPY, that state none; None for
+            millimetres in PNG.
+
+    Raises:
+        DatasetError: the folder or a prediction is missing, or the first file is damaged.
+    """
+    if not folder.is_dir():
+        raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
+    missing = {s: [i for i in ids if not (folder / f"{i}{s}").is_file()] for s in SUFFIXES}
+    suffix = min(SUFFIXES, key=lambda s: len(missing[s]))
+    if missing[suffix]:
+        raise DatasetError(
+            f"{folder} lacks {len(missing[suffix])} of {len(ids)} predictions "
+            f"(first: {missing[suffix][0]}{suffix})",
+            "every image of the split needs one that is named by its id",
+        )
+    first = _read(folder / f"{ids[0]}{suffix}", kind, scale)
+    is_metric = first.depth.is_metric  # others are fitted to the truth, whatever their scale
+    warnings = first.warnings_with_scale("predictions_scale") if is_metric else first.warnings
+    return FilePredictor(folder, suffix, first.depth.kind, scale, warnings)
+
+
+def _read(path: Path, kind: DepthKind | None, scale: float | None) -> StoredDepth:
+    try:
+        return read_stored_depth(path, unstated_kind=kind, unstated_scale=scale)
+    except InputError as error:
+        raise DatasetError(error.message) from error
+
+
+@dataclass(frozen=True, slots=True)
+class TrivialPredictor:
+    """A baseline that ignores the image: one depth map for all."""
+
+    name: str  #: name of the row
+    depth: DepthMap  #: the map, metres
+    source: Source = Source.TRIVIAL  #: always trivial
+    kind: DepthKind = DepthKind.METRIC  #: always metric
+    model_sha256: str | None = None  #: always None
+
+    def predict(self, sample: Sample) -> DepthMap:
+        """The map."""
+        del sample
+        return self.depth
+
+
+def fit_trivial(
+    dataset: DepthDataset,
+    train: Sequence[int],
+    *,
+    min_m: float = MIN_DEPTH_M,
+    max_m: float = MAX_DEPTH_M,
+    progress: Progress = NO_PROGRESS,
+    workers: int = 0,
+) -> tuple[TrivialPredictor, TrivialPredictor]:
+    """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
+
+    Only depth in the open interval (``min_m``, ``max_m``) is used; with 0 workers, pairs are read
+    in the calling thread.
+
+    Raises:
+        DatasetError: no training pair, no valid pixel, or pairs of different sizes.
+    """
+    sums, counts = np.array([]), np.array([], np.int64)
+    advance = progress.begin("mean of training images", len(train))
+    with closing(ordered_map(dataset.depth_m, train, workers=workers)) as maps:
+        for i, depth_m in zip(train, maps, strict=True):
+            if not counts.size:
+                sums, counts = np.zeros(depth_m.shape), np.zeros(depth_m.shape, np.int64)
+            if depth_m.shape != sums.shape:
+                raise DatasetError(f"depth of {dataset.ids[i]} has another size than the others")
+            valid_mask = (depth_m > min_m) & (depth_m < max_m)
+            np.add(sums, depth_m, out=sums, where=valid_mask)
+            counts += valid_mask
+            advance(1)
+    if not counts.any():
+        raise DatasetError("no training depth to take the mean of: baselines need training pairs")
+    return _means(sums, counts)
+
+
+def _means(
+    sums: npt.NDArray[np.float64], counts: npt.NDArray[np.int64]
+) -> tuple[TrivialPredictor, TrivialPredictor]:
+    mean_m = float(sums.sum() / counts.sum())
+    # A pixel that was never valid, for example in a corner, gets the constant mean.
+    per_pixel_m = np.divide(sums, counts, out=np.full_like(sums, mean_m), where=counts > 0)
+    constant, per_pixel = (
+        TrivialPredictor(name, DepthMap(values_m.astype(np.float32)))
+        for name, values_m in zip(
+            TRIVIAL_NAMES, (np.full_like(sums, mean_m), per_pixel_m), strict=True
+        )
+    )
+    return constant, per_pixel

@@ -1,0 +1,183 @@
+"""The images to evaluate on, and which of them a model was trained on."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from depthcli.datasets import id_ranges
+from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.splits import (
+    ALL_PAIRS,
+    NYU,
+    TRAIN_IDS,
+    Split,
+    SplitName,
+    is_label,
+    label_id,
+    split_nyu,
+    train_positions,
+)
+from depthcli.errors import DatasetError, UsageError
+from depthcli.models.card import ModelCard
+from depthcli.training.trained import TrainedRun
+
+TRAIN_SPLIT = "nyu_split"
+"""Field of a third-party model's card: the split whose training scenes it was trained on."""
+_SEED = re.compile(r"-seed\d+$")
+
+
+@dataclass(frozen=True, slots=True)
+class EvalTask:
+    """The images to evaluate on."""
+
+    dataset: DepthDataset  #: the pairs
+    split: Split  #: the split, with all of its pairs that the data set has
+    #: positions of the images to evaluate: all test images of the split, or fewer
+    test: tuple[int, ...]
+    title: str = NYU  #: name of the data set in tables
+
+    @property
+    def is_nyu(self) -> bool:
+        """Whether the pairs are those of NYU Depth v2, to which published rows and cards refer."""
+        return self.split.name in tuple(SplitName)
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Ids of the images to evaluate."""
+        return tuple(self.dataset.ids[i] for i in self.test)
+
+    @property
+    def scenes(self) -> dict[str, str]:
+        """Scene of each image to evaluate, by id; an image of unknown scene is one of its own."""
+        scenes = (self.dataset.scenes[i] for i in self.test)
+        # Folders that are scenes do not begin with a slash, so no image joins one by its name.
+        return {name: scene or f"/{name}" for name, scene in zip(self.ids, scenes, strict=True)}
+
+    def subsampled(self, limit: int | None) -> Self:
+        """At most ``limit`` of the images, evenly over the split."""
+        if limit is None:
+            return self
+        count = min(limit, len(self.test))
+        chosen = np.linspace(0, len(self.test) - 1, count).round().astype(int)
+        return replace(self, test=tuple(self.test[i] for i in chosen))
+
+
+def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) -> EvalTask:
+    """The test images of a split, or at most ``limit`` of them, evenly over it.
+
+    Raises:
+        DatasetError: the data set has no test image of the split.
+    """
+    divided = split_nyu(dataset, split)
+    return EvalTask(dataset, divided, divided.test).subsampled(limit)
+
+
+def plan_pairs(dataset: DepthDataset, title: str, limit: int | None = None) -> EvalTask:
+    """All pairs of a custom data set, or at most ``limit`` of them, evenly over it."""
+    every = tuple(range(len(dataset)))
+    split = Split(ALL_PAIRS, (), every, 0, len(every))
+    return EvalTask(dataset, split, every, title).subsampled(limit)
+
+
+def plan_runs(
+    dataset: DepthDataset,
+    runs: Sequence[TrainedRun],
+    split: SplitName = SplitName.VAL,
+    limit: int | None = None,
+) -> EvalTask:
+    """Choose images that no run was trained on, at most ``limit``, evenly over the split.
+
+    ``val`` is the pairs that the runs held out.
+
+    Raises:
+        DatasetError: it is not NYU Depth v2, a pair of the runs is missing, or the split has no
+            test image.
+        UsageError: the runs hold out different pairs, or one was trained on the test images.
+    """
+    if not all(map(is_label, dataset.ids)):
+        raise DatasetError(
+            "the data set is not NYU Depth v2",
+            "compare exported models on pairs of your own with 'depthcli eval pairs'",
+        )
+    whole = _held_out(dataset, runs) if split is SplitName.VAL else plan_nyu(dataset, split)
+    task = whole.subsampled(limit)
+    for run in runs:
+        seen = set(run.nyu_ids).intersection(map(label_id, task.ids))
+        if seen:
+            raise UsageError(
+                f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test images",
+                "choose another {split}, or omit it",
+            )
+    return task
+
+
+def _held_out(dataset: DepthDataset, runs: Sequence[TrainedRun]) -> EvalTask:
+    first = runs[0]
+    for run in runs:
+        if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
+            raise UsageError(
+                f"{first.name} and {run.name} were trained on or hold out different pairs",
+                "compare them separately, or on another {split}",
+            )
+    if not first.held_out_ids:
+        raise UsageError(f"{first.name} held out no pair", "compare on another {split}")
+    places = {name: i for i, name in enumerate(dataset.ids)}
+    missing = [i for i in (*first.held_out_ids, *first.train_ids) if i not in places]
+    if missing:
+        raise DatasetError(
+            f"{len(missing)} pairs of the runs are not here (first: {missing[0]})",
+            "give the data set that they were trained on",
+        )
+    train = tuple(places[i] for i in first.train_ids)
+    test = tuple(places[i] for i in first.held_out_ids)
+    return EvalTask(dataset, Split(SplitName.VAL, train, test, len(train), len(test)), test)
+
+
+def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
+    """Runs that differ only in their seed, by their common name.
+
+    ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
+
+    Raises:
+        UsageError: runs of one name differ in settings, data or initial weights, or have the same
+            seed.
+    """
+    groups: dict[str, list[TrainedRun]] = {}
+    for run in runs:
+        groups.setdefault(_SEED.sub("", run.name), []).append(run)
+    for members in groups.values():
+        settings, seeds = {run.settings for run in members}, {run.seed for run in members}
+        if len(settings) > 1 or len(seeds) < len(members):
+            names = ", ".join(run.name for run in members)
+            raise UsageError(
+                f"{names} are not seeds of one configuration with the same data and initial "
+                "weights",
+                "rename their folders",
+            )
+    return {name: tuple(members) for name, members in groups.items()}
+
+
+def train_overlap(card: ModelCard, task: EvalTask) -> int | None:
+    """Number of the images to evaluate that a model was trained on; None if unknown."""
+    numbers = trained_numbers(card, task.dataset) if task.is_nyu else None
+    return None if numbers is None else sum(int(name) in numbers for name in task.ids)
+
+
+def trained_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | None:
+    """Numbers of the pairs that a model was trained on, or whose scenes it was trained on.
+
+    None if its card does not state them; the data set has the training pairs of a split.
+    """
+    stated, split = card.training.get(TRAIN_IDS), card.training.get(TRAIN_SPLIT)
+    try:
+        if isinstance(stated, str):
+            return id_ranges.parse(stated)
+        if isinstance(split, str):
+            rows = train_positions(dataset, SplitName(split))
+            return frozenset(int(dataset.ids[i]) for i in rows)
+    except (DatasetError, ValueError):
+        return None  # ``training`` in a card is free-form
+    return None

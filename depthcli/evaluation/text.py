@@ -1,0 +1,153 @@
+"""The table of an evaluation as text."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from depthcli.core.text import one_line
+from depthcli.evaluation.report import Difference, EvalReport, ReportRow, Training
+from depthcli.metrics.boundary import HIGHER_IS_BETTER
+from depthcli.metrics.depth import METRICS
+
+_RUN_METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
+"""Columns of the paper's Table I, for training runs; JSON and CSV have all metrics."""
+_TRAINING = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
+_DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
+_FEW_SCENES = 12
+"""In simulations with fewer, the intervals hold the true difference in less than 90 % of cases."""
+_TEXT_COLUMNS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """The text of a report."""
+
+    title: str  #: data set, split, number of images and protocol
+    subtitle: str  #: description of the protocol
+    table: Sequence[Sequence[str]]  #: cells as text, header first
+    notes: Sequence[str]  #: footnotes
+    #: title and cells of the table of differences; None if there is none
+    differences: tuple[str, Sequence[Sequence[str]]] | None = None
+    models: Sequence[str] = ()  #: name and checksum of each model, for HTML only
+
+    def to_text(self) -> str:
+        """The report as plain text."""
+        lines = [self.title, self.subtitle, "", *_aligned(self.table)]
+        if self.differences:
+            title, table = self.differences
+            lines += ["", title, "", *_aligned(table)]
+        return "\n".join([*lines, "", *self.notes])
+
+
+def report_page(report: EvalReport) -> Page:
+    """The text of a report."""
+    with_runs = report.has_training
+    metrics = _RUN_METRICS if with_runs else report.columns
+    header = ["row", "align", *(_TRAINING if with_runs else ()), "images", *metrics]
+    return Page(
+        report.title,
+        report.protocol.description,
+        [header, *(_row_cells(row, report, metrics) for row in report.rows)],
+        _footnotes(report, metrics),
+        _differences(report.differences, metrics if with_runs else tuple(METRICS)),
+        _model_checksums(report.rows),
+    )
+
+
+def _row_cells(row: ReportRow, report: EvalReport, metrics: Sequence[str]) -> list[str]:
+    scores = dict(row.items(boundary=report.protocol.boundary))
+    return [
+        one_line(row.name) + ("*" if row.note else ""),
+        row.alignment or "-",
+        *(_training_cells(row.training) if report.has_training else ()),
+        str(row.image_count),
+        *(_score_cell(metric, scores[metric], row) for metric in metrics),
+    ]
+
+
+def _score_cell(metric: str, mean: float, row: ReportRow) -> str:
+    if math.isnan(mean):
+        return "-"
+    std = f"±{row.std[metric]:.4f}" if row.std else ""
+    return f"{mean:.{_DECIMALS.get(metric, 4)}f}{std}"
+
+
+def _training_cells(training: Training | None) -> list[str]:
+    if training is None:
+        return ["-"] * len(_TRAINING)
+    return [
+        "yes" if training.paired else "no",
+        str(len(training.seeds)),
+        f"{_min_to_max(training.epochs)}/{training.epochs_planned}",
+        _min_to_max(training.steps),
+        f"{sum(training.minutes) / len(training.minutes):.1f}",
+        f"{training.parameters / 1e6:.2f}M",
+        f"{training.latency_ms:.1f}",
+    ]
+
+
+def _min_to_max(values: Sequence[int]) -> str:
+    low, high = min(values), max(values)
+    return str(low) if low == high else f"{low}-{high}"
+
+
+def _footnotes(report: EvalReport, metrics: Sequence[str]) -> list[str]:
+    upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
+    higher = ", ".join(name for name in metrics if name in upward | HIGHER_IS_BETTER)
+    in_metres = " and ".join(name for name in metrics if name in {"sq_rel", "rmse"})
+    marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
+    empty = sorted({row.empty_count for row in report.rows} - {0})
+    return [
+        f"higher is better for {higher}, lower for the others; {in_metres} in metres",
+        *marked,
+        *report.notes,
+        *(f"{count} images have no valid pixel and are excluded" for count in empty),
+    ]
+
+
+def _differences(
+    differences: Sequence[Difference], metrics: Sequence[str]
+) -> tuple[str, list[list[str]]] | None:
+    """Title and cells, header first; three lines for each: the mean and its interval's bounds."""
+    if not differences:
+        return None
+    name, scenes = one_line(differences[0].name), differences[0].scene_count
+    title = f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0"
+    if scenes == 1:
+        title = f"{name} minus each row: mean; 1 scene: no interval"
+    elif scenes < _FEW_SCENES:
+        title += "; of so few, the intervals are too narrow"
+    lines = [["minus", "align", "", *metrics]]
+    for difference in differences:
+        intervals = dict(zip(METRICS, difference.intervals, strict=True))
+        shown = [intervals[metric] for metric in metrics]
+        row = (one_line(difference.other), difference.alignment or "-")
+        lines += [
+            [*row, "mean", *(_signed(i.mean, "!" if i.is_significant else " ") for i in shown)],
+            ["", "", "low", *(_signed(i.low) for i in shown)],
+            ["", "", "high", *(_signed(i.high) for i in shown)],
+        ]
+    return title, lines
+
+
+def _signed(value: float, mark: str = " ") -> str:
+    """A number with a last character that keeps the digits of a column in line."""
+    return ("-" if math.isnan(value) else f"{value:+.4f}") + mark
+
+
+def _model_checksums(rows: Sequence[ReportRow]) -> list[str]:
+    """Name and checksum of each model of a table."""
+    models = (model for row in rows for model in row.seeds or (row,))
+    named = (f"{row.name} sha256 {row.model_sha256}" for row in models if row.model_sha256)
+    return list(dict.fromkeys(map(one_line, named)))
+
+
+def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Lines with text columns left-aligned and numbers right-aligned."""
+    widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
+    for cells in table:
+        padded = [
+            cell.ljust(width) if i < _TEXT_COLUMNS else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ]
+        yield "  ".join(padded).rstrip()

@@ -1,0 +1,265 @@
+"""Evaluating models, predictions of other tools and training runs on a data set."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from depthcli.core.choices import Detail, Mask, Weights
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.types import DepthKind
+from depthcli.datasets.base import DepthDataset, HasRawDepth
+from depthcli.datasets.layouts import opener_of
+from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
+from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.datasets.splits import SplitName
+from depthcli.errors import DepthcliError, UsageError
+from depthcli.evaluation.evaluate import (
+    HEADLINE_TABLE,
+    EvalOptions,
+    check_against,
+    evaluate,
+    has_trivial,
+)
+from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
+from depthcli.evaluation.html import html_page
+from depthcli.evaluation.predictors import (
+    TRIVIAL_NAMES,
+    ModelPredictor,
+    Predictor,
+    open_models,
+    open_predictions,
+)
+from depthcli.evaluation.report import EvalReport
+from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
+from depthcli.evaluation.text import Page
+from depthcli.inference.latency import measure_ms
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.formats.table import MILLIMETRES
+from depthcli.io.storage.atomic import atomic_path, write_text
+from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.training.trained import TrainedRun
+
+_OWN_CSV, _OWN_HTML = b"name,source,align,", b"<footer>depthcli "
+_RAW_WEIGHTS = "weights of the last step, not their moving average"
+
+
+@dataclass(frozen=True, slots=True)
+class EvalRequest:
+    """What is evaluated, on which images, and how."""
+
+    data: Path  #: NYU Depth v2, as a file or a folder; or a folder of other pairs
+    models: tuple[SessionLoader, ...] = ()  #: one row each
+    predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, one row each
+    predictions_kind: DepthKind | None = None  #: depth kind of those files; None if they state it
+    #: units per metre of those files, if they hold integers and do not state it; None for
+    #: millimetres
+    predictions_scale: float | None = None
+    runs: Path | None = None  #: a training run or the folder of several; its seeds are one row
+    #: of the runs: the moving average, if a run has one, or the weights of the last step
+    weights: Weights = Weights.AVERAGED
+    #: provider and threads of the runs; its model is not used
+    runner: SessionLoader = field(default_factory=SessionLoader)
+    #: units per metre of the depth images of a custom folder; None for millimetres
+    units_per_metre: float | None = None
+    #: split of NYU Depth v2, ``val`` of runs is the pairs that they held out; None for all pairs of
+    #: a custom data set
+    split: SplitName | None = SplitName.PAPER
+    limit: int | None = None  #: maximum number of images, evenly over the split; None for all
+    options: EvalOptions = HEADLINE_TABLE  #: options of the table
+    #: ids of images for the figures; empty for some of each scene type, None for no figures
+    shown_ids: tuple[str, ...] | None = None
+
+    @property
+    def detail(self) -> Detail:
+        """Upsampling and tiles of the models' depth."""
+        return Detail(self.options.protocol.upsampling, self.options.protocol.tile_px)
+
+
+@dataclass(frozen=True, slots=True)
+class EvalResult:
+    """The table, the figures, if requested, and the runs that were left out."""
+
+    report: EvalReport
+    figures: tuple[Figure, ...] = ()
+    failed: tuple[str, ...] = ()  #: name and reason of each run that cannot be used
+
+
+def run_evaluation(
+    request: EvalRequest,
+    progress: Progress = NO_PROGRESS,
+    warn: Callable[[str], object] = lambda _text: None,
+) -> EvalResult:
+    """Make the table; ``warn`` is called with warnings about models and predictions.
+
+    Raises:
+        UsageError: there is nothing to compare, a requested row or image is not compared, no
+            alignment suits a predictor, or runs cannot be compared.
+        DatasetError: the data set or a prediction is missing or cannot be read.
+        DepthcliError: a model, or no training run, can be used.
+    """
+    options, failed = request.options, list[str]()
+    runs = [] if request.runs is None else _open_runs(request.runs, failed)
+    task = _plan_task(request, runs)
+    positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
+    trivial = TRIVIAL_NAMES if has_trivial(task, options) else ()
+    if not (request.models or request.predictions or runs or trivial):
+        raise UsageError(
+            "nothing to compare",
+            "give {model} or {predictions}, or the training pairs of the split for baselines",
+        )
+    if runs and options.against is not None:  # before the export
+        check_against(options.against, [*trivial, *group_by_seed(runs)], options.protocol)
+    if options.protocol.mask is Mask.RAW and isinstance(task.dataset, HasRawDepth):
+        task.dataset.raw_depth_m(task.test[0])  # raises early for a data set without raw depth
+    with temporary_folder() as fallback_folder:
+        predictors: list[Predictor] = []
+        if runs:
+            exported = _export_runs(runs, fallback_folder, request.weights, progress, failed)
+            predictors += _load_runs(exported, request, warn)
+        predictors += open_models(request.models, request.detail, warn)
+        predictors += _open_predictions(request, task, warn)
+        report = evaluate(task, predictors, options, progress)
+        if runs and request.weights is Weights.RAW:
+            report = replace(report, notes=(*report.notes, _RAW_WEIGHTS))
+        shown = _shown(predictors, report)
+        if not (positions and shown):
+            return EvalResult(report, (), tuple(failed))
+        figures = draw_figures(task, positions, shown, progress)
+    return EvalResult(report, figures, tuple(failed))
+
+
+def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
+    if request.split is None:
+        dataset = _open_pairs(request.data, request.units_per_metre)
+        return plan_pairs(dataset, request.data.resolve().name, request.limit)
+    if runs:
+        return plan_runs(open_nyu(request.data), runs, request.split, request.limit)
+    return plan_nyu(open_nyu(request.data), request.split, request.limit)
+
+
+def _open_pairs(path: Path, units_per_metre: float | None) -> DepthDataset:
+    opener, units = opener_of(path), units_per_metre or MILLIMETRES
+    if opener is None:
+        return open_paired_folder(path, units_per_metre=units)
+    if opener is not open_nyu:
+        if units_per_metre is not None:
+            raise UsageError(f"{path} is in a unit that is known", "remove {png_scale}")
+        return opener(path)
+    if not has_own_index(path):
+        raise UsageError(f"{path} is NYU Depth v2", "compare on it with 'depthcli eval nyu'")
+    return open_indexed_folder(path, units_per_metre=units)
+
+
+def _open_predictions(
+    request: EvalRequest, task: EvalTask, warn: Callable[[str], object]
+) -> Iterator[Predictor]:
+    kind, scale = request.predictions_kind, request.predictions_scale
+    if not request.predictions and (scale is not None or kind is not None):
+        option = "predictions_scale" if kind is None else "predictions_kind"
+        raise UsageError("it is about depth files", "give {predictions} as well", option=option)
+    for folder in request.predictions:
+        predictor = open_predictions(folder, task.ids, kind, scale)
+        for warning in predictor.warnings:
+            warn(warning)
+        yield predictor
+
+
+def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
+    """The runs that can be used; name and reason of the others are added to ``failed``."""
+    from depthcli.export.trained import find_runs, open_run  # noqa: PLC0415 - needs torch
+
+    opened = []
+    for run in find_runs(folder):
+        try:
+            opened.append(open_run(run))
+        except DepthcliError as error:
+            failed.append(f"{run.name} ({error})")
+    if not opened:
+        raise DepthcliError(f"no run of {folder} can be used: {'; '.join(failed)}")
+    return opened
+
+
+def _export_runs(
+    runs: Sequence[TrainedRun],
+    fallback_folder: Path,
+    weights: Weights,
+    progress: Progress,
+    failed: list[str],
+) -> list[tuple[TrainedRun, Path]]:
+    """Every run with its model; runs that cannot be exported are added to ``failed``."""
+    from depthcli.export.trained import export_run  # noqa: PLC0415 - needs torch
+
+    advance, exported = progress.begin("exporting runs", len(runs)), []
+    for run in runs:
+        try:
+            exported.append((run, export_run(run, fallback_folder, weights)))
+        except DepthcliError as error:
+            failed.append(f"{run.name} ({error})")
+        advance(1)
+    if not exported:
+        raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")
+    return exported
+
+
+def _load_runs(
+    exported: Sequence[tuple[TrainedRun, Path]],
+    request: EvalRequest,
+    warn: Callable[[str], object],
+) -> list[ModelPredictor]:
+    loaders = [replace(request.runner, model=path) for _, path in exported]
+    models = open_models(loaders, request.detail, warn)
+    times_ms = measure_ms([model.pipeline for model in models])
+    return [
+        replace(model, name=run.name, run=run, latency_ms=ms)
+        for (run, _), model, ms in zip(exported, models, times_ms, strict=True)
+    ]
+
+
+def _shown(predictors: Sequence[Predictor], report: EvalReport) -> list[tuple[str, Predictor]]:
+    """The predictors of the figures with their titles: of a training run, its first seed."""
+    if not report.has_training:
+        return [(Path(predictor.name).name, predictor) for predictor in predictors]
+    by_name = {predictor.name: predictor for predictor in predictors}
+    firsts = {row.name: row.seeds[0].name for row in report.rows if row.seeds}
+    return [(title, by_name[name]) for title, name in firsts.items()]
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFiles:
+    """Paths of the files to write; None for those that are not."""
+
+    csv: Path | None = None  #: the table
+    figures: Path | None = None  #: folder for the figures
+    html: Path | None = None  #: table and figures in one file
+
+    def check(self) -> None:
+        """Check before the evaluation that no file but an earlier report would be replaced.
+
+        Raises:
+            UsageError: one would, or it is a folder.
+        """
+        for path, mark in ((self.csv, _OWN_CSV), (self.html, _OWN_HTML)):
+            if path is not None and path.is_dir():
+                raise UsageError(f"{path} is a folder; name a file")
+            if path is not None and path.is_file() and mark not in path.read_bytes():
+                raise UsageError(f"{path} is no report of depthcli and is not replaced")
+
+    def write(self, page: Page, table_csv: str, figures: Sequence[Figure]) -> Iterator[Path]:
+        """Write the files.
+
+        Yields:
+            The path of each figure, once it is written.
+
+        Raises:
+            OutputError: a file cannot be written.
+        """
+        if self.csv is not None:
+            write_text(table_csv, self.csv)
+        if self.figures is not None:
+            for figure in figures:
+                path = self.figures / f"{figure.name}.png"
+                with atomic_path(path) as temporary:
+                    temporary.write_bytes(figure.png)
+                yield path
+        if self.html is not None:
+            write_text(html_page(page, figures), self.html)
