@@ -56,7 +56,7 @@ def main() -> None:
     task = plan_nyu(open_nyu(options.data), options.split, options.limit)
     pipeline = depthcli.load(options.model, provider="cpu", detail=Detail(Upsampling.BILINEAR))
     maps = [
-        (pipeline.predict(depthcli.Frame(task.dataset.image(i))), task.dataset.depth_m(i))
+        (pipeline.predict(depthcli.Frame(task.dataset.image(i))).depth, task.dataset.depth_m(i))
         for i in task.test
     ]
     for share_wrong in (0.0, 0.25):

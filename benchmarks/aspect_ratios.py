@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 import depthcli
+from depthcli.core.camera import Intrinsics
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
@@ -87,8 +88,8 @@ class Crops(NamedTuple):
             [
                 Fit.of(
                     self.pipeline.predict(
-                        depthcli.Frame(middle(data.image(i), width, height)), focal_px=focal_px
-                    ).values,
+                        depthcli.Frame(middle(data.image(i), width, height)), Intrinsics(focal_px=focal_px)
+                    ).depth.values,
                     middle(data.depth_m(i), width, height),
                 )
                 for i in self.task.test

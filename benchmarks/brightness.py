@@ -36,7 +36,7 @@ def main() -> None:
         picture, true_m = task.dataset.image(i), task.dataset.depth_m(i)
         height, width = true_m.shape
         known, value = true_m > 0, picture.max(2).astype(np.float64)
-        maps = [one.predict(depthcli.Frame(picture)).values for one in pipelines]
+        maps = [one.predict(depthcli.Frame(picture)).depth.values for one in pipelines]
         depths = [true_m, *(resize_bilinear(depth, width, height) for depth in maps)]
         pictures.append(
             [

@@ -39,12 +39,12 @@ def main() -> None:
         linear = np.where(picture <= 0.04045, picture / 12.92, ((picture + 0.055) / 1.055) ** 2.4)
         true_m = task.dataset.depth_m(i)
         known = true_m > 0
-        depth_m = pipeline.predict(depthcli.Frame(picture)).values
+        depth_m = pipeline.predict(depthcli.Frame(picture)).depth.values
         before = np.abs(depth_m[known] / true_m[known] - 1).mean()
         for stops in STOPS:
             clipped = linear.astype(np.float32)
             share = encode(clipped, exposure=stops) / known.size
-            found_m = pipeline.predict(depthcli.Frame(clipped)).values
+            found_m = pipeline.predict(depthcli.Frame(clipped)).depth.values
             after = np.abs(found_m[known] / true_m[known] - 1).mean()
             rows.append((share, np.abs(found_m / depth_m - 1).mean(), before, after))
     shares, *scores = np.transpose(rows)

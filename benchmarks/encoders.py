@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--all", action="store_true", help="every filter, library and level")
     options = parser.parse_args()
     pipeline = depthcli.load(provider="cpu")
-    maps = [pipeline.predict(depthcli.read_image(path)) for path in options.pictures]
+    maps = [pipeline.predict(depthcli.read_image(path)).depth for path in options.pictures]
     texts = {f"depthcli:{name}": text for name, text in metadata_texts(maps[0]).items()}
     depths = [quantized(depth.values, 1000)[0] for depth in maps]
     previews = [PreviewWriter().render(depth) for depth in maps]

@@ -54,7 +54,7 @@ def run_pipeline(
     def one(position: int) -> None:
         if with_depth:
             dataset.depth_m(position)
-        depth = model.pipeline.predict(Frame(dataset.image(position)))
+        depth = model.pipeline.predict(Frame(dataset.image(position))).depth
         if out is not None:
             writer.write(depth, out / f"{position}.png")
 

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 import depthcli
-from depthcli.core import scaling
+from depthcli.core.camera import Intrinsics
+from depthcli.core.camera import focal_px_of_hfov
 from depthcli.core.resize import resize_bilinear
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName
@@ -44,8 +45,8 @@ def main() -> None:
                 size = round(width / max(1, aspect)), round(height * min(1, aspect))
                 pixels = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
                 frame = depthcli.Frame(pixels, pixel_aspect=aspect if stated else 1.0)
-                focal_px = scaling.focal_px_of_hfov(NYU_HFOV_DEG, size[0])
-                depth_m = pipeline.predict(frame, focal_px=focal_px).values
+                focal_px = focal_px_of_hfov(NYU_HFOV_DEG, size[0])
+                depth_m = pipeline.predict(frame, Intrinsics(focal_px=focal_px)).depth.values
                 known = true_m > 0
                 found, truth = resize_bilinear(depth_m, width, height)[known], true_m[known]
                 ratio = np.maximum(found / truth, truth / found)

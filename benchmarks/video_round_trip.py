@@ -42,7 +42,7 @@ def main() -> None:
             print(f"frame rate {source.rate} of the video, {stored.rate} of mkv")
             for frame, steps, png in zip(source.frames(), stored.steps(), pngs, strict=True):
                 from_png = np.rint(read_stored_depth(png).displayed.values * _MILLIMETRES)
-                predicted = np.rint(pipeline.predict(frame).values * _MILLIMETRES)
+                predicted = np.rint(pipeline.predict(frame).depth.values * _MILLIMETRES)
                 differing += int(((steps != from_png) | (steps != predicted)).sum())
                 frames += 1
     print(f"{frames} of {count} frames in both; {differing} pixels differ")

@@ -19,11 +19,10 @@ if TYPE_CHECKING:
     from depthcli.api.depth_map import DepthMap
     from depthcli.api.files import DepthVideo, VideoSource, read_depth
     from depthcli.api.model import DepthModel, load_model
-    from depthcli.core.calibration import Calibration
-    from depthcli.core.camera import Anchor
+    from depthcli.core.camera import Anchor, Intrinsics
     from depthcli.core.choices import Detail, Upsampling
     from depthcli.core.point_cloud import PointCloud
-    from depthcli.core.types import AnchorFit, CameraSource, DepthKind, Frame, Provenance
+    from depthcli.core.types import AnchorFit, DepthKind, Frame, Provenance
     from depthcli.errors import (
         CheckpointError,
         DatasetError,
@@ -49,7 +48,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Anchor",
     "AnchorFit",
-    "Calibration",
     "CameraSource",
     "CheckpointError",
     "DatasetError",
@@ -63,6 +61,7 @@ __all__ = [
     "EngineError",
     "Frame",
     "InputError",
+    "Intrinsics",
     "Model",
     "ModelCard",
     "ModelError",
@@ -91,11 +90,10 @@ _HOMES = {
     "depthcli.api.depth_map": ("DepthMap",),
     "depthcli.api.files": ("DepthVideo", "VideoSource", "read_depth"),
     "depthcli.api.model": ("DepthModel", "load_model"),
-    "depthcli.core.calibration": ("Calibration",),
-    "depthcli.core.camera": ("Anchor",),
+    "depthcli.core.camera": ("Anchor", "CameraSource", "Intrinsics"),
     "depthcli.core.choices": ("Detail", "Upsampling"),
     "depthcli.core.point_cloud": ("PointCloud",),
-    "depthcli.core.types": ("AnchorFit", "CameraSource", "DepthKind", "Frame", "Provenance"),
+    "depthcli.core.types": ("AnchorFit", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),
     "depthcli.models.card": ("ModelCard",),
     "depthcli.models.catalog": ("Model", "find_model"),

@@ -10,8 +10,9 @@ import numpy as np
 
 from depthcli.core import anchor_fit, types
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.choices import Colormap, Near
-from depthcli.core.map_camera import with_centre, with_focal
+from depthcli.core.map_camera import with_camera
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.text import short_repr
 from depthcli.errors import DepthcliWarning, UsageError
@@ -70,7 +71,7 @@ class DepthMap(types.DepthMap):
         return self.provenance.centre_px if self.provenance else None
 
     @property
-    def camera_source(self) -> types.CameraSource | None:
+    def camera_source(self) -> CameraSource | None:
         """Where the focal length comes from: given, EXIF, or assumed to be the model's own."""
         return self.provenance.camera_source if self.provenance else None
 
@@ -104,7 +105,7 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: the points do not fit the map, or not each other.
         """
-        points = _points_of(anchors)
+        points = anchor_points(anchors)
         fitted = anchor_fit.fit_anchors(self, points)
         for message in anchor_fit.lost_in_fit(self, fitted):
             warnings.warn(message, DepthcliWarning, stacklevel=2)
@@ -130,15 +131,16 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: the map has no metres, no focal length is known, or one is not valid.
         """
-        source = with_focal(self, focal_px, hfov_deg).provenance
+        depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
+        source = depth.provenance
         if source is None or source.focal_px is None:
             raise UsageError("no focal length is known; give focal_px or hfov_deg")
-        if source.camera_source is types.CameraSource.CARD:
+        if source.camera_source is CameraSource.CARD:
             message = (
                 "no focal length is known; the point cloud assumes the camera the model learned"
             )
             warnings.warn(message, DepthcliWarning, stacklevel=2)
-        return point_cloud(self, source.focal_px, centre_px=centre_px, frame=self.frame)
+        return point_cloud(depth, source.focal_px, self.frame)
 
     def colorize(
         self,
@@ -244,7 +246,7 @@ class DepthMap(types.DepthMap):
         """
         file = path_of(path)
         format_ = format_of(file)
-        depth = with_centre(with_focal(self, focal_px, hfov_deg), centre_px)
+        depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
         if depth is not self and format_ is not None and not format_.facts.has_camera:
             raise UsageError(f"{format_.facts.suffix} states no camera; leave it out for {file}")
         options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
@@ -252,7 +254,12 @@ class DepthMap(types.DepthMap):
             warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
 
 
-def _points_of(anchors: Anchors) -> AnchorPoints:
+def anchor_points(anchors: Anchors) -> AnchorPoints:
+    """The points of :meth:`DepthMap.fit_anchors`.
+
+    Raises:
+        UsageError: they are of another form.
+    """
     if isinstance(anchors, types.DepthMap):
         if not anchors.is_metric:
             raise UsageError(f"anchors are metres, and {anchors.kind} depth has none")

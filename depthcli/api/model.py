@@ -11,31 +11,30 @@ from __future__ import annotations
 import os
 import warnings
 from contextlib import closing
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from depthcli.api.depth_map import Anchors, DepthMap
-from depthcli.api.parameter_names import parameter_names, with_parameter_names
+from depthcli.api.depth_map import Anchors, DepthMap, anchor_points
 from depthcli.api.picture_batches import picture_batches
-from depthcli.core import scaling, types
-from depthcli.core.camera import Lens
+from depthcli.core import types
+from depthcli.core.camera import Intrinsics
 from depthcli.core.choices import DEFAULT_DETAIL, Detail
-from depthcli.core.overscan import displayed_depth, displayed_frame, masked_to_data_window
+from depthcli.core.overscan import displayed_depth, displayed_frame
 from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.core.summary import flat_warnings
-from depthcli.errors import DepthcliWarning, InputError, ModelError, UsageError
+from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.inference.camera import focal_warnings
-from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.pipeline import Pipeline, Prediction, load
 from depthcli.inference.providers import AUTO
 from depthcli.io.images.decode import check_white_level
 from depthcli.io.images.read import frame_of
 from depthcli.models.locations import DEFAULT_MODEL
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Generator, Iterable, Iterator, Mapping
 
     from depthcli.api.picture_batches import PictureBatch
+    from depthcli.core.anchors import AnchorPoints
     from depthcli.io.images.read import Picture
     from depthcli.models.card import ModelCard
 
@@ -72,14 +71,13 @@ def load_model(
         raise UsageError(f"a model is a name or a path, not {type(model).__name__}")
     if not isinstance(detail, Detail):
         raise UsageError(f"detail is a depthcli.Detail, not {type(detail).__name__}")
-    with parameter_names():
-        pipeline = load(
-            model,
-            provider=provider,
-            threads=threads,
-            detail=detail,
-            provider_options=provider_options,
-        )
+    pipeline = load(
+        model,
+        provider=provider,
+        threads=threads,
+        detail=detail,
+        provider_options=provider_options,
+    )
     for text in pipeline.session.warnings:
         warnings.warn(text, DepthcliWarning, stacklevel=2)
     return DepthModel(pipeline)
@@ -135,19 +133,18 @@ class DepthModel:
             (H, W) of the upright picture; of an EXR, of its display window.
 
         Raises:
-            InputError: the picture cannot be read, or is not a picture.
+            InputError: the picture cannot be read, or is not a picture, or the anchors do not fit
+                it.
             ModelError: the network failed.
-            UsageError: the camera, the anchors or the white level are not valid for this picture.
+            UsageError: the camera, the anchors or the white level are not valid.
         """
-        scaling.check_camera(focal_px, hfov_deg)
-        with parameter_names():
-            frame = frame_of(picture, white_level)
-            depth = self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
-        found = _finished(depth, frame, anchors)
-        focal = self._focal_warnings(Lens(focal_px, hfov_deg), anchors)
-        for text in (*focal, *_picture_warnings(found)):
+        camera = Intrinsics.given(focal_px, hfov_deg)
+        points = None if anchors is None else anchor_points(anchors)
+        frame = frame_of(picture, white_level)
+        found = _finished(self.pipeline.predict(frame, camera, points), frame)
+        for text in (*self._focal_warnings(camera, points), *found.warnings):
             warnings.warn(text, DepthcliWarning, stacklevel=2)
-        return found
+        return found.depth
 
     def predict_many(
         self,
@@ -180,67 +177,52 @@ class DepthModel:
             UsageError: the camera or the white level is not valid, or ``pictures`` is a single
                 picture.
         """
-        scaling.check_camera(focal_px, hfov_deg)
+        camera = Intrinsics.given(focal_px, hfov_deg)
+        points = None if anchors is None else anchor_points(anchors)
         check_white_level(white_level)
         _check_several(pictures, batch_size, workers)
-        for text in self._focal_warnings(Lens(focal_px, hfov_deg), anchors):
+        for text in self._focal_warnings(camera, points):
             warnings.warn(text, DepthcliWarning, stacklevel=2)
 
-        def predicted(batch: PictureBatch) -> tuple[list[DepthMap], Exception | None]:
+        def predicted(batch: PictureBatch) -> list[_Finished | Exception]:
             frames, error = batch.frames(white_level)
-            maps: list[DepthMap] = []
-            try:
-                depths = self._depths(frames, focal_px, hfov_deg)
-                for depth, frame in zip(depths, frames, strict=True):
-                    maps.append(_finished(depth, frame, anchors))
-            except Exception as problem:  # noqa: BLE001 - raised at its position
-                return maps, problem
-            return maps, error
+            cameras, known = [camera] * len(frames), [points] * len(frames)
+            predictions = self.pipeline.predict_many(frames, cameras, known)
+            found: list[_Finished | Exception] = [
+                one if isinstance(one, Exception) else _finished(one, frame)
+                for one, frame in zip(predictions, frames, strict=True)
+            ]
+            return found if error is None else [*found, error]
 
         batches = picture_batches(pictures, batch_size, white_level)
         return _maps(ordered_map(predicted, batches, workers=workers))
 
-    def _focal_warnings(self, lens: Lens, anchors: Anchors | None) -> tuple[str, ...]:
-        return focal_warnings(self.card, lens) if anchors is None else ()
-
-    def _depths(
-        self, frames: Sequence[types.Frame], focal_px: float | None, hfov_deg: float | None
-    ) -> Iterator[types.DepthMap]:
-        """Depth of a batch; one by one if it fails, for the maps before the bad picture."""
-        try:
-            yield from self.pipeline.predict_many(frames, focal_px=focal_px, hfov_deg=hfov_deg)
-        except (InputError, ModelError, MemoryError):
-            for frame in frames:
-                yield self.pipeline.predict(frame, focal_px=focal_px, hfov_deg=hfov_deg)
+    def _focal_warnings(self, camera: Intrinsics, points: AnchorPoints | None) -> tuple[str, ...]:
+        return focal_warnings(self.card, camera) if points is None else ()
 
 
-def _maps(
-    batches: Generator[tuple[list[DepthMap], Exception | None], None, None],
-) -> Iterator[DepthMap]:
-    """The maps of batches, then the error that ended one."""
+class _Finished(NamedTuple):
+    depth: DepthMap
+    warnings: tuple[str, ...]  # about the picture and its map, which they name
+
+
+def _finished(prediction: Prediction, frame: types.Frame) -> _Finished:
+    """The map in the display window, with its picture."""
+    shown = displayed_depth(prediction.depth, frame.windows)
+    name = frame.path or "a picture"
+    texts = tuple(f"{name}: {text}" for text in (*frame.warnings, *prediction.warnings))
+    return _Finished(DepthMap.of(shown, displayed_frame(frame)), texts)
+
+
+def _maps(batches: Generator[list[_Finished | Exception], None, None]) -> Iterator[DepthMap]:
+    """The maps of batches, up to the first error."""
     with closing(batches):
-        for maps, error in batches:
-            for depth in maps:
-                for text in _picture_warnings(depth):
-                    warnings.warn(text, DepthcliWarning, stacklevel=2)
-                yield depth
-            if error is not None:
-                with parameter_names():
-                    raise error
-
-
-def _finished(depth: types.DepthMap, frame: types.Frame, anchors: Anchors | None) -> DepthMap:
-    windows = frame.windows
-    shown = displayed_depth(masked_to_data_window(depth, windows), windows)
-    found = DepthMap.of(shown, displayed_frame(frame))
-    return found if anchors is None else found.fit_anchors(anchors)
-
-
-def _picture_warnings(depth: DepthMap) -> Iterator[str]:
-    """What is wrong with a map or its picture, such as data of 12 bits in 16."""
-    if depth.frame is not None:
-        for text in (*depth.frame.warnings, *flat_warnings(depth)):
-            yield f"{depth.frame.path or 'a picture'}: {with_parameter_names(text)}"
+        for found in (one for batch in batches for one in batch):
+            if isinstance(found, Exception):
+                raise found
+            for text in found.warnings:
+                warnings.warn(text, DepthcliWarning, stacklevel=2)
+            yield found.depth
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

@@ -8,8 +8,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import Anchor
-from depthcli.core.camera_ranges import DEPTH_M, DEPTH_M_RANGE
+from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
 from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
 

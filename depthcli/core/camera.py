@@ -1,10 +1,32 @@
-"""Options about camera and scene; free of numpy, so that they are checked before it loads."""
+"""Cameras: focal length, field of view and principal point; free of numpy, for the command line.
 
+An object at twice the focal length looks as it does at half the distance, so a network that was
+trained on one camera is right up to the ratio of focal lengths: depth ∝ focal length.
+"""
+
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import NamedTuple, Self
 
-from depthcli.core.calibration import Calibration
-from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
+from depthcli.core.text import short_repr
+from depthcli.core.validation import Rule
+from depthcli.errors import InputError, UsageError
+
+HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
+"""Horizontal fields of view; outside this range, depths would be almost zero or infinite."""
+FOCAL_PX = Rule("a number from 0.001 to 1e8", lambda px: 1e-3 <= px <= 1e8)  # noqa: PLR2004
+"""Focal lengths in pixels: what these angles give at any width of an image."""
+CENTRE_PX = Rule("a number from -1e6 to 1e6", lambda px: abs(px) <= 1e6)  # noqa: PLR2004
+"""Principal points in pixels, in x and in y; a crop may have it outside the image."""
+DEPTH_M_RANGE = 1e-3, 1e6
+"""Least and largest depth of known points in metres."""
+DEPTH_M = Rule(
+    "a depth from 0.001 to 1000000", lambda depth_m: DEPTH_M_RANGE[0] <= depth_m <= DEPTH_M_RANGE[1]
+)
+"""Depths of known points in metres."""
+_FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 
 class Anchor(NamedTuple):
@@ -21,61 +43,155 @@ class Anchor(NamedTuple):
     depth_m: float
 
 
-class Lens(NamedTuple):
-    """The camera of one picture: its focal length in one of two forms, and its principal point.
+class CameraSource(StrEnum):
+    """Where a focal length comes from."""
+
+    OPTION = "option"
+    """It was given."""
+    EXIF = "exif"
+    """The image's file states it."""
+    CARD = "card"
+    """Assumed: that of the camera that the model was trained for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics:
+    """A pinhole camera, as far as it is known.
 
     Attributes:
-        focal_px: focal length in pixels of the picture; None if it is not given.
-        hfov_deg: horizontal field of view in degrees, instead; None if it is not given.
-        centre_px: (cx, cy), principal point in pixels of the picture; None if it is not given.
+        focal_px: focal length in pixels, in widths of them; None if it is not known, or only as
+            ``hfov_deg``.
+        hfov_deg: horizontal field of view in degrees, which images of any width share; it counts
+            before ``focal_px``. None if it is not known.
+        centre_px: (cx, cy), the principal point in pixels, where (0, 0) is the middle of the first
+            pixel; None for the middle of the image.
+        size_px: (columns, rows) of the images that these pixels are of; None for the image at hand.
+        pixel_aspect: width by height of a pixel; None for what the image states.
+        source: where the focal length comes from; None if that is not known.
+        is_distorted: whether its lens has a distortion, which a pinhole has not.
     """
 
     focal_px: float | None = None
     hfov_deg: float | None = None
     centre_px: tuple[float, float] | None = None
+    size_px: tuple[int, int] | None = None
+    pixel_aspect: float | None = None
+    source: CameraSource | None = None
+    is_distorted: bool = False
 
+    def __post_init__(self) -> None:
+        """Check the ranges.
 
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """The given properties of the camera and the scene."""
+        Raises:
+            UsageError: the focal length is not a number above 0, or the field of view not 0.1 to
+                179.9 degrees.
+        """
+        focal_px, hfov_deg = self.focal_px, self.hfov_deg
+        if focal_px is not None and not _holds(lambda px: 0 < px < math.inf, focal_px):
+            raise UsageError(f"a focal length of {focal_px} pixels is not a number above 0")
+        if hfov_deg is not None and not _holds(HFOV_DEG.holds, hfov_deg):
+            raise UsageError(f"a field of view of {hfov_deg}° is not {HFOV_DEG.what}")
 
-    focal_px: float | None = None  #: focal length in pixels of the picture; None if it is not given
-    #: horizontal field of view in degrees, instead of ``focal_px``; None if it is not given
-    hfov_deg: float | None = None
-    anchors: tuple[Anchor, ...] = ()  #: points of known depth
-    pictures: PictureOptions = NO_OPTIONS  #: how its pictures are read
-    #: the calibration that ``hfov_deg`` is from; None if it is from none
-    calibration: Calibration | None = None
-    #: (cx, cy), principal point in pixels of the picture; None if it is not given
-    centre_px: tuple[float, float] | None = None
+    @classmethod
+    def given(
+        cls,
+        focal_px: float | None,
+        hfov_deg: float | None,
+        centre_px: tuple[float, float] | None = None,
+    ) -> Self:
+        """A camera of the user, whose focal length is in one of two forms.
+
+        Raises:
+            UsageError: both forms are given, or one is out of range, or the principal point is not
+                two finite numbers.
+        """
+        if focal_px is not None and hfov_deg is not None:
+            raise UsageError("give the focal length or the field of view, not both")
+        return cls(focal_px, hfov_deg, None if centre_px is None else _point(centre_px))
+
+    @property
+    def has_focal(self) -> bool:
+        """Whether the focal length is known."""
+        return self.focal_px is not None or self.hfov_deg is not None
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the calibration, one line each."""
-        return () if self.calibration is None else self.calibration.warnings
+        """How it differs from a pinhole camera, one line each."""
+        distorted = (
+            "the camera has lens distortion, which is not removed; rectify the images, and then "
+            "add --rectified"
+        )
+        return (distorted,) if self.is_distorted else ()
 
-    @property
-    def lens(self) -> Lens:
-        """The focal length as it is given, and the principal point."""
-        return Lens(self.focal_px, self.hfov_deg, self.centre_px)
+    def focal_for(self, width: int) -> float | None:
+        """Focal length in pixels of an image of this width; None if it is not known."""
+        if self.hfov_deg is not None:
+            return focal_px_of_hfov(float(self.hfov_deg), width)
+        return None if self.focal_px is None else float(self.focal_px)
 
     def centre_for(self, width: int, height: int) -> tuple[float, float] | None:
-        """The principal point in pixels of a picture; None if it is not given.
+        """The principal point in pixels of an image, which may be resized; None for its middle.
 
         Raises:
-            InputError: the calibration is for another aspect ratio.
+            InputError: the image has another aspect ratio, so it is cropped or turned.
         """
-        if self.calibration is None:
+        if self.size_px is None or self.centre_px is None:
             return self.centre_px
-        return self.calibration.centre_for(width, height)
+        own_width, own_height = self.size_px
+        # One side may be rounded to whole pixels.
+        if abs(width * own_height - height * own_width) >= max(own_width, own_height):
+            raise InputError(
+                f"the calibration is for {own_width}×{own_height} pixels, and the image of "
+                f"{width}×{height} has another aspect ratio; give its own focal length and "
+                "principal point"
+            )
+        scale = width / own_width
+        x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)
+        return x, y
 
-    def pixel_aspect_of(self, stated: float) -> float:
-        """Width by height of a pixel: that of the calibration, else what the picture states."""
-        return stated if self.calibration is None else self.calibration.pixel_aspect
-
-    def with_lens(self, lens: Lens | None) -> Self:
-        """The same camera with what is known of one picture's."""
-        if lens is None:
+    def of_image(self, own: "Intrinsics | None") -> "Intrinsics":
+        """The camera of one image, of which another may be known, that has no principal point."""
+        if own is None:
             return self
-        centre_px = lens.centre_px or self.centre_px
-        return replace(self, focal_px=lens.focal_px, hfov_deg=lens.hfov_deg, centre_px=centre_px)
+        return replace(own, centre_px=own.centre_px or self.centre_px)
+
+
+UNKNOWN_CAMERA = Intrinsics()
+"""Nothing is known but what the image's file states."""
+
+
+def _holds(rule: Callable[[float], object], value: float) -> bool:
+    """Whether a value is one number, not text or several numbers, and satisfies a rule."""
+    try:
+        return getattr(value, "ndim", 0) == 0 and bool(rule(value))
+    except (TypeError, ValueError):
+        return False
+
+
+def _point(centre_px: tuple[float, float]) -> tuple[float, float]:
+    try:
+        x, y = (float(value) for value in centre_px)
+    except (TypeError, ValueError):
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise UsageError(f"a principal point is (cx, cy) in pixels, not {short_repr(centre_px)}")
+    return x, y
+
+
+def focal_px_of_hfov(hfov_deg: float, width: int) -> float:
+    """Focal length in pixels of an image ``width`` pixels wide, of a field of view in degrees."""
+    return width / 2 / math.tan(math.radians(hfov_deg) / 2)
+
+
+def hfov_deg(focal_px: float, width: int) -> float:
+    """Horizontal field of view in degrees of a focal length in pixels."""
+    return math.degrees(2 * math.atan(width / 2 / focal_px))
+
+
+def focal_px_of_35mm(focal_35mm: float, width: float, height: float) -> float:
+    """Focal length in square pixels of an EXIF 35-mm equivalent, for which diagonals are equal.
+
+    Source: CIPA DCG-001, which EXIF's tag FocalLengthIn35mmFilm follows: the angle of view over the
+    diagonal of the image is that of a lens of this focal length on a frame of 36 x 24 mm.
+    """
+    return focal_35mm * math.hypot(width, height) / _FILM_DIAGONAL_MM

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.map_camera import with_centre
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import UsageError
 
@@ -40,28 +39,25 @@ class PointCloud:
 def point_cloud(
     depth: DepthMap,
     focal_px: float,
-    *,
-    centre_px: tuple[float, float] | None = None,
     frame: Frame | None = None,
 ) -> PointCloud:
     """Every pixel with depth as a point, by the pinhole camera.
 
+    The principal point is the one that the map states, else the middle of the map.
+
     Args:
         depth: a metric map.
         focal_px: focal length in pixels of the map; if they are not square, in widths of them.
-        centre_px: (cx, cy), the principal point, where (0, 0) is the middle of the first pixel, as
-            OpenCV's and ROS's calibrations have it; None for the one that the map states, else the
-            middle of the map.
         frame: the picture, for colours.
 
     Raises:
-        UsageError: the map has no metres, or the principal point is not two numbers.
+        UsageError: the map has no metres.
     """
     if not depth.is_metric:
         raise UsageError(
             f"a point cloud needs metres, and {depth.kind} depth has none; fit it to anchors"
         )
-    source = with_centre(depth, centre_px).provenance or Provenance()
+    source = depth.provenance or Provenance()
     centre_x, centre_y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
     valid = depth.valid
     rows, columns = np.nonzero(valid)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import Anchor
+from depthcli.core.camera import Anchor, CameraSource
 from depthcli.core.pixel_aspect import PIXEL_ASPECTS
 from depthcli.core.pixels import check_pixels
 from depthcli.core.windows import Windows
@@ -27,17 +27,6 @@ class DepthKind(StrEnum):
     """Depth up to an unknown scale and shift; larger is farther."""
     INVERSE = "inverse"
     """Inverse depth up to an unknown scale and shift; larger is nearer."""
-
-
-class CameraSource(StrEnum):
-    """Where a focal length comes from."""
-
-    OPTION = "option"
-    """It was given."""
-    EXIF = "exif"
-    """The picture's file states it."""
-    CARD = "card"
-    """Assumed: that of the camera that the model was trained for."""
 
 
 def has_depth(

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import Lens
+from depthcli.core.camera import UNKNOWN_CAMERA
 from depthcli.datasets.files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
@@ -161,7 +161,7 @@ def _focal_lengths(path: Path, ids: tuple[str, ...]) -> tuple[float, ...]:
         lenses = read_lenses(path)
     except InputError as error:
         raise DatasetError(str(error)) from error
-    found = [lenses.get(pair_id, Lens()).focal_px for pair_id in ids]
+    found = [lenses.get(pair_id, UNKNOWN_CAMERA).focal_px for pair_id in ids]
     if None in found:
         missing = ids[found.index(None)]
         raise DatasetError(

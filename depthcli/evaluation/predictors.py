@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.camera import Intrinsics
 from depthcli.core.choices import DEFAULT_DETAIL, Detail
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -36,15 +37,15 @@ class Sample:
 
     Attributes:
         id: its name in the data set.
-        focal_px: focal length in pixels of the image; None if unknown.
-        hfov_deg: horizontal field of view of the data set's camera in degrees; None if unknown.
+        camera: what the data set states of its camera.
     """
 
     def __init__(self, dataset: DepthDataset, position: int) -> None:
         self.id = dataset.ids[position]
         focal_px = dataset.focal_px if isinstance(dataset, HasFocalLengths) else ()
-        self.focal_px = focal_px[position] if focal_px else None
-        self.hfov_deg = dataset.hfov_deg if isinstance(dataset, HasCamera) else None
+        own_px = focal_px[position] if focal_px else None
+        hfov_deg = dataset.hfov_deg if isinstance(dataset, HasCamera) else None
+        self.camera = Intrinsics.given(own_px, None if own_px else hfov_deg)
         self._dataset, self._position = dataset, position
 
     @cached_property
@@ -108,8 +109,7 @@ class ModelPredictor:
         Raises:
             DepthcliError: the model failed.
         """
-        hfov_deg = None if sample.focal_px else sample.hfov_deg
-        return self.pipeline.predict(sample.frame, focal_px=sample.focal_px, hfov_deg=hfov_deg)
+        return self.pipeline.predict(sample.frame, sample.camera).depth
 
 
 def open_model(loader: SessionLoader, detail: Detail = DEFAULT_DETAIL) -> ModelPredictor:

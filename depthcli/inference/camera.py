@@ -1,27 +1,17 @@
-"""The camera of a picture, and the scale of a model's metres that were learned from another camera.
+"""The camera of an image, and the scale of a model's metres that were learned from another camera.
 
 A network that was trained on one camera is right up to the ratio of focal lengths: that of the
-picture after resizing to that of the training, both in pixels of the network's input. Where
+image after resizing to that of the training, both in pixels of the network's input. Where
 resizing stretches, the focal length is the geometric mean over both axes.
 """
 
 import math
-from typing import NamedTuple
 
-from depthcli.core import scaling
-from depthcli.core.camera import Lens
-from depthcli.core.types import CameraSource, DepthKind, Frame
+from depthcli.core.camera import CameraSource, Intrinsics, focal_px_of_35mm, focal_px_of_hfov
+from depthcli.core.types import DepthKind, Frame
 from depthcli.inference.preprocess import Layout
 from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import CameraSpec, InputSpec
-
-
-class PictureCamera(NamedTuple):
-    """The camera of one picture."""
-
-    focal_px: float  #: focal length in pixels of the picture, in widths of them
-    source: CameraSource  #: where that comes from
-    scale: float = 1.0  #: what the network's metres are multiplied by
 
 
 def metric_camera(card: ModelCard) -> CameraSpec | None:
@@ -29,31 +19,60 @@ def metric_camera(card: ModelCard) -> CameraSpec | None:
     return card.camera if card.output.kind is DepthKind.METRIC else None
 
 
-def focal_warnings(card: ModelCard, lens: Lens) -> tuple[str, ...]:
+def focal_warnings(card: ModelCard, camera: Intrinsics) -> tuple[str, ...]:
     """A warning if a given focal length does not scale the model's depth; else none."""
-    if (lens.focal_px is None and lens.hfov_deg is None) or metric_camera(card) is not None:
+    if not camera.has_focal or metric_camera(card) is not None:
         return ()
     no_camera = f"model {card.name!r} gives no metres of a known camera"
     return (f"{no_camera}: the focal length is used for point clouds, and does not scale depth",)
 
 
-def camera_of(card: ModelCard, frame: Frame, layout: Layout, lens: Lens) -> PictureCamera | None:
-    """The camera of a picture; None if none is known.
+def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsics:
+    """The camera of an image, in its pixels.
 
-    That of the given lens, else the one in its EXIF, else that of the card.
+    Its focal length is the given one, else that of the image's EXIF, else that of the camera that
+    the model learned; None if none is known.
+
+    Raises:
+        InputError: the given camera is for another aspect ratio.
     """
-    known = _stated_camera(frame, lens)
+    aspect = frame.pixel_aspect if given.pixel_aspect is None else given.pixel_aspect
+    width, height = frame.display_size_px
+    focal_px, source = given.focal_for(width), CameraSource.OPTION
+    if focal_px is None and frame.focal_35mm is not None:
+        square_px = focal_px_of_35mm(frame.focal_35mm, width * aspect, height)
+        focal_px, source = square_px / aspect, CameraSource.EXIF
     learned = metric_camera(card)
-    if learned is None:
-        return known
-    camera = known or _assumed(card.input, learned, frame)
+    if focal_px is None and learned is not None:
+        focal_px = _assumed_focal_px(card.input, learned, width * aspect, height) / aspect
+        source = CameraSource.CARD
+    return Intrinsics(
+        focal_px,
+        centre_px=given.centre_for(width, height),
+        pixel_aspect=aspect,
+        source=None if focal_px is None else source,
+    )
+
+
+def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsics) -> float:
+    """The factor from the network's metres to those of an image's camera; 1 for other depth.
+
+    Args:
+        card: the model's.
+        frame: the image, with the pixel aspect of its camera.
+        layout: its position in the network's input.
+        camera: of :func:`intrinsics_of`.
+    """
+    learned = metric_camera(card)
+    if learned is None or camera.focal_px is None:
+        return 1.0
     seen_px = camera.focal_px * _resize_factor(card.input, frame, layout)
-    return camera._replace(scale=seen_px / learned_focal_px(card.input, learned))
+    return seen_px / learned_focal_px(card.input, learned)
 
 
 def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
     """The focal length that a model learned, in pixels of its input."""
-    return scaling.focal_px_of_hfov(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
+    return focal_px_of_hfov(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
 
 
 def _resize_factor(spec: InputSpec, frame: Frame, layout: Layout) -> float:
@@ -67,30 +86,14 @@ def _resize_factor(spec: InputSpec, frame: Frame, layout: Layout) -> float:
     return min(across * root, down / root)
 
 
-def _stated_camera(frame: Frame, lens: Lens) -> PictureCamera | None:
-    if lens.focal_px is not None:
-        return PictureCamera(float(lens.focal_px), CameraSource.OPTION)
-    width, height = frame.display_size_px
-    if lens.hfov_deg is not None:
-        in_px = scaling.focal_px_of_hfov(float(lens.hfov_deg), width)
-        return PictureCamera(in_px, CameraSource.OPTION)
-    if frame.focal_35mm is not None:
-        aspect = frame.pixel_aspect
-        in_px = scaling.focal_px_of_35mm(frame.focal_35mm, width * aspect, height)
-        return PictureCamera(in_px / aspect, CameraSource.EXIF)
-    return None
+def _assumed_focal_px(spec: InputSpec, camera: CameraSpec, width: float, height: float) -> float:
+    """Focal length of the camera that a model learned, for an image in square pixels.
 
-
-def _assumed(spec: InputSpec, camera: CameraSpec, frame: Frame) -> PictureCamera:
-    """The camera that a model learned, for a picture of any shape.
-
-    A picture with another aspect is assumed to be the largest crop of that camera's, in landscape
+    An image with another aspect is assumed to be the largest crop of that camera's, in landscape
     or portrait; docs/accuracy.md has measurements of alternatives.
     """
     aspect = spec.width / spec.height * spec.pixel_aspect
-    width, height = frame.display_size_px
-    short, long = sorted((width * frame.pixel_aspect, height))
+    short, long = sorted((width, height))
     long_px = max(long, short * max(aspect, 1 / aspect))
     width_px = long_px if aspect >= 1 else long_px * aspect
-    focal_px = width_px * scaling.focal_px_of_hfov(camera.hfov_deg, 1)
-    return PictureCamera(focal_px / frame.pixel_aspect, CameraSource.CARD)
+    return width_px * focal_px_of_hfov(camera.hfov_deg, 1)

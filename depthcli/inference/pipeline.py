@@ -1,18 +1,22 @@
-"""From a picture to its depth map: preprocessing, network, postprocessing."""
+"""From an image to its finished depth map, for every command and the Python API."""
 
 import math
 import os
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core import scaling
-from depthcli.core.camera import Lens
+from depthcli.core.anchor_fit import fitted, lost_in_fit
+from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.choices import AUTO_TILE, DEFAULT_DETAIL, Detail
+from depthcli.core.overscan import masked_to_data_window
+from depthcli.core.summary import flat_warnings
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import InputError, ModelError
-from depthcli.inference.camera import PictureCamera, camera_of
+from depthcli.inference.camera import intrinsics_of, metric_scale
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.postprocess import coarse_depth, full_size
 from depthcli.inference.preprocess import Layout, prepare
@@ -22,6 +26,14 @@ from depthcli.models.card import ModelCard
 from depthcli.models.card_specs import InputSpec
 
 _MAX_CELLS_A_PIXEL = 4  # of a tiled map; more show nothing of the picture
+
+
+class Prediction(NamedTuple):
+    """The depth of an image."""
+
+    #: of every pixel of its frame, also of those outside the display window of an EXR
+    depth: DepthMap
+    warnings: tuple[str, ...]  #: about the map and its fit to known points, one line each
 
 
 class Pipeline:
@@ -42,94 +54,103 @@ class Pipeline:
         return self.session.model.card
 
     def predict(
-        self, frame: Frame, *, focal_px: float | None = None, hfov_deg: float | None = None
-    ) -> DepthMap:
-        """Depth of every pixel of a picture.
+        self,
+        frame: Frame,
+        camera: Intrinsics = UNKNOWN_CAMERA,
+        anchors: AnchorPoints | None = None,
+    ) -> Prediction:
+        """Depth of every pixel of an image.
 
-        A model that was trained on one camera is right only for that camera. If the picture's own
+        A model that was trained on one camera is right only for that camera. If the image's own
         is known, metres are scaled by the ratio of focal lengths. If the model states no
         camera, or gives no metres, the focal length is only stated in the map's provenance.
 
         Args:
-            frame: the picture.
-            focal_px: focal length in pixels of the picture.
-            hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
-                the 35-mm focal length in the picture's EXIF is used, if it is there; else the
-                model's own camera is assumed. The map's provenance says which.
-
-        Returns:
-            (H, W) at the picture's size, of the card's kind.
+            frame: the image.
+            camera: what is known of its camera. Without a focal length, the 35-mm focal length in
+                the image's EXIF is used, if it is there; else the model's own camera is assumed.
+                The map's provenance says which.
+            anchors: known depth that the metres are fitted to; None to keep those of the model.
 
         Raises:
-            InputError: the tiles are too small for the picture.
+            InputError: the tiles are too small for the image, or the camera or the anchors do not
+                fit it.
             ModelError: the network failed.
-            UsageError: the focal length is not valid.
         """
-        return self.predict_many((frame,), focal_px=focal_px, hfov_deg=hfov_deg)[0]
+        return self._predict_batch([frame], [camera], [anchors])[0]
 
     def predict_many(
         self,
         frames: Sequence[Frame],
-        *,
-        focal_px: float | None = None,
-        hfov_deg: float | None = None,
-        lenses: Sequence[Lens | None] = (),
-    ) -> list[DepthMap]:
-        """Depth of several pictures; those with the same input size are run as one batch.
+        cameras: Sequence[Intrinsics] = (),
+        anchors: Sequence[AnchorPoints | None] = (),
+    ) -> list[Prediction | Exception]:
+        """Depth of several images; those with the same input size are run as one batch.
 
         Args:
-            frames: the pictures, of any sizes.
-            focal_px: as in :meth:`predict`, for each picture.
-            hfov_deg: as in :meth:`predict`, for each picture.
-            lenses: the own focal length of each picture, instead; None where ``focal_px`` and
-                ``hfov_deg`` apply. Empty if they apply to all.
+            frames: the images, of any sizes.
+            cameras: as in :meth:`predict`, for each image; empty if none is known.
+            anchors: as in :meth:`predict`, for each image; empty for none.
 
         Returns:
-            What :meth:`predict` returns for each, in their order.
-
-        Raises:
-            InputError: the tiles are too small for a picture.
-            ModelError: the network failed.
-            UsageError: the focal length is not valid.
+            What :meth:`predict` returns for each, in their order, or the error that it raises.
         """
+        cameras = cameras or [UNKNOWN_CAMERA] * len(frames)
+        anchors = anchors or [None] * len(frames)
+        try:
+            return [*self._predict_batch(frames, cameras, anchors)]
+        except Exception as error:  # noqa: BLE001 - no image may stop the others
+            if len(frames) == 1:
+                return [error]
+        tasks = zip(frames, cameras, anchors, strict=True)
+        return [self.predict_many([f], [c], [a])[0] for f, c, a in tasks]
+
+    def _predict_batch(
+        self,
+        frames: Sequence[Frame],
+        cameras: Sequence[Intrinsics],
+        anchors: Sequence[AnchorPoints | None],
+    ) -> list[Prediction]:
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
-        given = Lens(focal_px, hfov_deg)
-        own = [lens or given for lens in lenses or [None] * len(frames)]
-        for lens in (given, *own):
-            scaling.check_camera(lens.focal_px, lens.hfov_deg)
+        own = [intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
+        frames = [
+            frame.with_pixel_aspect(camera.pixel_aspect or frame.pixel_aspect)
+            for frame, camera in zip(frames, own, strict=True)
+        ]
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
+        layouts = [layout for _, layout in prepared]
         return [
-            self._finish(frame, raw, layout, camera_of(self.card, frame, layout, lens))
-            for frame, raw, (_, layout), lens in zip(frames, raws, prepared, own, strict=True)
+            _finished(self._model_depth(frame, raw, layout, camera), frame, points)
+            for frame, raw, layout, camera, points in zip(
+                frames, raws, layouts, own, anchors, strict=True
+            )
         ]
 
-    def _finish(
-        self,
-        frame: Frame,
-        raw: npt.NDArray[np.float32],
-        layout: Layout,
-        camera: PictureCamera | None,
+    def _model_depth(
+        self, frame: Frame, raw: npt.NDArray[np.float32], layout: Layout, camera: Intrinsics
     ) -> DepthMap:
+        """Depth at the image's size, as the model and the camera give it."""
         coarse = coarse_depth(self.card.output, raw, layout)
         if not np.isfinite(coarse).any():
             raise ModelError(
-                f"{self.session.model.path} gives no depth for {frame.path or 'a picture'}: "
-                "not one number is finite; use another model, or export it again"
+                f"{self.session.model.path} gives no depth for {frame.path or 'an image'}: "
+                "not one number is finite",
+                "use another model, or export it again",
             )
         tile_px, radius = tile_width_px(self.card.input, frame, self.detail), 1
         if tile_px is not None:
-            from depthcli.inference.tiles import refine  # noqa: PLC0415 - few pictures need it
+            from depthcli.inference.tiles import refine  # noqa: PLC0415 - few images need it
 
             columns = coarse.shape[1]
             coarse = refine(self.card.output, coarse, frame, tile_px, self._coarse)
             radius = math.ceil(coarse.shape[1] / columns)
         values = full_size(self.card.output, coarse, frame, self.detail.upsampling, radius)
-        if camera is not None and camera.scale != 1:
-            values *= np.float32(camera.scale)
-        source = self._provenance(frame, layout, camera)
-        return DepthMap(values, self.card.output.kind, source)
+        scale = metric_scale(self.card, frame, layout, camera)
+        if scale != 1:
+            values *= np.float32(scale)
+        return DepthMap(values, self.card.output.kind, self._provenance(frame, layout, camera))
 
     def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
         batch, layout = prepare(self.card.input, frame)
@@ -147,17 +168,27 @@ class Pipeline:
             outputs |= zip(members, self.session.run(batch), strict=True)
         return [outputs[i] for i in range(len(inputs))]
 
-    def _provenance(self, frame: Frame, layout: Layout, camera: PictureCamera | None) -> Provenance:
+    def _provenance(self, frame: Frame, layout: Layout, camera: Intrinsics) -> Provenance:
         return Provenance(
             model=self.card.name,
             model_sha256=self.session.model.sha256,
             input_size_px=(layout.width, layout.height),
-            focal_px=camera.focal_px if camera else None,
+            focal_px=camera.focal_px,
             orientation=frame.orientation,
-            camera_source=camera.source if camera else None,
+            camera_source=camera.source,
+            centre_px=camera.centre_px,
             time_s=frame.timestamp_s,
             pixel_aspect=frame.pixel_aspect,
         )
+
+
+def _finished(depth: DepthMap, frame: Frame, anchors: AnchorPoints | None) -> Prediction:
+    """Depth without any where the file has no pixels, fitted to known points."""
+    flat = flat_warnings(depth)
+    depth = masked_to_data_window(depth, frame.windows)
+    found = fitted(depth, anchors, frame.windows)
+    of_anchors = anchors.warnings if anchors else ()
+    return Prediction(found, (*flat, *of_anchors, *lost_in_fit(depth, found)))
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from depthcli.core.calibration import Calibration
-from depthcli.core.camera_ranges import FOCAL_PX
+from depthcli.core.camera import FOCAL_PX, Intrinsics, hfov_deg
 from depthcli.errors import InputError
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.native_log import silent_opencv
@@ -31,7 +30,7 @@ _ENDS = (b"---", b"...")
 """Lines at which a YAML document ends."""
 
 
-def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -> Calibration:
+def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -> Intrinsics:
     """A calibration in ``camera_info`` YAML of ROS, or in YAML, XML or JSON of OpenCV.
 
     Of a ``CameraInfo`` with a region of interest, it is the camera of the pictures of that region.
@@ -67,7 +66,14 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
     is_square = abs(fy / fx - 1) <= _SQUARE
     focal_px, aspect = (math.sqrt(fx * fy), 1.0) if is_square else (fx, fy / fx)
     is_distorted = not rectified and _is_distorted(root)
-    return Calibration(int(width), int(height), focal_px, (cx, cy), is_distorted, aspect)
+    return Intrinsics(
+        focal_px,
+        hfov_deg=hfov_deg(focal_px, int(width)),
+        centre_px=(cx, cy),
+        size_px=(int(width), int(height)),
+        pixel_aspect=aspect,
+        is_distorted=is_distorted,
+    )
 
 
 def _matrix_rows(root: cv2.FileStorage, path: Path, *, rectified: bool) -> list[list[float]]:

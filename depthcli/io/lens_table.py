@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from depthcli.core.camera import Lens
-from depthcli.core.camera_ranges import CENTRE_PX, FOCAL_PX, HFOV_DEG
+from depthcli.core.camera import CENTRE_PX, FOCAL_PX, HFOV_DEG, UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.text import short_repr
 from depthcli.errors import InputError
 from depthcli.io.csv_table import CsvRow, CsvTable
@@ -15,7 +14,7 @@ _RULES = {"focal_px": FOCAL_PX, "hfov_deg": HFOV_DEG, "cx": CENTRE_PX, "cy": CEN
 _MAX_BYTES = 256 * 2**20
 
 
-def read_lenses(path: Path) -> dict[str, Lens]:
+def read_lenses(path: Path) -> dict[str, Intrinsics]:
     """The camera of each id.
 
     The first line names the columns: ``id``, and ``focal_px`` (pixels of the picture), ``hfov_deg``
@@ -34,13 +33,13 @@ def read_lenses(path: Path) -> dict[str, Lens]:
     table = CsvTable(data, str(path))
     if ID not in table.columns or _FOCAL.isdisjoint(table.columns):
         raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
-    found: dict[str, Lens] = {}
+    found: dict[str, Intrinsics] = {}
     for row in table:
         _add(found, row)
     return found
 
 
-def _add(found: dict[str, Lens], row: CsvRow) -> None:
+def _add(found: dict[str, Intrinsics], row: CsvRow) -> None:
     focal_px, hfov_deg, cx, cy = (
         row.number(column, rule) if row.cells.get(column) else None
         for column, rule in _RULES.items()
@@ -48,8 +47,8 @@ def _add(found: dict[str, Lens], row: CsvRow) -> None:
     if (cx is None) != (cy is None):
         raise row.error("give cx and cy, or neither")
     centre_px = None if cx is None or cy is None else (cx, cy)
-    lens = Lens(focal_px, None if focal_px is not None else hfov_deg, centre_px)
-    if lens == Lens():
+    lens = Intrinsics(focal_px, None if focal_px is not None else hfov_deg, centre_px)
+    if lens == UNKNOWN_CAMERA:
         return
     name = row.cells[ID].removeprefix("./")
     if not name:

@@ -129,7 +129,7 @@ def peak_memory_mb() -> float | None:
 
 def _predict_and_write(pipeline: Pipeline, picture: bytes, path: Path) -> None:
     frame = read_image(None, picture)
-    Png16Writer().write(pipeline.predict(frame), path, frame)
+    Png16Writer().write(pipeline.predict(frame).depth, path, frame)
 
 
 def _throughput(

@@ -5,11 +5,12 @@ from typing import Self
 
 import numpy as np
 
-from depthcli.core.camera import Camera
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.map_camera import with_centre, with_focal
+from depthcli.core.map_camera import with_camera
 from depthcli.core.overscan import displayed_frame
-from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.core.picture_options import AS_STATED, ReadOptions
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth
@@ -34,8 +35,8 @@ class ConvertRequest:
     format: Format | None = None  #: of the target; None to take it from the suffix
     scale: float | None = None  #: units per metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
-    #: instead of that of the source, and how the picture is read; depth is not changed
-    camera: Camera = field(default_factory=Camera)
+    camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
+    reading: ReadOptions = AS_STATED  #: how the picture is read
     #: of the same size, for the colours of a point cloud, or beside a preview
     picture: str | None = None
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
@@ -90,7 +91,7 @@ def convert(request: ConvertRequest) -> ConvertResult:
 def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
     wanted = target_format(request.target, request.format)
-    shown = _with_camera(stored.displayed, request.camera)
+    shown = with_camera(stored.displayed, request.camera)
     given = None if request.picture is None else _colours(request, request.picture, shown)
     picture = given
     if wanted.facts.has_overscan:
@@ -144,20 +145,9 @@ def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOpti
     return replace(writing, png_scale=stored.scale.units_per_metre)
 
 
-def _with_camera(depth: DepthMap, camera: Camera) -> DepthMap:
-    """The same depth with the given camera instead of the stated one."""
-    depth = with_centre(depth, camera.centre_for(depth.width, depth.height))
-    depth = with_focal(depth, camera.focal_px, camera.hfov_deg)
-    source = depth.provenance or Provenance()
-    aspect = camera.pixel_aspect_of(source.pixel_aspect)
-    if aspect == source.pixel_aspect:
-        return depth
-    return replace(depth, provenance=replace(source, pixel_aspect=aspect))
-
-
 def _colours(request: ConvertRequest, picture: str, depth: DepthMap) -> Frame:
     limit = max(MAX_PIXELS, depth.values.size)
-    options = request.camera.pictures._asdict()
+    options = request.reading._asdict()
     frame = displayed_frame(read_image(picture, max_pixels=limit, **options))
     if (frame.width, frame.height) != (depth.width, depth.height):
         raise InputError(

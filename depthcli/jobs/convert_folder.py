@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
-from depthcli.core.camera import Camera
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.parallel.opencv_threads import one_thread_each
 from depthcli.core.parallel.ordered_map import ordered_map
 from depthcli.errors import DepthcliError, InputError, UsageError
@@ -46,7 +46,7 @@ class ConvertFolderRequest:
     wanted: NameFilter = ANY  #: the files to convert
     scale: float | None = None  #: units per metre of the inputs; None for what each states
     #: instead of that of each input; depth is not changed
-    camera: Camera = field(default_factory=Camera)
+    camera: Intrinsics = UNKNOWN_CAMERA
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the format
     overwrite: bool = False  #: whether outputs may replace files of other programs
     workers: int = 1  #: files converted in parallel

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, TypeAlias
 
-from depthcli.core.camera_ranges import HFOV_DEG
+from depthcli.core.camera import HFOV_DEG
 from depthcli.core.codec import DepthCodec, Transform
 from depthcli.core.types import DepthKind
 from depthcli.core.validation import Rule

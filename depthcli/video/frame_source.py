@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
+from depthcli.core.picture_options import AS_STATED, ReadOptions
 from depthcli.errors import InputError
 from depthcli.io.storage.remote import path_of
 from depthcli.video.number_pattern import is_pattern
@@ -36,7 +36,7 @@ def open_frames(
     *,
     rate: Fraction | None = None,
     max_pixels: int = MAX_PIXELS,
-    options: PictureOptions = NO_OPTIONS,
+    options: ReadOptions = AS_STATED,
 ) -> FrameSource:
     """Open a video or a sequence.
 

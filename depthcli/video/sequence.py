@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
+from depthcli.core.picture_options import AS_STATED, ReadOptions
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window
 from depthcli.errors import InputError, Message
@@ -37,7 +37,7 @@ class ImageSequence(FrameSource):
         *,
         rate: Fraction | None = None,
         max_pixels: int = MAX_PIXELS,
-        options: PictureOptions = NO_OPTIONS,
+        options: ReadOptions = AS_STATED,
     ) -> None:
         """Find the pictures of a folder or of a pattern such as ``%04d``.
 

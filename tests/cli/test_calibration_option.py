@@ -11,7 +11,6 @@ from folders import rows
 from tiny import synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.core.calibration import Calibration
 from depthcli.core.camera import Camera
 
 if TYPE_CHECKING:

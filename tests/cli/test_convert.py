@@ -13,8 +13,9 @@ import typer
 from tiny import write_picture
 
 from depthcli.cli.shell import load_command
+from depthcli.core.camera import CameraSource
 from depthcli.core.map_camera import with_centre
-from depthcli.core.types import CameraSource, DepthKind, DepthMap, Provenance
+from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter

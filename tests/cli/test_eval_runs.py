@@ -104,7 +104,7 @@ def _plainly(model: Path, data: Path) -> dict[str, float]:
     abs_rel, d1 = [], []
     for i in (dataset.ids.index(name) for name in HELD_OUT):
         truth = dataset.depth_m(i).ravel().tolist()
-        depth = pipeline.predict(Frame(dataset.image(i))).values.ravel().tolist()
+        depth = pipeline.predict(Frame(dataset.image(i))).depth.values.ravel().tolist()
         pairs = [(g, min(max(p, 1e-3), 10.0)) for g, p in zip(truth, depth, strict=True)]
         pairs = [(g, p) for g, p in pairs if 1e-3 < g < 10]
         abs_rel.append(sum(abs(g - p) / g for g, p in pairs) / len(pairs))

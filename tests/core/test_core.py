@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from depthcli.core.camera import focal_px_of_35mm, focal_px_of_hfov, hfov_deg
 from depthcli.core.codec import DepthCodec, Transform
 from depthcli.core.colour import luma, rgb, value_channel
 from depthcli.core.resize import resize_area, resize_bilinear
-from depthcli.core.scaling import focal_px_of_35mm, focal_px_of_hfov, hfov_deg
 from depthcli.errors import UsageError
 
 RANDOM = np.random.default_rng(3)

@@ -13,7 +13,7 @@ import pytest
 from tiny import write_model
 
 from depthcli.cli.app import main
-from depthcli.core.scaling import focal_px_of_hfov
+from depthcli.core.camera import focal_px_of_hfov
 from depthcli.errors import ExitCode
 from depthcli.evaluation.evaluate import scene_interval
 

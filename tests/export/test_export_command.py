@@ -174,7 +174,7 @@ def test_int8_is_small_and_close_on_pictures(
     apart = max(float(np.abs(_raw(small, x) - _raw(whole, x)).max()) for x in inputs)
     assert apart == pytest.approx(done["max_abs"], abs=1e-4)
     float_m, int8_m = (
-        load(str(path), provider="cpu").predict(Frame(synthetic_picture())).values
+        load(str(path), provider="cpu").predict(Frame(synthetic_picture())).depth.values
         for path in (whole, small)
     )
     assert int8_m.shape == (48, 64)

@@ -12,10 +12,11 @@ import pytest
 from tiny import write_model
 
 import depthcli
-from depthcli.core.camera import Lens
+from depthcli.core.camera import Intrinsics
+from depthcli.core.camera import CameraSource, Lens
 from depthcli.core.choices import Detail
 from depthcli.core.point_cloud import point_cloud
-from depthcli.core.types import CameraSource, Frame, Provenance
+from depthcli.core.types import Frame, Provenance
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
 from depthcli.inference.preprocess import input_layout
@@ -52,7 +53,7 @@ def test_metres_follow_the_focal_length_that_the_network_sees(
     tmp_path: Path, fit: dict[str, object], shape: tuple[int, int]
 ) -> None:
     pipeline, (width, height) = model(tmp_path, **fit), shape
-    depth = pipeline.predict(black(width, height), focal_px=50)
+    depth = pipeline.predict(black(width, height), Intrinsics(focal_px=50)).depth
     place = input_layout(pipeline.card.input, width, height)
     across, down = place.width / width, place.height / height
     seen_px = 50 * (min(across, down) if place.is_padded else math.sqrt(across * down))
@@ -65,10 +66,10 @@ def test_the_assumed_camera_counts_as_if_it_had_been_given(
     tmp_path: Path, fit: dict[str, object], shape: tuple[int, int]
 ) -> None:
     pipeline = model(tmp_path, **fit)
-    plain = pipeline.predict(black(*shape))
+    plain = pipeline.predict(black(*shape)).depth
     assert plain.provenance is not None
     assert plain.provenance.camera_source is CameraSource.CARD
-    same = pipeline.predict(black(*shape), focal_px=plain.provenance.focal_px)
+    same = pipeline.predict(black(*shape), Intrinsics(focal_px=plain.provenance.focal_px)).depth
     np.testing.assert_array_equal(plain.values, same.values)
 
 
@@ -86,11 +87,11 @@ def test_squeezed_pictures_have_the_metres_and_the_points_of_square_ones(
     pipeline, (width, height) = model(tmp_path, **fit), shape
     given, exif = camera.copy(), camera.get("exif")
     given.pop("exif", None)
-    square = pipeline.predict(black(width, height, focal_35mm=exif), **given)
+    square = pipeline.predict(black(width, height, focal_35mm=exif), Intrinsics(**given)).depth
     if "focal_px" in given:
         given["focal_px"] /= aspect
     squeezed = black(round(width / aspect), height, focal_35mm=exif, pixel_aspect=aspect)
-    depth = pipeline.predict(squeezed, **given)
+    depth = pipeline.predict(squeezed, Intrinsics(**given)).depth
     assert depth.provenance is not None
     assert square.provenance is not None
     assert depth.provenance.input_size_px == square.provenance.input_size_px
@@ -113,7 +114,7 @@ def test_squeezed_pictures_have_the_metres_and_the_points_of_square_ones(
 def test_pictures_of_the_learned_shape_keep_the_network_s_metres(
     tmp_path: Path, fit: dict[str, object], size: tuple[int, int]
 ) -> None:
-    np.testing.assert_array_equal(model(tmp_path, **fit).predict(black(*size)).values, 1)
+    np.testing.assert_array_equal(model(tmp_path, **fit).predict(black(*size)).depth.values, 1)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +136,7 @@ def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_pictures(
     hfov_deg = math.degrees(2 * math.atan(0.75 * math.tan(math.radians(30)))) if upright else 60
     turned = {"input__width": 12, "input__height": 16} if upright else {}
     pipeline = model(tmp_path, camera={"hfov_deg": hfov_deg}, **turned)
-    source = pipeline.predict(black(*size)).provenance
+    source = pipeline.predict(black(*size)).depth.provenance
     assert source is not None
     assert source.focal_px == pytest.approx(from_px / 2 / math.tan(math.radians(30)))
 
@@ -146,11 +147,11 @@ def test_a_network_that_learned_squeezed_pictures(tmp_path: Path, fit: str) -> N
     squeezed = {"input__width": 12, "input__fit": fit, "input__pixel_aspect": 4 / 3}
     pipeline = model(tmp_path, **squeezed)
     learned_px = 20 / math.tan(math.radians(30))
-    depth = pipeline.predict(black(40, 30), focal_px=learned_px)
+    depth = pipeline.predict(black(40, 30), Intrinsics(focal_px=learned_px)).depth
     assert depth.provenance is not None
     assert depth.provenance.input_size_px == (12, 12)
     np.testing.assert_allclose(depth.values, 1, rtol=1e-6)
-    assumed = pipeline.predict(black(40, 30)).provenance
+    assumed = pipeline.predict(black(40, 30)).depth.provenance
     assert assumed is not None
     assert assumed.focal_px == pytest.approx(learned_px)
     assert '"pixel_aspect": 1.3333333333333333' in pipeline.card.to_json()
@@ -161,17 +162,17 @@ def test_a_network_of_squeezed_pixels_keeps_them_in_a_letterbox(tmp_path: Path) 
     squeezed = {"input__width": 12, "input__dynamic": False, "input__pixel_aspect": 4 / 3}
     pipeline = model(tmp_path, input__fit="keep-aspect", **squeezed)
     pixels = np.tile(np.linspace(0, 255, 40).astype(np.uint8), (15, 1))
-    depth = pipeline.predict(Frame(pixels), focal_px=20 / math.tan(math.radians(30)))
+    depth = pipeline.predict(Frame(pixels), Intrinsics(focal_px=20 / math.tan(math.radians(30)))).depth
     np.testing.assert_allclose(depth.values, 1 + 8 / 255 * pixels, atol=0.5)
 
 
 def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: Path) -> None:
     pipeline, frame = model(tmp_path), black(40, 30, focal_35mm=50.0)
     sources = [
-        pipeline.predict(frame, focal_px=40).provenance,
-        pipeline.predict(frame, hfov_deg=90).provenance,
-        pipeline.predict(frame).provenance,
-        pipeline.predict(black(40, 30)).provenance,
+        pipeline.predict(frame, Intrinsics(focal_px=40)).depth.provenance,
+        pipeline.predict(frame, Intrinsics(hfov_deg=90)).depth.provenance,
+        pipeline.predict(frame).depth.provenance,
+        pipeline.predict(black(40, 30)).depth.provenance,
     ]
     found = [(source.camera_source, source.focal_px) for source in sources if source]
     exif_px = 50 * 50 / math.hypot(36, 24)  # the picture's diagonal is 50 pixels
@@ -185,11 +186,11 @@ def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: 
 
 def test_exif_is_known_to_clouds_of_models_that_learned_no_camera(tmp_path: Path) -> None:
     pipeline = load(write_model(tmp_path, camera=None))
-    depth = pipeline.predict(black(40, 30, focal_35mm=50.0))
+    depth = pipeline.predict(black(40, 30, focal_35mm=50.0)).depth
     assert depth.provenance is not None
     assert depth.provenance.camera_source is CameraSource.EXIF
     np.testing.assert_array_equal(depth.values, 1)
-    assert pipeline.predict(black(40, 30)).provenance == replace(
+    assert pipeline.predict(black(40, 30)).depth.provenance == replace(
         depth.provenance, focal_px=None, camera_source=None
     )
 
@@ -198,7 +199,7 @@ def test_exif_is_known_to_clouds_of_models_that_learned_no_camera(tmp_path: Path
 def test_tiles_have_the_metres_of_the_whole_picture(tmp_path: Path, shape: tuple[int, int]) -> None:
     session = model(tmp_path, input__fit="keep-aspect").session
     whole, tiled = (
-        Pipeline(session, Detail(tile_px=tile)).predict(black(*shape), focal_px=50)
+        Pipeline(session, Detail(tile_px=tile)).predict(black(*shape), Intrinsics(focal_px=50)).depth
         for tile in (None, max(1, shape[0] // 2))
     )
     np.testing.assert_allclose(tiled.values, whole.values, rtol=1e-5)
@@ -207,7 +208,7 @@ def test_tiles_have_the_metres_of_the_whole_picture(tmp_path: Path, shape: tuple
 def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:
     pipeline = model(tmp_path / "tiny", input__fit="keep-aspect")
     for words in ({}, {"focal_px": 25.0}):
-        depth = pipeline.predict(black(30, 40), **words)
+        depth = pipeline.predict(black(30, 40), Intrinsics(**words)).depth
         assert depth.provenance is not None
         warnings = PlyWriter().write(depth, tmp_path / "a.ply")
         assert bool(warnings) == (not words)
@@ -222,11 +223,11 @@ def test_a_crop_of_a_picture_has_its_metres(name: str) -> None:
     """The same camera, whatever is cut off: within what the network itself makes of less room."""
     pipeline = load(ROOT / "models" / name, provider="cpu", threads=1)
     pixels = depthcli.read_image(ROOT / "docs" / "room.jpg").pixels
-    whole = pipeline.predict(Frame(pixels), focal_px=518.86).values
+    whole = pipeline.predict(Frame(pixels), Intrinsics(focal_px=518.86)).depth.values
     for width, height in ((360, 480), (480, 480), (640, 360), (640, 274)):
         left, top = (640 - width) // 2, (480 - height) // 2
         part = slice(top, top + height), slice(left, left + width)
-        seen = pipeline.predict(Frame(np.ascontiguousarray(pixels[part])), focal_px=518.86)
+        seen = pipeline.predict(Frame(np.ascontiguousarray(pixels[part])), Intrinsics(focal_px=518.86)).depth
         assert 0.8 < np.median(seen.values / whole[part]) < 1.25, (width, height)
 
 
@@ -237,15 +238,15 @@ def test_what_has_no_metres_of_a_known_camera_is_not_rescaled(
     tmp_path: Path, changes: dict[str, Any]
 ) -> None:
     pipeline = model(tmp_path, **changes)
-    plain = pipeline.predict(black(40, 30))
-    stated = pipeline.predict(black(40, 30, focal_35mm=20.0))
+    plain = pipeline.predict(black(40, 30)).depth
+    stated = pipeline.predict(black(40, 30, focal_35mm=20.0)).depth
     np.testing.assert_array_equal(stated.values, plain.values)
     assert plain.provenance == Provenance("tiny", pipeline.session.model.sha256, (16, 12), None, 1)
     focal_px = 20 * math.hypot(40, 30) / math.hypot(36, 24)
     assert stated.provenance == replace(
         plain.provenance, focal_px=pytest.approx(focal_px), camera_source=CameraSource.EXIF
     )
-    given = pipeline.predict(black(40, 30), focal_px=50)
+    given = pipeline.predict(black(40, 30), Intrinsics(focal_px=50)).depth
     np.testing.assert_array_equal(given.values, plain.values)
     assert given.provenance == replace(
         plain.provenance, focal_px=50, camera_source=CameraSource.OPTION
@@ -257,6 +258,6 @@ def test_what_has_no_metres_of_a_known_camera_is_not_rescaled(
 
 def test_a_map_says_where_it_comes_from(tmp_path: Path) -> None:
     pipeline = model(tmp_path)
-    found = pipeline.predict(black(40, 30, orientation=6), focal_px=50).provenance
+    found = pipeline.predict(black(40, 30, orientation=6), Intrinsics(focal_px=50)).depth.provenance
     sha256 = pipeline.session.model.sha256
     assert found == Provenance("tiny", sha256, (16, 12), 50, 6, (), CameraSource.OPTION)

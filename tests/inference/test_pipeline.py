@@ -10,7 +10,7 @@ import onnx
 import pytest
 from tiny import synthetic_picture, tiny_onnx, write_model
 
-from depthcli.core.camera import Lens
+from depthcli.core.camera import Intrinsics
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import ModelError, UsageError
 from depthcli.inference.pipeline import Pipeline, load
@@ -36,21 +36,21 @@ def kinect(tmp_path: Path) -> Pipeline:
 
 @pytest.mark.parametrize(("value", "metres"), [(0, 1.0), (255, 9.0), (51, 2.6)])
 def test_metres_follow_from_the_card(model_folder: Path, value: int, metres: float) -> None:
-    depth = load(model_folder).predict(gray(value))
+    depth = load(model_folder).predict(gray(value)).depth
     assert depth.kind is DepthKind.METRIC
     np.testing.assert_allclose(depth.values, metres, rtol=1e-5)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (7, 5), (480, 640)])
 def test_depth_has_the_picture_s_size(model_folder: Path, size: tuple[int, int]) -> None:
-    depth = load(model_folder).predict(gray(100, *size))
+    depth = load(model_folder).predict(gray(100, *size)).depth
     assert (depth.height, depth.width) == size
 
 
 def test_left_stays_left_and_top_stays_top(model_folder: Path) -> None:
     pixels = np.zeros((48, 64), np.uint8)
     pixels[:24, :32] = 255
-    depth = load(model_folder).predict(Frame(pixels)).values
+    depth = load(model_folder).predict(Frame(pixels)).depth.values
     assert depth[0, 0] == pytest.approx(9)
     assert (depth[0, -1], depth[-1, 0], depth[-1, -1]) == pytest.approx((1, 1, 1))
 
@@ -60,14 +60,14 @@ def test_left_stays_left_and_top_stays_top(model_folder: Path) -> None:
 def test_every_fit_puts_depth_where_the_picture_is(tmp_path: Path, fit: str, dynamic: bool) -> None:
     folder = write_model(tmp_path, input__fit=fit, input__dynamic=dynamic)
     pixels = synthetic_picture(60, 180)
-    depth = load(folder).predict(Frame(pixels)).values
+    depth = load(folder).predict(Frame(pixels)).depth.values
     expected = 1 + 8 / 255 * pixels.max(axis=-1)
     assert np.abs(depth - expected)[:, 12:-12].max() < 0.4
 
 
 def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
     folder = write_model(tmp_path, tiny_onnx(stride=2))
-    depth = load(folder).predict(gray(255))
+    depth = load(folder).predict(gray(255)).depth
     assert depth.values.shape == (30, 40)
     np.testing.assert_allclose(depth.values, 9, rtol=1e-5)
 
@@ -89,12 +89,12 @@ def test_padding_is_cut_off_a_smaller_output_without_resampling(
 
 def test_a_model_of_inverse_depth_says_so(tmp_path: Path) -> None:
     folder = write_model(tmp_path, output__kind="inverse", output__min_m=None, output__max_m=None)
-    assert load(folder).predict(gray(0)).kind is DepthKind.INVERSE
+    assert load(folder).predict(gray(0)).depth.kind is DepthKind.INVERSE
 
 
 def test_provenance_names_the_model(model_folder: Path) -> None:
     model = find_model(model_folder)
-    provenance = Pipeline(Session(model)).predict(gray(0)).provenance
+    provenance = Pipeline(Session(model)).predict(gray(0)).depth.provenance
     assert provenance is not None
     assert (provenance.model, provenance.model_sha256) == ("tiny", model.sha256)
     assert (provenance.input_size_px, provenance.focal_px) == ((16, 12), None)
@@ -102,28 +102,28 @@ def test_provenance_names_the_model(model_folder: Path) -> None:
 
 def test_a_longer_lens_sees_farther(kinect: Pipeline) -> None:
     learned_px = 20 / math.tan(math.radians(30))
-    depth = kinect.predict(gray(0), focal_px=2 * learned_px)
+    depth = kinect.predict(gray(0), Intrinsics(focal_px=2 * learned_px)).depth
     np.testing.assert_allclose(depth.values, 2, rtol=1e-5)
     assert depth.provenance is not None
     assert depth.provenance.focal_px == pytest.approx(2 * learned_px)
 
 
 def test_the_learned_field_of_view_changes_nothing(kinect: Pipeline) -> None:
-    depth = kinect.predict(gray(0), hfov_deg=60)
+    depth = kinect.predict(gray(0), Intrinsics(hfov_deg=60)).depth
     np.testing.assert_allclose(depth.values, 1, rtol=1e-6)
 
 
 def test_metres_do_not_depend_on_the_picture_s_resolution(kinect: Pipeline) -> None:
-    small = kinect.predict(gray(0, 30, 40), hfov_deg=90).values
-    large = kinect.predict(gray(0, 60, 80), hfov_deg=90).values
+    small = kinect.predict(gray(0, 30, 40), Intrinsics(hfov_deg=90)).depth.values
+    large = kinect.predict(gray(0, 60, 80), Intrinsics(hfov_deg=90)).depth.values
     assert small[0, 0] == pytest.approx(math.tan(math.radians(30)), rel=1e-5)
     assert large[0, 0] == pytest.approx(small[0, 0], rel=1e-6)
 
 
 def test_exif_focal_length_is_used_unless_another_is_given(kinect: Pipeline) -> None:
-    plain = kinect.predict(gray(0)).values[0, 0]
-    exif = kinect.predict(gray(0, focal_35mm=50.0)).values[0, 0]
-    told = kinect.predict(gray(0, focal_35mm=50.0), hfov_deg=60).values[0, 0]
+    plain = kinect.predict(gray(0)).depth.values[0, 0]
+    exif = kinect.predict(gray(0, focal_35mm=50.0)).depth.values[0, 0]
+    told = kinect.predict(gray(0, focal_35mm=50.0), Intrinsics(hfov_deg=60)).depth.values[0, 0]
     assert plain == pytest.approx(1)
     # Equal diagonals: 43.27 mm of film and 50 px of picture.
     focal_px = 50 * 50 / math.hypot(36, 24)
@@ -134,8 +134,8 @@ def test_exif_focal_length_is_used_unless_another_is_given(kinect: Pipeline) -> 
 def test_a_model_without_a_camera_is_scaled_by_no_focal_length(model_folder: Path) -> None:
     pipeline = load(model_folder)
     for depth in (
-        pipeline.predict(gray(0), focal_px=500),
-        pipeline.predict(gray(0, focal_35mm=50.0)),
+        pipeline.predict(gray(0), Intrinsics(focal_px=500)).depth,
+        pipeline.predict(gray(0, focal_35mm=50.0)).depth,
     ):
         np.testing.assert_allclose(depth.values, 1)
 
@@ -153,31 +153,49 @@ def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
         try_session(session)
 
 
+def predicted(
+    pipeline: Pipeline,
+    frames: Sequence[Frame],
+    cameras: Sequence[Intrinsics] = (),
+    anchors: Sequence[AnchorPoints | None] = (),
+) -> list[DepthMap]:
+    found = pipeline.predict_many(frames, cameras, anchors)
+    assert all(isinstance(one, Prediction) for one in found)
+    return [one.depth for one in found if isinstance(one, Prediction)]
+
+
 def test_many_pictures_give_what_each_gives_alone(kinect: Pipeline) -> None:
     noise = np.random.default_rng(3).integers(0, 256, (7, 24, 32), np.uint8)
     wide = np.random.default_rng(4).integers(0, 256, (20, 90), np.uint8)
     frames = [Frame(noise[0]), Frame(wide, focal_35mm=50.0), *map(Frame, noise[1:])]
     for words in ({}, {"focal_px": 40.0}, {"hfov_deg": 50.0}):
-        together = kinect.predict_many(frames, **words)
-        alone = [kinect.predict(frame, **words) for frame in frames]
+        together = predicted(kinect, frames, [Intrinsics(**words)] * len(frames))
+        alone = [kinect.predict(frame, Intrinsics(**words)).depth for frame in frames]
         for one, other in zip(together, alone, strict=True):
             np.testing.assert_array_equal(one.values, other.values)
             assert (one.kind, one.provenance) == (other.kind, other.provenance)
     assert kinect.predict_many([]) == []
 
 
-def test_each_picture_can_have_its_own_lens(kinect: Pipeline) -> None:
+def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:
     frames = [Frame(np.full((24, 32), value, np.uint8)) for value in (90, 120, 150)]
-    lenses = (Lens(40.0), None, Lens(hfov_deg=50.0))
-    together = kinect.predict_many(frames, focal_px=30.0, lenses=lenses)
-    each = ({"focal_px": 40.0}, {"focal_px": 30.0}, {"hfov_deg": 50.0})
-    for depth, frame, words in zip(together, frames, each, strict=True):
-        alone = kinect.predict(frame, **words)
+    cameras = (Intrinsics(40.0), UNKNOWN_CAMERA, Intrinsics(hfov_deg=50.0))
+    anchors = (None, AnchorPoints.of([Anchor(3, 4, 2.5)]), None)
+    together = predicted(kinect, frames, cameras, anchors)
+    for depth, *one in zip(together, frames, cameras, anchors, strict=True):
+        alone = kinect.predict(*one).depth
         np.testing.assert_array_equal(depth.values, alone.values)
         assert depth.provenance == alone.provenance
-    for wrong, reason in ((Lens(-1.0), "-1.0 pixels"), (Lens(40.0, 50.0), "not both")):
-        with pytest.raises(UsageError, match=reason):
-            kinect.predict_many(frames, lenses=(None, None, wrong))
+    assert together[1].values[4, 3] == 2.5
+
+
+def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipeline) -> None:
+    outside = AnchorPoints.of([Anchor(900, 4, 2.5)])
+    good, bad = kinect.predict_many([gray(90), gray(90)], anchors=[None, outside])
+    assert isinstance(good, Prediction)
+    assert isinstance(bad, InputError)
+    with pytest.raises(InputError):
+        kinect.predict(gray(90), anchors=outside)
 
 
 def test_pictures_of_one_network_size_run_together(
@@ -191,7 +209,7 @@ def test_pictures_of_one_network_size_run_together(
         return run(batch)
 
     monkeypatch.setattr(pipeline.session, "run", noted)
-    maps = pipeline.predict_many([gray(0), gray(51, 30, 54), gray(255), gray(0, 60, 80)])
+    maps = predicted(pipeline, [gray(0), gray(51, 30, 54), gray(255), gray(0, 60, 80)])
     assert shapes == [(3, 1, 12, 16), (1, 1, 10, 19)]
     assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 2.6, 9, 1])
 
@@ -212,4 +230,4 @@ def test_a_camera_that_cannot_be_is_refused(
     camera: dict[str, float], problem: str, kinect: Pipeline
 ) -> None:
     with pytest.raises(UsageError, match=problem):
-        kinect.predict(gray(0), **camera)
+        kinect.predict(gray(0), Intrinsics(**camera)).depth

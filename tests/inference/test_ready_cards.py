@@ -112,7 +112,7 @@ def test_a_network_of_its_signature_runs(tmp_path: Path, name: str, signature: S
     file = write_network(tmp_path / "download.onnx", signature)
     model = add_model(file, name)
     pipeline = Pipeline(Session(model, provider="cpu"))
-    maps = [pipeline.predict(Frame(ramp(*size))) for size in ((48, 64), (64, 48))]
+    maps = [pipeline.predict(Frame(ramp(*size))).depth for size in ((48, 64), (64, 48))]
     assert model.card.name == name
     assert (model.card.onnx.opset, model.card.onnx.ir) == (13, 7)
     assert model.card.size_bytes == file.stat().st_size
@@ -155,7 +155,7 @@ def test_meter_gets_imagenet_s_mean_and_its_centimetres_become_metres(tmp_path: 
     gray = Frame(np.full((24, 32, 3), 153, np.uint8))
     mean, std = np.array(IMAGENET)
     expected_m = 9 * ((0.6 - mean) / std).mean()  # (x/255 - mean)/std, times 900 cm
-    np.testing.assert_allclose(Pipeline(Session(model)).predict(gray).values, expected_m, rtol=1e-5)
+    np.testing.assert_allclose(Pipeline(Session(model)).predict(gray).depth.values, expected_m, rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", ready_names())
@@ -281,5 +281,5 @@ def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, own: Path) -> Non
     card.write_text(text.replace('"resize"', '"layout": "nhwc", "resize"'))
     added = add_model(file, str(card))
     assert find_model("midas-small").card == added.card
-    depth = Pipeline(Session(added)).predict(Frame(ramp(256, 256))).values
+    depth = Pipeline(Session(added)).predict(Frame(ramp(256, 256))).depth.values
     np.testing.assert_allclose(depth, ramp(256, 256)[..., 0] / 255, atol=1e-6)

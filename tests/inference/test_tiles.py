@@ -187,7 +187,7 @@ def test_tiles_make_the_map_sharper(camera: Callable[[Detail], Pipeline]) -> Non
     frame = textured()
     truth = 1 + 8 / 255 * frame.pixels.max(axis=2)
     errors = [
-        np.abs(camera(Detail(Upsampling.BILINEAR, tile)).predict(frame).values - truth).mean()
+        np.abs(camera(Detail(Upsampling.BILINEAR, tile)).predict(frame).depth.values - truth).mean()
         for tile in (None, 32)
     ]
     assert errors[1] < 0.8 * errors[0]
@@ -209,19 +209,19 @@ def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_picture_reaches(
     expected, nearer = (
         full_size(spec, joined, frame, Upsampling.GUIDED, radius=radius) for radius in (4, 3)
     )
-    found = pipeline.predict(frame).values
+    found = pipeline.predict(frame).depth.values
     np.testing.assert_allclose(found, expected, rtol=1e-5)
     assert np.abs(found - nearer).max() > 0.01
 
 
 def test_a_flat_picture_stays_flat(camera: Callable[[Detail], Pipeline]) -> None:
     frame = Frame(np.full((96, 128), 51, np.uint8))
-    values = camera(Detail(tile_px=40)).predict(frame).values
+    values = camera(Detail(tile_px=40)).predict(frame).depth.values
     np.testing.assert_allclose(values, 2.6, rtol=1e-5)
 
 
 def test_the_same_again(camera: Callable[[Detail], Pipeline]) -> None:
-    runs = [camera(Detail(tile_px=40)).predict(textured()).values for _ in range(2)]
+    runs = [camera(Detail(tile_px=40)).predict(textured()).depth.values for _ in range(2)]
     np.testing.assert_array_equal(*runs)
 
 
@@ -258,7 +258,7 @@ def test_memory_stays_within_what_was_counted(
     limit = frame.pixels.nbytes + 4 * height * width + 8_000_000
     pipeline = camera(Detail(upsampling, AUTO_TILE))
     tracemalloc.start()
-    depth = pipeline.predict(frame)
+    depth = pipeline.predict(frame).depth
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak + frame.pixels.nbytes <= limit
@@ -287,6 +287,6 @@ def test_a_model_without_a_unit_is_tiled_too(tmp_path: Path) -> None:
         output__min_m=None,
         output__max_m=None,
     )
-    values = load(folder, detail=Detail(tile_px=32)).predict(textured()).values
+    values = load(folder, detail=Detail(tile_px=32)).predict(textured()).depth.values
     assert values.shape == (96, 128)
     assert np.isfinite(values).all()

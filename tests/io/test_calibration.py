@@ -13,7 +13,6 @@ import pytest
 from tiny import synthetic_picture, write_model
 
 import depthcli
-from depthcli.core.calibration import Calibration
 from depthcli.core.camera import Camera
 from depthcli.errors import InputError
 from depthcli.io.calibration import read_calibration

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from depthcli.cli.screen.predict import picture_json, picture_text
-from depthcli.core.types import CameraSource, DepthMap, Provenance
+from depthcli.core.camera import CameraSource
+from depthcli.core.types import DepthMap, Provenance
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter

@@ -8,7 +8,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from depthcli.core.picture_options import PictureOptions
+from depthcli.core.picture_options import ReadOptions
 from depthcli.errors import UsageError
 from depthcli.io.exr.image import primaries_matrix, read_exr_picture
 from depthcli.io.images.read import read_image
@@ -49,7 +49,7 @@ def test_many_pixels_above_1_are_told(colours: str, tmp_path: Path) -> None:
     assert warnings_of(path, colours=colours, share=0.29) == []
     (warning,) = warnings_of(path, colours=colours, share=0.3)
     assert warning.startswith("30% of its pixels are above 1 and become white; for better depth,")
-    assert read_exr_picture(path, options=PictureOptions(exposure=-1)).warnings == ()
+    assert read_exr_picture(path, options=ReadOptions(exposure=-1)).warnings == ()
 
 
 def test_the_share_is_that_of_the_pixels_that_the_file_has(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_colours_become_those_of_rec_709(stated: tuple[float, ...], tmp_path: Pa
     header = {"type": OpenEXR.scanlineimage, "chromaticities": stated}
     channels = {colour: light[..., i].copy() for i, colour in enumerate("RGB")}
     OpenEXR.File(header, channels).write(str(tmp_path / "a.exr"))
-    pixels = read_exr_picture(tmp_path / "a.exr", options=PictureOptions(exposure=-1)).pixels
+    pixels = read_exr_picture(tmp_path / "a.exr", options=ReadOptions(exposure=-1)).pixels
     assert np.isfinite(pixels).all()
     expected = np.clip(light[1:].astype(np.float64) / 2 @ np.transpose(PUBLISHED[stated]), 0, 1)
     curve = np.where(expected <= 0.0031308, 12.92 * expected, 1.055 * expected ** (1 / 2.4) - 0.055)

@@ -18,7 +18,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.camera import CameraSource
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth import sidecar
 from depthcli.io.depth.metadata import positive_number

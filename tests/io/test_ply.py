@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from depthcli._version import __version__
+from depthcli.core.camera import CameraSource
 from depthcli.core.map_camera import with_centre
-from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.formats.ply import PlyWriter
 

@@ -13,7 +13,8 @@ import OpenEXR
 import pytest
 
 import depthcli
-from depthcli.core.types import AnchorFit, CameraSource, DepthKind, DepthMap, Provenance
+from depthcli.core.camera import CameraSource
+from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
 from depthcli.io.depth.metadata import provenance_of
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter

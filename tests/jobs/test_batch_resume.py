@@ -12,7 +12,7 @@ from videos import flat_frames, write_video
 
 from depthcli.core.camera import Anchor, Camera
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
-from depthcli.core.picture_options import PictureOptions
+from depthcli.core.picture_options import ReadOptions
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
@@ -50,7 +50,7 @@ def test_what_is_right_is_left_alone(tmp_path: Path) -> None:
         BatchOptions(detail=Detail(tile_px=AUTO_TILE)),
         BatchOptions(camera=Camera(focal_px=300.0)),
         BatchOptions(camera=Camera(hfov_deg=80.0)),
-        BatchOptions(camera=Camera(pictures=PictureOptions(white_level=4095))),
+        BatchOptions(camera=Camera(pictures=ReadOptions(white_level=4095))),
         BatchOptions(camera=Camera(anchors=(Anchor(3, 4, 2.5),))),
         BatchOptions((Format.PREVIEW,), WriterOptions(legend=True)),
     ],

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from videos import NTSC
 
-from depthcli.core.camera import Camera
-from depthcli.core.types import CameraSource, DepthKind, DepthMap, Frame
+from depthcli.core.camera import Camera, CameraSource
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter

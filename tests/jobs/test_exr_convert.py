@@ -11,8 +11,7 @@ import OpenEXR
 import pytest
 from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, written
 
-from depthcli.core import scaling
-from depthcli.core.camera import Camera
+from depthcli.core.camera import Camera, focal_px_of_hfov
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
 from depthcli.io.formats.table import WriterOptions
@@ -91,7 +90,7 @@ def test_its_field_of_view_is_that_of_the_display_window(tmp_path: Path) -> None
     camera = Camera(hfov_deg=40)
     convert(ConvertRequest(f"{tmp_path}/a.exr", f"{tmp_path}/b.exr", camera=camera))
     facts = read_metadata(tmp_path / "b.exr")
-    assert float(facts["focal_px"]) == pytest.approx(scaling.focal_px_of_hfov(40, 64), rel=1e-5)
+    assert float(facts["focal_px"]) == pytest.approx(focal_px_of_hfov(40, 64), rel=1e-5)
 
 
 def test_a_plate_can_stand_beside_its_preview(tmp_path: Path) -> None:

@@ -15,8 +15,7 @@ from tiny import write_model
 from videos import flat_frames
 from watched import Watched
 
-from depthcli.core import scaling
-from depthcli.core.camera import Camera
+from depthcli.core.camera import Camera, focal_px_of_hfov
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
@@ -94,7 +93,7 @@ def test_the_field_of_view_is_that_of_the_display_window(
     data: Box, tmp_path: Path, depth_of: Callable[..., VideoResult]
 ) -> None:
     write_plate(tmp_path / "in", 1, data)
-    given_px = scaling.focal_px_of_hfov(40, 64)
+    given_px = focal_px_of_hfov(40, 64)
     done = depth_of(
         VideoFormat.EXR,
         camera=Camera(hfov_deg=40, centre_px=(30.5, 22.25)),
@@ -107,7 +106,7 @@ def test_the_field_of_view_is_that_of_the_display_window(
     assert facts["centre_px"] == "30.5,22.25"
     assumed = depth_of(VideoFormat.EXR).depth.provenance
     assert assumed is not None
-    assert assumed.focal_px == pytest.approx(scaling.focal_px_of_hfov(60, 64))
+    assert assumed.focal_px == pytest.approx(focal_px_of_hfov(60, 64))
 
 
 def test_formats_without_windows_show_the_display_window(

@@ -516,7 +516,7 @@ def test_every_output_holds_the_same_millimetres(
     assert done.outputs == tuple(str(out / name) for name in names)
     pipeline = load(tmp_path / "model", detail=Detail())
     with VideoSource(clip) as source:
-        expected = [np.rint(pipeline.predict(f).values * 1000) for f in source.frames()]
+        expected = [np.rint(pipeline.predict(f).depth.values * 1000) for f in source.frames()]
     steps = list(DepthVideo(out / "clip.depth.mkv").steps())
     np.testing.assert_array_equal(steps, expected)
     for index, one in enumerate(steps):

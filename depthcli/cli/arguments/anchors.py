@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from depthcli.cli.arguments.camera import parse_anchor
+from depthcli.core.camera import Anchor
 from depthcli.errors import UsageError
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.storage.remote import RemotePath, path_of
@@ -13,8 +15,8 @@ def choose_anchors(
     scale: float | None,
     *,
     is_folder: bool = False,
-) -> AnchorFiles | None:
-    """The files of ``--anchors``; None without.
+) -> AnchorFiles | tuple[Anchor, ...]:
+    """The files of ``--anchors``, or the points of ``--anchor``.
 
     Args:
         points: the points of ``--anchor``.
@@ -27,7 +29,7 @@ def choose_anchors(
     """
     check_anchors(points, path, scale)
     if path is None:
-        return None
+        return tuple(map(parse_anchor, points or ()))
     place = path_of(path)
     if is_folder and not isinstance(place, RemotePath) and not place.is_dir():
         raise UsageError(
@@ -44,6 +46,8 @@ def check_anchors(points: Sequence[str] | None, path: str | None, scale: float |
     Raises:
         UsageError: there are such options.
     """
+    for point in points or ():
+        parse_anchor(point)
     if points and path is not None:
         raise UsageError("give --anchor or --anchors, not both")
     if path is None and scale is not None:

@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
-from depthcli.core.camera import Anchor, Camera
-from depthcli.core.camera_ranges import DEPTH_M
-from depthcli.core.picture_options import PictureOptions
+from depthcli.core.camera import DEPTH_M, Anchor, Intrinsics
+from depthcli.core.picture_options import ReadOptions
 from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.remote import path_of, safe_name
@@ -17,7 +15,7 @@ ALTERNATIVES = (("calibration", "cameras", "focal_px", "hfov"), ("calibration", 
 _PARTS = 3
 
 
-def choose_camera(given: Mapping[str, Any]) -> Camera:
+def choose_camera(given: Mapping[str, Any]) -> Intrinsics:
     """The camera of the options.
 
     Args:
@@ -31,10 +29,15 @@ def choose_camera(given: Mapping[str, Any]) -> Camera:
     camera, name = parse_camera(given), given.get("calibration")
     if name is None:
         return camera
-    return _calibrated(camera, name, rectified=bool(given.get("rectified")))
+    from depthcli.io.calibration import read_calibration
+
+    try:
+        return read_calibration(name, rectified=bool(given.get("rectified")))
+    except InputError as error:
+        raise UsageError(f"--calibration: {error}") from error
 
 
-def parse_camera(given: Mapping[str, Any]) -> Camera:
+def parse_camera(given: Mapping[str, Any]) -> Intrinsics:
     """The camera of the options without what is in the file of a calibration.
 
     Args:
@@ -50,15 +53,16 @@ def parse_camera(given: Mapping[str, Any]) -> Camera:
     if given.get("rectified") and given.get("calibration") is None:
         raise UsageError("--rectified is for --calibration; give both or neither")
     centre = given.get("centre_px")
-    return Camera(
-        focal_px=given.get("focal_px"),
-        hfov_deg=given.get("hfov"),
-        anchors=tuple(map(_anchor, given.get("anchor") or ())),
-        pictures=PictureOptions(
-            given.get("white_level"), given.get("exposure") or 0.0, given.get("layer")
-        ),
-        centre_px=None if centre is None else _centre(centre),
+    return Intrinsics.given(
+        given.get("focal_px"),
+        given.get("hfov"),
+        None if centre is None else _centre(centre),
     )
+
+
+def read_options(given: Mapping[str, Any]) -> ReadOptions:
+    """How images are read, by the options of the same names."""
+    return ReadOptions(given.get("white_level"), given.get("exposure") or 0.0, given.get("layer"))
 
 
 def refuse_replacing(calibration: str | None, output: str | None) -> None:
@@ -69,16 +73,6 @@ def refuse_replacing(calibration: str | None, output: str | None) -> None:
     """
     if calibration and output and is_same_file(path_of(output), path_of(calibration)):
         raise UsageError(f"{safe_name(output)} is the file of --calibration; choose another output")
-
-
-def _calibrated(camera: Camera, name: str, *, rectified: bool) -> Camera:
-    from depthcli.io.calibration import read_calibration
-
-    try:
-        found = read_calibration(name, rectified=rectified)
-    except InputError as error:
-        raise UsageError(f"--calibration: {error}") from error
-    return replace(camera, hfov_deg=found.hfov_deg, calibration=found)
 
 
 def parse_pixel(word: str) -> tuple[int, int]:
@@ -111,7 +105,12 @@ def _centre(word: str) -> tuple[float, float]:
     return x, y
 
 
-def _anchor(word: str) -> Anchor:
+def parse_anchor(word: str) -> Anchor:
+    """Parse ``X,Y,METRES``.
+
+    Raises:
+        UsageError: it is not a pixel and a depth.
+    """
     parts = word.split(",")
     try:
         x, y, depth_m = int(parts[0]), int(parts[1]), float(parts[2])

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import typer
 
-from depthcli.core.camera_ranges import EXPOSURE, FOCAL_PX, HFOV_DEG
+from depthcli.core.camera import FOCAL_PX, HFOV_DEG
+from depthcli.core.picture_options import EXPOSURE
 from depthcli.core.text import short_repr
 from depthcli.core.validation import Rule
 from depthcli.errors import UsageError

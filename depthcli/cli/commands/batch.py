@@ -196,7 +196,7 @@ def batch(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli.arguments.anchors import choose_anchors
-    from depthcli.cli.arguments.camera import choose_camera
+    from depthcli.cli.arguments.camera import choose_camera, read_options
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.picture_options import refuse_for_folder
     from depthcli.cli.arguments.provider import session_loader
@@ -229,7 +229,15 @@ def batch(
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
     chosen = list(dict.fromkeys(chosen))
-    wanted = BatchOptions(tuple(chosen), writing, camera, detail, max_pixels, known)
+    wanted = BatchOptions(
+        formats=tuple(chosen),
+        writing=writing,
+        camera=camera,
+        anchors=known,
+        reading=read_options(context.params),
+        detail=detail,
+        max_pixels=max_pixels,
+    )
     request = BatchRequest(plan, wanted, loader, workers, batch_size, manifest, budget)
     if dry_run:
         from depthcli.jobs.batch.dry_run import dry_run as run_dry

@@ -14,7 +14,7 @@ from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
 
 if TYPE_CHECKING:
-    from depthcli.core.camera import Camera
+    from depthcli.core.camera import Intrinsics
     from depthcli.io.formats.table import WriterOptions
 
 app = typer.Typer(rich_markup_mode=None)
@@ -133,7 +133,7 @@ def convert(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
-    from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
+    from depthcli.cli.arguments.camera import choose_camera, read_options, refuse_replacing
     from depthcli.cli.arguments.conversion import USED_OPTIONS, check_arguments, folder_format
     from depthcli.cli.arguments.unused import refuse_unused
     from depthcli.cli.arguments.writing import writer_options
@@ -164,6 +164,7 @@ def convert(
         scale=from_scale,
         frame=frame,
         camera=camera,
+        reading=read_options(context.params),
         picture=picture,
         writing=writing,
     )
@@ -176,7 +177,7 @@ def convert(
 
 
 def _convert_folder(
-    given: dict[str, Any], chosen: Format, camera: Camera, writing: WriterOptions
+    given: dict[str, Any], chosen: Format, camera: Intrinsics, writing: WriterOptions
 ) -> int:
     from depthcli.cli.screen.convert import FolderScreen
     from depthcli.core.parallel.cores import share_cores

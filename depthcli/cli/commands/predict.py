@@ -74,7 +74,7 @@ def predict(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli.arguments.anchors import choose_anchors
-    from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
+    from depthcli.cli.arguments.camera import choose_camera, read_options, refuse_replacing
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.picture_options import refuse_for_pictures
     from depthcli.cli.arguments.provider import session_loader
@@ -107,6 +107,7 @@ def predict(
             model=session_loader(model, provider, threads, provider_option),
             camera=camera,
             anchors=known,
+            reading=read_options(context.params),
             writing=writing,
             detail=detail,
             max_pixels=max_pixels,

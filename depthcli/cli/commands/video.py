@@ -158,7 +158,7 @@ def video(
 
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
-    from depthcli.cli.arguments.camera import choose_camera, refuse_replacing
+    from depthcli.cli.arguments.camera import choose_camera, read_options, refuse_replacing
     from depthcli.cli.arguments.codec import choose_codec
     from depthcli.cli.arguments.detail import choose_detail
     from depthcli.cli.arguments.picture_options import refuse_for_frames
@@ -199,6 +199,7 @@ def video(
             smooth_s=smooth,
             lock_s=lock,
             camera=camera,
+            reading=read_options(context.params),
             detail=choose_detail(upsample, tile),
             max_pixels=max_pixels,
             fps=parse_fps(fps),

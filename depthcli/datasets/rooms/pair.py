@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core import scaling
+from depthcli.core.camera import focal_px_of_hfov
 from depthcli.core.choices import Sensor
 from depthcli.datasets.rooms.camera import place_camera
 from depthcli.datasets.rooms.furnish import make_room
@@ -39,7 +39,7 @@ def room_focal_px(settings: RoomSettings, index: int) -> float:
     typical = min(max(TYPICAL_HFOV_DEG, low), high)
     random = _random(settings, index, 0)
     hfov_deg = random.triangular(low, typical, high) if low < high else low
-    return scaling.focal_px_of_hfov(hfov_deg, settings.size[0])
+    return focal_px_of_hfov(hfov_deg, settings.size[0])
 
 
 def render_pair(settings: RoomSettings, index: int) -> Pair:

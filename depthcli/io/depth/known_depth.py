@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera_ranges import DEPTH_M
+from depthcli.core.camera import DEPTH_M
 from depthcli.core.validation import Rule
 from depthcli.errors import InputError, UsageError
 from depthcli.io.csv_table import CsvTable

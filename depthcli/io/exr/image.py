@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
 from depthcli.core.choices import MAX_PIXELS, check_pixel_count
-from depthcli.core.picture_options import NO_OPTIONS, PictureOptions
+from depthcli.core.picture_options import AS_STATED, ReadOptions
 from depthcli.core.types import Frame
 from depthcli.core.windows import Window, Windows
 from depthcli.errors import InputError, OutputError
@@ -133,7 +133,7 @@ def read_exr_picture(
     name: str | None = None,
     max_pixels: int = MAX_PIXELS,
     overscan: Window | None = None,
-    options: PictureOptions = NO_OPTIONS,
+    options: ReadOptions = AS_STATED,
 ) -> Frame:
     """The colours of an EXR, encoded for display, and what its header states.
 
@@ -192,7 +192,7 @@ def read_exr_data(
     data: bytes,
     name: str,
     max_pixels: int = MAX_PIXELS,
-    options: PictureOptions = NO_OPTIONS,
+    options: ReadOptions = AS_STATED,
 ) -> Frame:
     """What :func:`read_exr_picture` returns, of the content of a file; without a path.
 

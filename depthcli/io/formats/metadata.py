@@ -3,8 +3,8 @@
 from typing import NamedTuple, Self, TypeAlias
 
 from depthcli._version import __version__
-from depthcli.core import scaling
-from depthcli.core.types import AnchorFit, CameraSource, DepthMap, Provenance
+from depthcli.core.camera import CameraSource, hfov_deg
+from depthcli.core.types import AnchorFit, DepthMap, Provenance
 from depthcli.io.formats.table import MILLIMETRES
 
 SOFTWARE = f"depthcli {__version__}"
@@ -95,7 +95,7 @@ def camera_text(depth: DepthMap) -> str | None:
     fitted = _fit_text(source.anchor_fit) if source.anchor_fit else ""
     if source.focal_px is None:
         return f"unknown{fitted}" if fitted else None
-    hfov = f"hfov {scaling.hfov_deg(source.focal_px, depth.width):.1f}°"
+    hfov = f"hfov {hfov_deg(source.focal_px, depth.width):.1f}°"
     known = "" if source.camera_source is None else f" ({_SOURCE_TEXTS[source.camera_source]})"
     return f"{hfov}{known}{fitted}"
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core import scaling
+from depthcli.core.camera import CameraSource, focal_px_of_hfov, hfov_deg
 from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.text import one_line
-from depthcli.core.types import CameraSource, DepthMap, Frame, Provenance
+from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.formats.metadata import metadata_texts
 from depthcli.io.formats.table import KEY_PREFIX
@@ -31,8 +31,8 @@ class PlyWriter:
                 f"a point cloud needs metres, and {depth.kind} depth has none; fit it with --anchor"
             )
         source = depth.provenance or Provenance()
-        focal_px = source.focal_px or scaling.focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
-        points = _points(point_cloud(depth, focal_px, frame=frame))
+        focal_px = source.focal_px or focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
+        points = _points(point_cloud(depth, focal_px, frame))
         known = metadata_texts(depth)
         known.pop("camera", None)  # focal_px and camera_source say it in ASCII
         lines = ["ply", "format binary_little_endian 1.0"]
@@ -44,8 +44,7 @@ class PlyWriter:
             file.write(points.data)  # tofile reports no error when the disk is full
         if source.focal_px and source.camera_source is not CameraSource.CARD:
             return ()
-        hfov_deg = scaling.hfov_deg(focal_px, depth.width)
-        assumed = f"the point cloud assumes an hfov of {hfov_deg:.3g}°"
+        assumed = f"the point cloud assumes an hfov of {hfov_deg(focal_px, depth.width):.3g}°"
         return (f"no focal length is known; {assumed}; give the focal length or field of view",)
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.bands import row_bands
-from depthcli.core.camera_ranges import EXPOSURE, WHITE_LEVEL
 from depthcli.core.choices import MAX_PIXELS, check_pixel_count
 from depthcli.core.extras import INSTALL_HEIF
+from depthcli.core.picture_options import EXPOSURE, WHITE_LEVEL
 from depthcli.errors import InputError, UsageError, is_out_of_memory
 from depthcli.io.images.isobmff import avif_size, heif_problem, heif_size, is_heif
 from depthcli.io.images.jpeg import JPEG_START, has_jpeg_end, jpeg_segments

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_options import PictureOptions
+from depthcli.core.picture_options import ReadOptions
 from depthcli.core.pixels import is_out_of_range
 from depthcli.core.transfer import transfer_warning
 from depthcli.core.types import Frame
@@ -80,7 +80,7 @@ def read_image(
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
     if data.startswith(EXR_MAGIC):
-        options = PictureOptions(exposure=exposure, layer=layer)
+        options = ReadOptions(exposure=exposure, layer=layer)
         return replace(_exr_picture(file, data, name, max_pixels, options), path=path)
     if is_heif(data):
         return replace(read_heif_picture(data, name, max_pixels), path=path)
@@ -104,7 +104,7 @@ def _exr_picture(
     data: bytes,
     name: str,
     max_pixels: int,
-    options: PictureOptions,
+    options: ReadOptions,
 ) -> Frame:
     """The picture in an EXR; of its data if there is no file, or none on this machine."""
     # Other pictures need not wait for it.

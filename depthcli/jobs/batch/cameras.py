@@ -3,7 +3,7 @@
 import os
 from collections.abc import Iterator, Mapping
 
-from depthcli.core.camera import Lens
+from depthcli.core.camera import Intrinsics
 from depthcli.core.text import short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.io.lens_table import read_lenses
@@ -18,7 +18,7 @@ class CameraTable:
     in the ``cameras.csv`` of training folders. The whole name is looked up first.
     """
 
-    def __init__(self, lenses: Mapping[str, Lens], source: str = "the table") -> None:
+    def __init__(self, lenses: Mapping[str, Intrinsics], source: str = "the table") -> None:
         """Begin with no input.
 
         Args:
@@ -28,7 +28,7 @@ class CameraTable:
         self._lenses, self._source = lenses, source
         self._used: dict[str, str] = {}  # id -> the input that it matches
 
-    def lens(self, name: str) -> Lens | None:
+    def lens(self, name: str) -> Intrinsics | None:
         """The camera of an input; None if it has no row, or an empty one.
 
         Raises:

@@ -31,7 +31,7 @@ from depthcli.jobs.namesakes import namesakes
 from depthcli.jobs.tree_names import StemCounts, TreeNames
 
 if TYPE_CHECKING:
-    from depthcli.core.camera import Lens
+    from depthcli.core.camera import Intrinsics
 
 
 class InputCollector:
@@ -42,7 +42,7 @@ class InputCollector:
     ) -> None:
         check_writable(path_of(out))
         self._out, self._wanted, self._shard, self._cameras = out, wanted, shard, cameras
-        self._lenses: dict[str, Lens] = {}
+        self._lenses: dict[str, Intrinsics] = {}
         self._inputs: dict[str, InputFile] = {}
         self._skipped: dict[Skipped, None] = {}
         self._inputs_in_out: set[str] = set()

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from depthcli.core.camera import Lens
+from depthcli.core.camera import Intrinsics
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.listing.skipped import (
     Skipped,
@@ -30,7 +30,7 @@ class Plan:
     #: by input of a list: files beside it, not in the batch, whose outputs may have had its names
     unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
     #: cameras of a table, by input; the others are not in it
-    lenses: Mapping[str, Lens] = field(default_factory=dict)
+    lenses: Mapping[str, Intrinsics] = field(default_factory=dict)
     stems: StemCounts = field(default_factory=StemCounts)  #: of the pictures of all shards
     is_part: bool = False  #: whether other files of the folder may be inputs of other batches
     camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import Camera
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
+from depthcli.core.picture_options import AS_STATED, ReadOptions
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchor_files import AnchorFiles
@@ -25,11 +26,12 @@ class BatchOptions:
 
     formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
-    camera: Camera = field(default_factory=Camera)  #: camera parameters, if known
+    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
+    #: points of known depth, or a folder with a file of them for each image
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    reading: ReadOptions = AS_STATED  #: how images are read
     detail: Detail = DEFAULT_DETAIL  #: upsampling and tiles
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
-    #: a folder with known depth for each picture, in place of the camera's points
-    anchors: AnchorFiles | None = None
     overwrite: bool = False  #: whether outputs may replace files of other programs
 
     def points_for(
@@ -45,13 +47,13 @@ class BatchOptions:
         Raises:
             InputError: that of this picture is missing, cannot be read, or would be replaced.
         """
-        if self.anchors is not None:
+        if isinstance(self.anchors, AnchorFiles):
             path = path_of(picture.path)
             file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
             if any(is_same_file(output, file) for output in outputs):
                 raise InputError(f"{file} is its known depth; choose another --out")
             return self.anchors.read_file(file)
-        return AnchorPoints.of(self.camera.anchors) if self.camera.anchors else None
+        return AnchorPoints.of(self.anchors) if self.anchors else None
 
 
 @dataclass(frozen=True, slots=True)

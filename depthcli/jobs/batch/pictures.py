@@ -11,7 +11,7 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.overscan import displayed_depth
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.trial import check_network
 from depthcli.io.formats.metadata import camera_text
 from depthcli.io.formats.table import Format
@@ -24,7 +24,6 @@ from depthcli.io.storage.remote import path_of
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.suspects import check_picture
 from depthcli.jobs.batch.task import Result, Task
-from depthcli.jobs.finished import finished_depth
 from depthcli.jobs.outputs import write_output
 
 PictureTask: TypeAlias = Task[Format]
@@ -38,7 +37,6 @@ class _OpenedPicture:
     frame: Frame
     guard: Guard
     points: AnchorPoints | None
-    centre_px: tuple[float, float] | None
     sha256: str
     seconds: float
 
@@ -62,10 +60,12 @@ class PictureWorker:
         opened = [self._open(task) for task in tasks]
         readable = [one for one in opened if isinstance(one, _OpenedPicture)]
         start_s = time.perf_counter()
-        depths = iter(self._depths(readable))
+        predictions = iter(self._predictions(readable))
         share_s = (time.perf_counter() - start_s) / max(1, len(readable))
         return [
-            self._finish(one, next(depths), share_s) if isinstance(one, _OpenedPicture) else one
+            self._finish(one, next(predictions), share_s)
+            if isinstance(one, _OpenedPicture)
+            else one
             for one in opened
         ]
 
@@ -88,42 +88,32 @@ class PictureWorker:
                 path_of(task.input.path),
                 data,
                 max_pixels=self.options.max_pixels,
-                **self.options.camera.pictures._asdict(),
+                **self.options.reading._asdict(),
             )
-            camera = self.options.camera.with_lens(task.lens)
-            frame = frame.with_pixel_aspect(camera.pixel_aspect_of(frame.pixel_aspect))
-            centre_px = camera.centre_for(*frame.display_size_px)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
         seconds = time.perf_counter() - start_s
-        return _OpenedPicture(task, frame, guard, points, centre_px, sha256, seconds)
+        return _OpenedPicture(task, frame, guard, points, sha256, seconds)
 
-    def _depths(self, opened: Sequence[_OpenedPicture]) -> Sequence[DepthMap | Exception]:
-        camera = self.options.camera
-        try:
-            return self.pipeline.predict_many(
-                [one.frame for one in opened],
-                focal_px=camera.focal_px,
-                hfov_deg=camera.hfov_deg,
-                lenses=[one.task.lens for one in opened],
-            )
-        except Exception as error:  # noqa: BLE001 - no picture may stop the others
-            if len(opened) == 1:
-                check_network(error, self.pipeline.session)
-                return [error]
-            return [depth for one in opened for depth in self._depths([one])]
+    def _predictions(self, opened: Sequence[_OpenedPicture]) -> list[Prediction | Exception]:
+        return self.pipeline.predict_many(
+            [one.frame for one in opened],
+            [self.options.camera.of_image(one.task.lens) for one in opened],
+            [one.points for one in opened],
+        )
 
     def _finish(
-        self, opened: _OpenedPicture, depth: DepthMap | Exception, share_s: float
+        self, opened: _OpenedPicture, found: Prediction | Exception, share_s: float
     ) -> Result:
         task = opened.task
         start_s = time.perf_counter() - opened.seconds - share_s
-        if isinstance(depth, Exception):
-            return self._failed(task, depth, start_s, opened.sha256)
+        if isinstance(found, Exception):
+            check_network(found, self.pipeline.session)
+            return self._failed(task, found, start_s, opened.sha256)
+        depth = found.depth
         try:
             frame, points = opened.frame, opened.points
-            depth, depth_warnings = finished_depth(depth, frame.windows, points, opened.centre_px)
-            warnings = [*frame.warnings, *depth_warnings]
+            warnings = [*frame.warnings, *found.warnings]
             for which, path in task.outputs.items():
                 warnings += write_output(
                     self.options.writing, which, depth, frame, path, opened.guard

@@ -6,7 +6,6 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from itertools import islice
 
-from depthcli.core import scaling
 from depthcli.core.choices import GPU_BATCH
 from depthcli.core.parallel.cores import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -69,10 +68,8 @@ class Batch(Iterator[Result]):
         session = session or model.load()
         self._engine = engine or ThreadEngine(workers, session, progress)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
-        scaling.check_camera(options.camera.focal_px, options.camera.hfov_deg)
-        lens = next(iter(plan.lenses.values()), options.camera.lens)
-        is_fitted = options.anchors is not None or options.camera.anchors
-        focal = () if is_fitted else focal_warnings(session.model.card, lens)
+        camera = next(iter(plan.lenses.values()), options.camera)
+        focal = () if options.anchors else focal_warnings(session.model.card, camera)
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._outputs = plan, OutputMap(plan, options.formats)
         self._outputs.check_conflicts()

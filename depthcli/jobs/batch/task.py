@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import Lens
+from depthcli.core.camera import Intrinsics
 from depthcli.core.fingerprint import fingerprint
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
@@ -42,7 +42,7 @@ class Task(Generic[_FormatT]):
     earlier: Row | None = None  #: the row of an earlier run; None if it has none
     is_suspect: bool = False  #: whether decoding it may have crashed an earlier run
     shares_stem: bool = False  #: whether another picture has its name but for the suffix
-    lens: Lens | None = None  #: its own camera; None for that of the batch, if it has one
+    lens: Intrinsics | None = None  #: its own camera; None for that of the batch, if it has one
     has_names: bool = True  #: whether the outputs of the earlier run have these names
 
     @property

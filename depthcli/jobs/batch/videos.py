@@ -71,7 +71,8 @@ class VideoWorker:
         plan = VideoPlan(name, source, folder, names, overwrite=overwrite, sha256=sha256)
         settings = VideoSettings(
             writing=options.writing,
-            camera=options.camera.with_lens(task.lens),
+            camera=options.camera.of_image(task.lens),
+            reading=options.reading,
             detail=options.detail,
             max_pixels=options.max_pixels,
         )
@@ -126,8 +127,8 @@ def video_checksum(task: VideoTask, path: Path, options: BatchOptions) -> str:
         raise InputError(
             f"{path} is a video, and no format in --format holds one; add --format png16"
         )
-    if options.camera.anchors or options.anchors:
-        word = "--anchors" if options.anchors else "--anchor"
+    if options.anchors:
+        word = "--anchor" if isinstance(options.anchors, tuple) else "--anchors"
         raise InputError(f"{path} is a video, to which {word} does not apply")
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")

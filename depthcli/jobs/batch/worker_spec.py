@@ -51,6 +51,7 @@ class WorkerSpec:
             sorted(set(options.formats)),
             options.writing,
             options.camera,
+            options.reading,
             options.detail,
             session.provider,
             self.model.provider_options,

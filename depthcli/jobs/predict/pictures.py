@@ -20,7 +20,6 @@ from depthcli.io.images.read import read_image
 from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.remote import path_of
 from depthcli.jobs.failed import FailedInput, failure_reason
-from depthcli.jobs.finished import finished_depth
 from depthcli.jobs.outputs import output_guard, write_output, write_stream
 from depthcli.jobs.predict.plan import STDIO, PicturePlan
 from depthcli.jobs.predict.request import PredictRequest
@@ -76,21 +75,12 @@ def _predict_picture(
     guard: Guard,
 ) -> PictureResult:
     start = time.perf_counter()
-    camera = request.camera
     frame = _read_picture(request, plan)
-    frame = frame.with_pixel_aspect(camera.pixel_aspect_of(frame.pixel_aspect))
-    centre_px = camera.centre_for(*frame.display_size_px)
     session = loading.result()
-    pipeline = Pipeline(session, request.detail)
-    depth, depth_warnings = finished_depth(  # no name for the model's map: writers need its memory
-        pipeline.predict(frame, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg),
-        frame.windows,
-        points,
-        centre_px,
-    )
+    depth, depth_warnings = Pipeline(session, request.detail).predict(frame, request.camera, points)
     warnings = [*session.warnings, *frame.warnings, *depth_warnings]
     if not points:
-        warnings += focal_warnings(session.model.card, camera.lens)
+        warnings += focal_warnings(session.model.card, request.camera)
     for name, path in plan.outputs.items():
         warnings += _write_picture(request, name, depth, frame, path, guard)
     return PictureResult(
@@ -104,8 +94,8 @@ def _predict_picture(
 
 
 def _known_points(request: PredictRequest) -> AnchorPoints | None:
-    if request.anchors is None:
-        return AnchorPoints.of(request.camera.anchors) if request.camera.anchors else None
+    if isinstance(request.anchors, tuple):
+        return AnchorPoints.of(request.anchors) if request.anchors else None
     try:
         return request.anchors.read()
     except InputError as error:
@@ -117,8 +107,9 @@ def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:
         raise InputError("an input's name is empty; is a variable of the command not set?")
     try:
         data = request.stdin.read() if plan.source is None and request.stdin else None
-        options = request.camera.pictures
-        return read_image(plan.source, data, max_pixels=request.max_pixels, **options._asdict())
+        return read_image(
+            plan.source, data, max_pixels=request.max_pixels, **request.reading._asdict()
+        )
     except OSError as error:
         reason = "it is closed" if error.errno == errno.EBADF else error.strerror
         raise InputError(f"cannot read standard input: {reason}") from error

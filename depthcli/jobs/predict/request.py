@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
-from depthcli.core.camera import Camera
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
+from depthcli.core.picture_options import AS_STATED, ReadOptions
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.formats.table import Format, WriterOptions
@@ -22,12 +23,13 @@ class PredictRequest:
     formats: tuple[Format, ...] = ()
     sidecar: bool = False  #: write the JSON as well
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
-    camera: Camera = field(default_factory=Camera)  #: camera parameters, if known
+    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
+    #: points of known depth, or a file of them for all images
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    reading: ReadOptions = AS_STATED  #: how images are read
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size picture
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read
     stdout: BinaryIO | None = None  #: where ``-`` is written
-    #: a file with known depth for all pictures, in place of the camera's points
-    anchors: AnchorFiles | None = None

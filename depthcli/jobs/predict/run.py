@@ -42,7 +42,7 @@ def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
 
 
 def _check_anchors_stay(plans: Sequence[PicturePlan], request: PredictRequest) -> None:
-    if request.anchors is None:
+    if isinstance(request.anchors, tuple):
         return
     known = path_of(request.anchors.path)
     for path in (path for plan in plans for path in plan.outputs.values()):

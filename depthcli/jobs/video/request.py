@@ -4,8 +4,9 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import BinaryIO
 
-from depthcli.core.camera import Camera
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
+from depthcli.core.picture_options import AS_STATED, ReadOptions
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import WriterOptions
 from depthcli.video.codecs import PreviewCodec
@@ -24,8 +25,8 @@ class VideoSettings:
     smooth_s: float = 0.0  #: time constant of the depth's smoothing in seconds; 0 for none
     #: time constant of the preview's range in seconds; 0 for the range of each frame
     lock_s: float = LOCK_S
-    #: camera parameters, if known; points of known depth are for pictures
-    camera: Camera = field(default_factory=Camera)
+    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
+    reading: ReadOptions = AS_STATED  #: how the images of a sequence are read
     detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size frame
     max_pixels: int = MAX_PIXELS  #: videos with larger frames are refused
     fps: Fraction | None = None  #: frames per second of an image sequence; None for what it states

@@ -125,5 +125,12 @@ def _origin(
         sorted(pipeline.session.provider_options.items()),
         (card.input, card.output, card.camera),
         pipeline.detail,
-        (settings.writing, settings.camera, settings.span, settings.fps, settings.start_number),
+        (
+            settings.writing,
+            settings.camera,
+            settings.reading,
+            settings.span,
+            settings.fps,
+            settings.start_number,
+        ),
     )

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.map_camera import with_centre
 from depthcli.core.overscan import masked_to_data_window
 from depthcli.core.temporal import changes as temporal
 from depthcli.core.temporal.range_lock import RangeLock
@@ -78,17 +77,14 @@ class FrameStages:
     def predict(self, picture: Frame) -> PredictedFrame:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
-        picture = picture.with_pixel_aspect(camera.pixel_aspect_of(picture.pixel_aspect))
+        picture = picture.with_pixel_aspect(camera.pixel_aspect or picture.pixel_aspect)
         kept = self._kept(picture.index)
         if self.first is None:
             kept = None  # the first frame is always predicted, for the report
-        depth = kept or self._pipeline.predict(
-            picture, focal_px=camera.focal_px, hfov_deg=camera.hfov_deg
-        )
+        depth = kept or self._pipeline.predict(picture, camera).depth
         if self._scale is not None and kept is None:
             values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
-        depth = with_centre(depth, camera.centre_for(*picture.display_size_px))
         depth, shown = _in_windows(depth, picture.windows, is_kept=kept is not None)
         thumbnail = temporal.thumbnail(picture.pixels)
         small = DepthMap(sample_cells(shown, thumbnail.shape), depth.kind)

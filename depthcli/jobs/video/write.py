@@ -60,7 +60,7 @@ def write_video(
             plan.source,
             rate=settings.fps,
             max_pixels=settings.max_pixels,
-            options=settings.camera.pictures,
+            options=settings.reading,
         ) as source,
         ExitStack() as stack,
     ):
@@ -176,7 +176,7 @@ def _video_done(
         warnings=(
             *source.warnings,
             *pipeline.session.warnings,
-            *focal_warnings(pipeline.card, settings.camera.lens),
+            *focal_warnings(pipeline.card, settings.camera),
         ),
         problem=source.problem,
     )

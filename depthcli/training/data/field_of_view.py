@@ -1,6 +1,6 @@
 """The field of view of training pictures, before they are stretched to the network's input."""
 
-from depthcli.core.scaling import focal_px_of_hfov
+from depthcli.core.camera import focal_px_of_hfov
 from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
 

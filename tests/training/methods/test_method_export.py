@@ -37,7 +37,7 @@ def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> Non
     bilinear = Detail(Upsampling.BILINEAR)
     pipeline = load(tmp_path / "model.onnx", provider="cpu", detail=bilinear)
     frame = Frame(rooms().image(0))
-    depth = pipeline.predict(frame)
+    depth = pipeline.predict(frame).depth
     assert depth.kind is DepthKind.METRIC
     assert depth.values.shape == (frame.height, frame.width)
     generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
