@@ -88,7 +88,8 @@ class Crops(NamedTuple):
             [
                 Fit.of(
                     self.pipeline.predict(
-                        depthcli.Frame(middle(data.image(i), width, height)), Intrinsics(focal_px=focal_px)
+                        depthcli.Frame(middle(data.image(i), width, height)),
+                        Intrinsics(focal_px=focal_px),
                     ).depth.values,
                     middle(data.depth_m(i), width, height),
                 )

@@ -97,7 +97,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
         data = stages("read", path.read_bytes)
         sha256 = stages("checksum of input", partial(_sha256, data))
         frame = stages("decode", partial(read_image, path, data))
-        depth = stages("predict", partial(pipeline.predict, frame))
+        depth = stages("predict", partial(pipeline.predict, frame)).depth
         stages("encode and write", partial(write_output, options, Format.PNG16, depth, frame, out))
         file = stages("checksum of output", partial(output_entry, out.parent, out))
         row = Row(path.name, OK, origin, (file,), 0.04, sha256)

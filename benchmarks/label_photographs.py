@@ -45,7 +45,9 @@ class Teacher(NamedTuple):
     def log_depth(self, pixels: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
         """Mean of log metres (H, W) of a picture (H, W, 3) and its mirror."""
         seen_m = [
-            self.pipeline.predict(depthcli.Frame(np.ascontiguousarray(pixels[:, ::side]))).depth.values
+            self.pipeline.predict(
+                depthcli.Frame(np.ascontiguousarray(pixels[:, ::side]))
+            ).depth.values
             for side in (1, -1)
         ]
         return np.log([seen_m[0] * self.scale, seen_m[1][:, ::-1] * self.scale]).mean(axis=0)

@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 
 import depthcli
-from depthcli.core.camera import Intrinsics
-from depthcli.core.camera import focal_px_of_hfov
+from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.core.resize import resize_bilinear
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.splits import SplitName

@@ -884,7 +884,7 @@ def test_plot_without_matplotlib_says_what_to_install(
 def test_the_older_names_still_work(tmp_path: Path) -> None:
     folder = write_model(tmp_path / "tiny")
     pipeline = depthcli.load(folder)
-    inner = pipeline.predict(depthcli.read_image(write_picture(tmp_path / "a.png")))
+    inner = pipeline.predict(depthcli.read_image(write_picture(tmp_path / "a.png"))).depth
     depth = depthcli.DepthMap.of(inner)
     assert isinstance(depth, type(inner))
     np.testing.assert_array_equal(depth, inner.values)

@@ -118,7 +118,7 @@ class Intrinsics:
     def warnings(self) -> tuple[str, ...]:
         """How it differs from a pinhole camera, one line each."""
         distorted = (
-            "the camera has lens distortion, which is not removed; rectify the images, and then "
+            "the camera has lens distortion, which is not removed; rectify the pictures, and then "
             "add --rectified"
         )
         return (distorted,) if self.is_distorted else ()
@@ -141,7 +141,7 @@ class Intrinsics:
         # One side may be rounded to whole pixels.
         if abs(width * own_height - height * own_width) >= max(own_width, own_height):
             raise InputError(
-                f"the calibration is for {own_width}×{own_height} pixels, and the image of "
+                f"the calibration is for {own_width}×{own_height} pixels, and the picture of "
                 f"{width}×{height} has another aspect ratio; give its own focal length and "
                 "principal point"
             )

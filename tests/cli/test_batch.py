@@ -18,14 +18,14 @@ from tiny import fixed_inside, synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_mp4, write_video
 
 from depthcli.cli.app import main
-from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.io.listing.folder import list_folder
 from depthcli.video.depth import DepthVideo
 
 if TYPE_CHECKING:
     from command_line import Cli
 
-    from depthcli.core.types import DepthMap, Frame
+    from depthcli.core.types import Frame
 
 
 def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:
@@ -567,14 +567,14 @@ def test_the_frames_of_a_damaged_video_are_all_in_the_manifest(inside: Cli) -> N
 def test_an_error_that_nobody_foresaw_stops_no_other(
     cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = Pipeline.predict_many
+    whole = Pipeline._predict_batch
 
-    def predict_many(self: Pipeline, frames: list[Frame], **camera: Any) -> list[DepthMap]:
+    def predict_batch(self: Pipeline, frames: list[Frame], *rest: Any) -> list[Prediction]:
         if any(frame.width == 7 for frame in frames):
             raise ValueError("seven")
-        return list(whole(self, frames, **camera))
+        return whole(self, frames, *rest)
 
-    monkeypatch.setattr(Pipeline, "predict_many", predict_many)
+    monkeypatch.setattr(Pipeline, "_predict_batch", predict_batch)
     monkeypatch.setenv("DEPTHCLI_MODELS", str(cli.models))
     tree(cli, "a.png", "z.png")
     picture(cli, "seven.png", np.zeros((5, 7), np.uint8))

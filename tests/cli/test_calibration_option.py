@@ -11,8 +11,6 @@ from folders import rows
 from tiny import synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.core.camera import Camera
-
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -296,11 +294,3 @@ def test_a_profile_holds_that_pictures_are_rectified(inside: Cli, folder: Path) 
     (folder / "cameras.csv").write_text("id,focal_px\nroom,90\n")
     batch = ("batch", "in", "--out", "out", "--profile", "head", "--cameras", "cameras.csv")
     assert inside(*batch).returncode == 0
-
-
-@pytest.mark.parametrize(("fy", "expected"), [(64.0, 1.0), (32.0, 0.5)])
-def test_pixels_are_those_of_the_calibration(fy: float, expected: float) -> None:
-    """Whatever the picture states of them."""
-    calibration = Calibration(60, 50, 64.0, (30.0, 25.0), pixel_aspect=fy / 64.0)
-    assert Camera(calibration=calibration).pixel_aspect_of(2.0) == expected
-    assert Camera().pixel_aspect_of(2.0) == 2

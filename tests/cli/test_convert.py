@@ -13,8 +13,8 @@ import typer
 from tiny import write_picture
 
 from depthcli.cli.shell import load_command
-from depthcli.core.camera import CameraSource
-from depthcli.core.map_camera import with_centre
+from depthcli.core.camera import CameraSource, Intrinsics
+from depthcli.core.map_camera import with_camera
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
@@ -191,7 +191,7 @@ def test_a_cloud_has_the_principal_point_of_the_prediction(inside: Cli) -> None:
 
 
 def test_a_sidecar_of_an_earlier_run_moves_no_principal_point(files: Path) -> None:
-    SidecarWriter().write(with_centre(DEPTH, (1.0, 2.0)), files / "d.json")
+    SidecarWriter().write(with_camera(DEPTH, Intrinsics(centre_px=(1.0, 2.0))), files / "d.json")
     made_by = read_stored_depth(files / "d.png").displayed.provenance
     assert made_by is not None
     assert made_by.centre_px is None

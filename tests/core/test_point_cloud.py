@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from depthcli.core.camera import Intrinsics
+from depthcli.core.map_camera import with_camera
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
@@ -18,7 +20,7 @@ def test_each_pixel_with_depth_is_a_point_on_its_ray() -> None:
     np.testing.assert_allclose(cloud.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
     assert (len(cloud), cloud.rgb) == (3, None)
     np.testing.assert_array_equal(np.asarray(cloud), cloud.xyz_m)
-    moved = point_cloud(DEPTH, 10.0, centre_px=(0.0, 1.0))
+    moved = point_cloud(with_camera(DEPTH, Intrinsics(centre_px=(0.0, 1.0))), 10.0)
     rays = np.array([[0, -1, 10], [1, -1, 10], [2, 0, 10]]) / 10
     np.testing.assert_allclose(moved.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
 

@@ -12,8 +12,7 @@ import pytest
 from tiny import write_model
 
 import depthcli
-from depthcli.core.camera import Intrinsics
-from depthcli.core.camera import CameraSource, Lens
+from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.choices import Detail
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.types import Frame, Provenance
@@ -162,7 +161,9 @@ def test_a_network_of_squeezed_pixels_keeps_them_in_a_letterbox(tmp_path: Path) 
     squeezed = {"input__width": 12, "input__dynamic": False, "input__pixel_aspect": 4 / 3}
     pipeline = model(tmp_path, input__fit="keep-aspect", **squeezed)
     pixels = np.tile(np.linspace(0, 255, 40).astype(np.uint8), (15, 1))
-    depth = pipeline.predict(Frame(pixels), Intrinsics(focal_px=20 / math.tan(math.radians(30)))).depth
+    depth = pipeline.predict(
+        Frame(pixels), Intrinsics(focal_px=20 / math.tan(math.radians(30)))
+    ).depth
     np.testing.assert_allclose(depth.values, 1 + 8 / 255 * pixels, atol=0.5)
 
 
@@ -199,7 +200,9 @@ def test_exif_is_known_to_clouds_of_models_that_learned_no_camera(tmp_path: Path
 def test_tiles_have_the_metres_of_the_whole_picture(tmp_path: Path, shape: tuple[int, int]) -> None:
     session = model(tmp_path, input__fit="keep-aspect").session
     whole, tiled = (
-        Pipeline(session, Detail(tile_px=tile)).predict(black(*shape), Intrinsics(focal_px=50)).depth
+        Pipeline(session, Detail(tile_px=tile))
+        .predict(black(*shape), Intrinsics(focal_px=50))
+        .depth
         for tile in (None, max(1, shape[0] // 2))
     )
     np.testing.assert_allclose(tiled.values, whole.values, rtol=1e-5)
@@ -227,7 +230,9 @@ def test_a_crop_of_a_picture_has_its_metres(name: str) -> None:
     for width, height in ((360, 480), (480, 480), (640, 360), (640, 274)):
         left, top = (640 - width) // 2, (480 - height) // 2
         part = slice(top, top + height), slice(left, left + width)
-        seen = pipeline.predict(Frame(np.ascontiguousarray(pixels[part])), Intrinsics(focal_px=518.86)).depth
+        seen = pipeline.predict(
+            Frame(np.ascontiguousarray(pixels[part])), Intrinsics(focal_px=518.86)
+        ).depth
         assert 0.8 < np.median(seen.values / whole[part]) < 1.25, (width, height)
 
 
@@ -251,9 +256,13 @@ def test_what_has_no_metres_of_a_known_camera_is_not_rescaled(
     assert given.provenance == replace(
         plain.provenance, focal_px=50, camera_source=CameraSource.OPTION
     )
-    for lens, count in ((Lens(), 0), (Lens(focal_px=50), 1), (Lens(hfov_deg=60), 1)):
+    for lens, count in (
+        (UNKNOWN_CAMERA, 0),
+        (Intrinsics(focal_px=50), 1),
+        (Intrinsics(hfov_deg=60), 1),
+    ):
         assert len(focal_warnings(pipeline.card, lens)) == count
-    assert not focal_warnings(model(tmp_path / "known").card, Lens(focal_px=50))
+    assert not focal_warnings(model(tmp_path / "known").card, Intrinsics(focal_px=50))
 
 
 def test_a_map_says_where_it_comes_from(tmp_path: Path) -> None:

@@ -10,10 +10,11 @@ import onnx
 import pytest
 from tiny import synthetic_picture, tiny_onnx, write_model
 
-from depthcli.core.camera import Intrinsics
-from depthcli.core.types import DepthKind, Frame
-from depthcli.errors import ModelError, UsageError
-from depthcli.inference.pipeline import Pipeline, load
+from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.errors import InputError, ModelError, UsageError
+from depthcli.inference.pipeline import Pipeline, Prediction, load
 from depthcli.inference.postprocess import coarse_depth
 from depthcli.inference.preprocess import input_layout
 from depthcli.inference.session import Session
@@ -21,6 +22,7 @@ from depthcli.inference.trial import try_session
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 
@@ -230,4 +232,4 @@ def test_a_camera_that_cannot_be_is_refused(
     camera: dict[str, float], problem: str, kinect: Pipeline
 ) -> None:
     with pytest.raises(UsageError, match=problem):
-        kinect.predict(gray(0), Intrinsics(**camera)).depth
+        kinect.predict(gray(0), Intrinsics.given(**({"focal_px": None, "hfov_deg": None} | camera)))

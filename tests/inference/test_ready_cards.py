@@ -155,7 +155,9 @@ def test_meter_gets_imagenet_s_mean_and_its_centimetres_become_metres(tmp_path: 
     gray = Frame(np.full((24, 32, 3), 153, np.uint8))
     mean, std = np.array(IMAGENET)
     expected_m = 9 * ((0.6 - mean) / std).mean()  # (x/255 - mean)/std, times 900 cm
-    np.testing.assert_allclose(Pipeline(Session(model)).predict(gray).depth.values, expected_m, rtol=1e-5)
+    np.testing.assert_allclose(
+        Pipeline(Session(model)).predict(gray).depth.values, expected_m, rtol=1e-5
+    )
 
 
 @pytest.mark.parametrize("name", ready_names())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -13,7 +14,7 @@ import pytest
 from tiny import synthetic_picture, write_model
 
 import depthcli
-from depthcli.core.camera import Camera
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics, hfov_deg
 from depthcli.errors import InputError
 from depthcli.io.calibration import read_calibration
 
@@ -53,7 +54,27 @@ REGION = """roi:
   do_rectify: false
 """
 TRANSPOSED = "K: [431.5, 0.0, 0.0, 0.0, 431.5, 0.0, 337.8, 250.7, 1.0]"
-EXPECTED = Calibration(640, 480, 431.5, (337.8, 250.7))
+
+
+def calibration(
+    width: int,
+    height: int,
+    focal_px: float,
+    centre_px: tuple[float, float],
+    is_distorted: bool = False,
+    pixel_aspect: float = 1.0,
+) -> Intrinsics:
+    return Intrinsics(
+        focal_px,
+        hfov_deg(focal_px, width),
+        centre_px,
+        (width, height),
+        pixel_aspect,
+        is_distorted=is_distorted,
+    )
+
+
+EXPECTED = calibration(640, 480, 431.5, (337.8, 250.7))
 
 
 @pytest.mark.parametrize("start", ["", "%YAML:1.0\n", "%YAML 1.2\n---\n", "---\n", "\ufeff"])
@@ -62,7 +83,7 @@ def test_camera_info_of_ros(tmp_path: Path, start: str, end: str) -> None:
     path = tmp_path / "head.yaml"
     path.write_text(start + ROS, "utf-8", newline=end)
     found = read_calibration(path)
-    assert found == Calibration(640, 480, pytest.approx(431.5), (337.8, 250.7), is_distorted=True)
+    assert found == calibration(640, 480, 431.5, (337.8, 250.7), is_distorted=True)
     path.write_text(start + TOPIC, "utf-8", newline=end)
     assert read_calibration(path) == EXPECTED
 
@@ -87,7 +108,7 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
     file.write("distortion_coefficients", np.array([[0.0, 0, 0.1 * is_distorted, 0, 0]]))
     file.release()
     found = read_calibration(path)
-    assert found == Calibration(640, 480, 400, (337.8, 250.7), is_distorted, pytest.approx(1.1025))
+    assert found == calibration(640, 480, 400, (337.8, 250.7), is_distorted, 1.1025)
 
 
 def test_lists_of_rows(tmp_path: Path) -> None:
@@ -155,7 +176,7 @@ def test_a_resized_picture_has_the_point_in_its_own_pixels() -> None:
     assert half == pytest.approx(((337.8 + 0.5) / 2 - 0.5, (250.7 + 0.5) / 2 - 0.5))
     assert EXPECTED.centre_for(640, 480) == pytest.approx((337.8, 250.7))
     assert EXPECTED.centre_for(321, 240) == EXPECTED.centre_for(321, 241)
-    middle = Calibration(640, 480, 400, (319.5, 239.5)).centre_for(1280, 960)
+    middle = calibration(640, 480, 400, (319.5, 239.5)).centre_for(1280, 960)
     assert middle == (639.5, 479.5)
     for size in ((640, 360), (480, 640), (323, 240)):
         with pytest.raises(InputError, match="is for 640×480 pixels, and the picture of"):
@@ -207,9 +228,8 @@ def test_a_fisheye_is_distorted_without_coefficients(
 
 
 def test_a_distorted_lens_is_a_warning() -> None:
-    assert Camera().warnings == Camera(calibration=EXPECTED).warnings == ()
-    distorted = Calibration(640, 480, 431.5, (math.pi, 2), is_distorted=True)
-    (warning,) = Camera(calibration=distorted).warnings
+    assert UNKNOWN_CAMERA.warnings == EXPECTED.warnings == ()
+    (warning,) = replace(EXPECTED, is_distorted=True).warnings
     assert warning.endswith("rectify the pictures, and then add --rectified")
 
 
@@ -220,7 +240,7 @@ def test_rectified_pictures_have_the_camera_of_the_projection_matrix(
     path = tmp_path / "camera.yaml"
     numbers = "[400, 0, 330, -48.5, 0, 400, 250, 0, 0, 0, 1, 0]"  # right camera of a stereo pair
     path.write_text(f"{TOPIC}distortion_model: equidistant\n{name}: {numbers}\n")
-    assert read_calibration(path, rectified=True) == Calibration(640, 480, 400, (330, 250))
+    assert read_calibration(path, rectified=True) == calibration(640, 480, 400, (330, 250))
     assert read_calibration(path).focal_px == 431.5
     path.write_text(ROS)
     found = depthcli.read_calibration(path, rectified=True)
@@ -262,7 +282,7 @@ def test_a_region_of_interest_is_the_picture(tmp_path: Path, binning: int) -> No
     path = tmp_path / "camera_info.yaml"
     path.write_text(TOPIC + REGION)
     found = read_calibration(path)
-    assert found == Calibration(320, 240, 431.5, (337.8 - 320, 250.7 - 120))
+    assert found == calibration(320, 240, 431.5, (337.8 - 320, 250.7 - 120))
     assert found.hfov_deg == pytest.approx(2 * math.degrees(math.atan(160 / 431.5)))
     x, y = found.centre_for(320 // binning, 240 // binning)
     assert (x + 0.5) * binning - 0.5 == pytest.approx(17.8)

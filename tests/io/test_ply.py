@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from depthcli._version import __version__
-from depthcli.core.camera import CameraSource
-from depthcli.core.map_camera import with_centre
+from depthcli.core.camera import CameraSource, Intrinsics
+from depthcli.core.map_camera import with_camera
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.formats.ply import PlyWriter
@@ -52,7 +52,7 @@ def test_a_point_lies_on_the_ray_through_its_pixel_s_middle(tmp_path: Path) -> N
 
 def test_the_principal_point_is_the_calibration_s(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
-    PlyWriter().write(with_centre(seen_by(2.0), (3.0, 0.5)), path)
+    PlyWriter().write(with_camera(seen_by(2.0), Intrinsics(centre_px=(3.0, 0.5))), path)
     cloud = points(path)
     np.testing.assert_allclose(cloud["x"] / cloud["z"], [-1.5, -1, -0.5, 0, -1.5, 0])
     np.testing.assert_allclose(cloud["y"] / cloud["z"], [-0.25] * 4 + [0.25] * 2)

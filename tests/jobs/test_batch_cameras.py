@@ -11,7 +11,7 @@ from batches import outputs, pictures, request
 from tiny import synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.core.camera import Camera, Lens
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
@@ -65,7 +65,11 @@ def test_each_picture_has_its_own_camera(tmp_path: Path, batch_size: int) -> Non
     }
     assert json.loads((tmp_path / "out/a.depth.json").read_text())["camera_source"] == "option"
     assert focal_px(tmp_path / "out/a.depth.png") == pytest.approx(40)
-    own = {"a.png": Camera(40.0), "z.png": Camera(), "hall/b.png": Camera(hfov_deg=90.0)}
+    own = {
+        "a.png": Intrinsics(40.0),
+        "z.png": UNKNOWN_CAMERA,
+        "hall/b.png": Intrinsics(hfov_deg=90.0),
+    }
     together = outputs(tmp_path / "out")
     for name, camera in own.items():
         list(Batch(request(tmp_path, "alone", replace(options, camera=camera))))
@@ -79,16 +83,16 @@ def test_each_picture_has_its_own_principal_point(tmp_path: Path) -> None:
     table = "id,focal_px,cx,cy\na,40,3.5,-2\nhall/b,,12,10\nz,30,,\n"
     options = BatchOptions(
         (Format.NPY, Format.PNG16, Format.EXR, Format.PLY, Format.JSON),
-        camera=Camera(centre_px=(1.0, 2.0)),
+        camera=Intrinsics(centre_px=(1.0, 2.0)),
     )
     assert not any(kept(with_table(tmp_path, table, options=options)).values())
     together = outputs(tmp_path / "out")
     stated = json.loads((tmp_path / "out/a.depth.json").read_text())
     assert (stated["focal_px"], stated["centre_px"]) == (40, [3.5, -2])
     own = {
-        "a": Camera(40.0, centre_px=(3.5, -2.0)),
-        "hall/b": Camera(centre_px=(12.0, 10.0)),
-        "z": Camera(30.0, centre_px=(1.0, 2.0)),  # that of the batch
+        "a": Intrinsics(40.0, centre_px=(3.5, -2.0)),
+        "hall/b": Intrinsics(centre_px=(12.0, 10.0)),
+        "z": Intrinsics(30.0, centre_px=(1.0, 2.0)),  # that of the batch
     }
     for name, camera in own.items():
         list(Batch(request(tmp_path, "alone", replace(options, camera=camera))))
@@ -238,7 +242,7 @@ def test_spaces_around_names_and_values_are_ignored(tmp_path: Path) -> None:
     path = tmp_path / "cameras.csv"
     path.write_text("id , focal_px ,cx , cy\n a ,40 , 3 ,4 \nb , , ,\n")
     table = read_cameras(str(path))
-    assert table.lens("a.png") == Lens(40.0, None, (3.0, 4.0))
+    assert table.lens("a.png") == Intrinsics(40.0, None, (3.0, 4.0))
     assert table.lens("b.png") is None
 
 

@@ -14,7 +14,7 @@ from batches import NAMES, outputs, pictures, request
 from tiny import write_picture
 from videos import write_mp4
 
-from depthcli.core.camera import Anchor, Camera
+from depthcli.core.camera import Anchor
 from depthcli.core.choices import Detail, Upsampling
 from depthcli.errors import ModelError, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 OPTIONS = BatchOptions(
     (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),
     WriterOptions(png_scale=256.0, colormap="turbo", legend=True),
-    Camera(anchors=(Anchor(3, 4, 2.5),)),
-    Detail(Upsampling.BILINEAR),
-    10_000,
+    anchors=(Anchor(3, 4, 2.5),),
+    detail=Detail(Upsampling.BILINEAR),
+    max_pixels=10_000,
 )
 
 

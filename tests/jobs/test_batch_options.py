@@ -10,7 +10,7 @@ from batches import NAMES, outputs, pictures, request
 from videos import flat_frames, with_sound, write_mp4
 from watched import Watched
 
-from depthcli.core.camera import Camera
+from depthcli.core.camera import Intrinsics
 from depthcli.core.choices import GPU_BATCH, Detail, Upsampling
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.dry_run import dry_run
@@ -29,8 +29,10 @@ WRITING = WriterOptions(png_scale=256.0, half=True, colormap="turbo", legend=Tru
 DETAIL = Detail(Upsampling.BILINEAR)
 
 
-@pytest.mark.parametrize("camera", [Camera(hfov_deg=80.0), Camera(focal_px=40.0)])
-def test_a_file_in_a_batch_becomes_what_it_becomes_alone(tmp_path: Path, camera: Camera) -> None:
+@pytest.mark.parametrize("camera", [Intrinsics(hfov_deg=80.0), Intrinsics(focal_px=40.0)])
+def test_a_file_in_a_batch_becomes_what_it_becomes_alone(
+    tmp_path: Path, camera: Intrinsics
+) -> None:
     pictures(tmp_path)
     clip = with_sound(tmp_path / "in" / "clip.mkv", seconds=0.12)
     formats = (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tiny import write_model
 
-from depthcli.core.camera import Camera
+from depthcli.core.camera import Intrinsics
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.options import BatchOptions
@@ -39,7 +39,7 @@ def origin(
     "changed",
     [
         BatchOptions(formats=(Format.PNG16, Format.NPY)),
-        BatchOptions(camera=Camera(300.0)),
+        BatchOptions(camera=Intrinsics(300.0)),
         *(
             BatchOptions(writing=replace(WRITING, **{field.name: "other"}))
             for field in fields(WRITING)

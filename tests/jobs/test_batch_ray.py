@@ -18,7 +18,7 @@ from batches import outputs, request
 from tiny import synthetic_picture, write_picture
 from videos import write_mp4
 
-from depthcli.core.camera import Lens
+from depthcli.core.camera import Intrinsics
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.io.manifest.row import FAILED, OK
 from depthcli.jobs.batch.cameras import CameraTable
@@ -116,7 +116,7 @@ def test_workers_know_the_camera_of_each_picture(tmp_path: Path, engine: RayEngi
     names = ("a.png", "b.png")
     for name in names:
         write_picture(tmp_path / "in" / name)
-    table = CameraTable({"a": Lens(40.0)})
+    table = CameraTable({"a": Intrinsics(40.0)})
     plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), cameras=table)
     results = list(Batch(replace(request(tmp_path), plan=plan), engine=engine))
     cameras = {result.row.input: result.row.camera or "" for result in results}

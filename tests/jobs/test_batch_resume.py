@@ -10,7 +10,7 @@ from batches import NAMES, kept, outputs, pictures, request
 from tiny import synthetic_picture, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.core.camera import Anchor, Camera
+from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.picture_options import ReadOptions
 from depthcli.errors import Message, UsageError
@@ -48,10 +48,10 @@ def test_what_is_right_is_left_alone(tmp_path: Path) -> None:
         BatchOptions(writing=WriterOptions(png_normalize=True)),
         BatchOptions(detail=Detail(Upsampling.BILINEAR)),
         BatchOptions(detail=Detail(tile_px=AUTO_TILE)),
-        BatchOptions(camera=Camera(focal_px=300.0)),
-        BatchOptions(camera=Camera(hfov_deg=80.0)),
-        BatchOptions(camera=Camera(pictures=ReadOptions(white_level=4095))),
-        BatchOptions(camera=Camera(anchors=(Anchor(3, 4, 2.5),))),
+        BatchOptions(camera=Intrinsics(focal_px=300.0)),
+        BatchOptions(camera=Intrinsics(hfov_deg=80.0)),
+        BatchOptions(reading=ReadOptions(white_level=4095)),
+        BatchOptions(anchors=(Anchor(3, 4, 2.5),)),
         BatchOptions((Format.PREVIEW,), WriterOptions(legend=True)),
     ],
 )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from videos import NTSC
 
-from depthcli.core.camera import Camera, CameraSource
+from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
@@ -181,7 +181,7 @@ def test_integers_need_a_scale(tmp_path: Path, dtype: type[np.integer[Any]]) -> 
 
 def test_what_a_conversion_cost(depth_npy: Path, capfd: pytest.CaptureFixture[str]) -> None:
     target = depth_npy.with_name("d.png")
-    camera = Camera(focal_px=8)
+    camera = Intrinsics(focal_px=8)
     done = convert(ConvertRequest(str(depth_npy), str(target), camera=camera))
     assert done.round_trip is not None
     assert done.round_trip.lost == 0

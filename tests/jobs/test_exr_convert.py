@@ -11,7 +11,7 @@ import OpenEXR
 import pytest
 from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, written
 
-from depthcli.core.camera import Camera, focal_px_of_hfov
+from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
 from depthcli.io.formats.table import WriterOptions
@@ -87,7 +87,7 @@ def test_what_is_lost_in_the_overscan_counts(tmp_path: Path) -> None:
 
 def test_its_field_of_view_is_that_of_the_display_window(tmp_path: Path) -> None:
     write_depth_exr(tmp_path / "a.exr", OVERSCAN)
-    camera = Camera(hfov_deg=40)
+    camera = Intrinsics(hfov_deg=40)
     convert(ConvertRequest(f"{tmp_path}/a.exr", f"{tmp_path}/b.exr", camera=camera))
     facts = read_metadata(tmp_path / "b.exr")
     assert float(facts["focal_px"]) == pytest.approx(focal_px_of_hfov(40, 64), rel=1e-5)

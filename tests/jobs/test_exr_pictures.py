@@ -15,7 +15,7 @@ from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, inside, size_of, write_p
 from tiny import write_model, write_picture
 
 import depthcli
-from depthcli.core.camera import Anchor, Camera
+from depthcli.core.camera import Anchor
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
@@ -92,17 +92,17 @@ def test_anchors_name_pixels_of_the_display_window(
     data: Box, tmp_path: Path, loader: SessionLoader
 ) -> None:
     plate = write_plate(tmp_path, 1, data)
-    camera = Camera(anchors=(Anchor(20, 20, 3.5),))
-    done = predicted(plate, loader, Format.EXR, camera=camera)
+    anchors = (Anchor(20, 20, 3.5),)
+    done = predicted(plate, loader, Format.EXR, anchors=anchors)
     assert done.depth.values[20, 20] == pytest.approx(3.5)
     assert done.depth.provenance is not None
-    assert done.depth.provenance.anchors == camera.anchors
+    assert done.depth.provenance.anchors == anchors
     *_, stored = written(tmp_path / "out" / "plate.1.depth.exr")
     assert stored.shape == size_of(data)
     assert stored[DISPLAY[1] + 20 - data[1], DISPLAY[0] + 20 - data[0]] == pytest.approx(3.5)
-    outside = Camera(anchors=(Anchor(64, 20, 3.5),))
+    outside = (Anchor(64, 20, 3.5),)
     with pytest.raises(InputError, match="64,20 is outside the picture of 64×48"):
-        predicted(plate, loader, Format.EXR, camera=outside)
+        predicted(plate, loader, Format.EXR, anchors=outside)
 
 
 def test_it_can_come_through_a_pipe(tmp_path: Path, loader: SessionLoader) -> None:
@@ -223,7 +223,7 @@ def test_its_outputs_have_names_of_their_own(tmp_path: Path) -> None:
 def test_a_batch_reads_those_of_a_list_alone(tmp_path: Path, loader: SessionLoader) -> None:
     root, out = tmp_path / "in", tmp_path / "batch"
     plate = write_plate(root, 1, MIXED)
-    done = predicted(plate, loader, Format.EXR, camera=Camera(anchors=(Anchor(20, 20, 3.5),)))
+    done = predicted(plate, loader, Format.EXR, anchors=(Anchor(20, 20, 3.5),))
     own = (root / "out" / "plate.1.depth.exr").rename(root / "own.exr")
     write_picture(root / "room.png")
     whole = plan_folder(str(root), str(out))
@@ -233,7 +233,7 @@ def test_a_batch_reads_those_of_a_list_alone(tmp_path: Path, loader: SessionLoad
         ("own.exr", ".exr"),
     }
     plan = plan_files([plate.name, own.name], "mine", str(root), str(out))
-    options = BatchOptions((Format.EXR, Format.NPY), camera=Camera(anchors=(Anchor(20, 20, 3.5),)))
+    options = BatchOptions((Format.EXR, Format.NPY), anchors=(Anchor(20, 20, 3.5),))
     rows = {result.row.input: result.row for result in Batch(BatchRequest(plan, options, loader))}
     assert rows[plate.name].status == OK
     assert rows[plate.name].camera == camera_text(done.depth)

@@ -15,7 +15,7 @@ from tiny import write_model
 from videos import flat_frames
 from watched import Watched
 
-from depthcli.core.camera import Camera, focal_px_of_hfov
+from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
@@ -96,7 +96,7 @@ def test_the_field_of_view_is_that_of_the_display_window(
     given_px = focal_px_of_hfov(40, 64)
     done = depth_of(
         VideoFormat.EXR,
-        camera=Camera(hfov_deg=40, centre_px=(30.5, 22.25)),
+        camera=Intrinsics(hfov_deg=40, centre_px=(30.5, 22.25)),
     )
     assert done.depth.provenance is not None
     assert done.depth.provenance.focal_px == pytest.approx(given_px)

@@ -17,7 +17,7 @@ import pytest
 from command_line import unmeasured
 from tiny import write_model, write_picture
 
-from depthcli.core.camera import Anchor, Camera
+from depthcli.core.camera import Anchor
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
@@ -177,9 +177,9 @@ def test_a_model_that_is_not_there_ends_it(tmp_path: Path) -> None:
 def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: SessionLoader) -> None:
     small = write_picture(tmp_path / "small.png", np.full((8, 8, 3), 99, np.uint8))
     large = write_picture(tmp_path / "large.png")
-    camera = Camera(anchors=(Anchor(40, 30, 2.0),))
+    anchors = (Anchor(40, 30, 2.0),)
     request = PredictRequest(
-        (str(small), str(large)), formats=(Format.NPY,), model=loader, camera=camera
+        (str(small), str(large)), formats=(Format.NPY,), model=loader, anchors=anchors
     )
     failed, done = predict(request)
     assert isinstance(failed, FailedInput)

@@ -19,7 +19,7 @@ from tiny import write_model, write_picture
 from videos import flat_frames, write_video
 from watched import Watched
 
-from depthcli.core.camera import Lens
+from depthcli.core.camera import Intrinsics
 from depthcli.core.exit_hooks import run_exit_hooks
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
@@ -57,7 +57,7 @@ FORMATS = (Format.PNG16, Format.EXR, Format.NPY, Format.PREVIEW, Format.JSON)
 
 def test_a_table_of_cameras_comes_from_a_bucket(bucket: Bucket) -> None:
     uri = bucket.put("cameras.csv", b"id,focal_px\nhall/b,40\n")
-    assert read_cameras(uri).lens("hall/b.png") == Lens(40.0)
+    assert read_cameras(uri).lens("hall/b.png") == Intrinsics(40.0)
     with pytest.raises(UsageError, match=r"none\.csv cannot be read"):
         read_cameras(bucket.uri("none.csv"))
 

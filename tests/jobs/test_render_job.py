@@ -15,13 +15,13 @@ from file_trees import contents
 from watched import Watched
 
 from depthcli.cli.shell import run
-from depthcli.core.camera import Lens
+from depthcli.core.camera import Intrinsics
 from depthcli.core.types import Frame
 from depthcli.datasets.paired_folder import open_paired_folder
 from depthcli.datasets.rooms.pair import VERSION, RoomSettings, render_pair, room_focal_px
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
-from depthcli.inference.camera import camera_of
+from depthcli.inference.camera import intrinsics_of, metric_scale
 from depthcli.inference.preprocess import input_layout
 from depthcli.jobs.render import RenderRequest, render
 from depthcli.models.catalog import find_model
@@ -130,11 +130,17 @@ def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:
     assert data.hfov_deg == card.camera.hfov_deg
     place = input_layout(card.input, *SETTINGS.size)
     for i in range(COUNT):
-        camera = camera_of(card, Frame(truth.image(i)), place, Lens(truth.focal_px[i]))
-        assert camera is not None
+        frame = Frame(truth.image(i))
+        camera = intrinsics_of(card, frame, Intrinsics(truth.focal_px[i]))
+        scale = metric_scale(card, frame, place, camera)
         there = truth.depth_m(i)
+<<<<<<< HEAD
         np.testing.assert_allclose(data.dataset.depth_m(i) * camera.scale, there, rtol=2e-3)
     extra = open_training_data(folder, paired=True).with_pseudo_labels(truth).extra
+=======
+        np.testing.assert_allclose(data.dataset.depth_m(i) * scale, there, rtol=2e-3)
+    extra = open_training_data(folder, paired=True).with_extra(truth).extra
+>>>>>>> 7ae89e0b (tests: follow Intrinsics and Prediction)
     assert extra is not None
     np.testing.assert_array_equal(extra.depth_m(1), data.dataset.depth_m(1))
 

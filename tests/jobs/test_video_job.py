@@ -20,7 +20,7 @@ from watched import Watched
 
 import depthcli
 from depthcli._version import __version__
-from depthcli.core.camera import Camera
+from depthcli.core.camera import Intrinsics
 from depthcli.core.choices import Detail
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -87,7 +87,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
     clip: Path, tmp_path: Path, loader: SessionLoader, smooth_s: float
 ) -> None:
     span = Span(frame_number(4), every=frame_number(2))
-    settings = VideoSettings(span=span, smooth_s=smooth_s, camera=Camera(hfov_deg=60))
+    settings = VideoSettings(span=span, smooth_s=smooth_s, camera=Intrinsics(hfov_deg=60))
     write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
     request = VideoRequest(
         str(clip), f"{tmp_path}/out/", sidecar=True, model=loader, settings=settings
@@ -135,7 +135,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
 def test_a_depth_video_states_the_principal_point(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
-    camera = Camera(centre_px=(1.5, -2.0))
+    camera = Intrinsics(centre_px=(1.5, -2.0))
     done = run(clip, tmp_path / "d.mkv", loader, camera=camera)
     assert done.metadata()["centre_px"] == (1.5, -2.0)
     depth = next(iter(DepthVideo(tmp_path / "d.mkv")))

@@ -13,7 +13,7 @@ from tiny import write_model
 from videos import flat_frames, write_mp4
 from watched import Watched
 
-from depthcli.core.camera import Camera
+from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel.background import Background
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
@@ -73,7 +73,7 @@ def test_the_sidecar_of_an_earlier_run_does_not_describe_new_arrays(
     write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
     out = tmp_path / "out"
     for with_sidecar, hfov_deg in ((True, 40.0), (sidecar, 60.0)):
-        settings = VideoSettings(camera=Camera(hfov_deg=hfov_deg))
+        settings = VideoSettings(camera=Intrinsics(hfov_deg=hfov_deg))
         request = VideoRequest(str(clip), f"{out}/", (NPY,), model=loader, settings=settings)
         video(dataclasses.replace(request, sidecar=with_sidecar))
     written = out / "clip.depth.json"
@@ -128,7 +128,7 @@ def test_the_sidecar_of_a_depth_video_does_not_describe_arrays(
 ) -> None:
     write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
     for formats, hfov_deg in (((MKV,), 40.0), ((NPY,), 60.0)):
-        settings = VideoSettings(camera=Camera(hfov_deg=hfov_deg))
+        settings = VideoSettings(camera=Intrinsics(hfov_deg=hfov_deg))
         asked = VideoRequest(str(clip), f"{tmp_path}/out/", formats, model=loader)
         video(dataclasses.replace(asked, settings=settings, sidecar=formats == (MKV,)))
     place = tmp_path / "out" / "clip.depth.000003.npy"

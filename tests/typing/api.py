@@ -60,7 +60,8 @@ for stored in depthcli.DepthVideo("walk.mkv"):
     assert_type(stored, depthcli.DepthMap)
 
 pipeline = depthcli.load(None, detail=depthcli.Detail(depthcli.Upsampling.BILINEAR))
-assert_type(depthcli.DepthMap.of(pipeline.predict(depthcli.Frame(camera_frame))), depthcli.DepthMap)
+found = pipeline.predict(depthcli.Frame(camera_frame)).depth
+assert_type(depthcli.DepthMap.of(found), depthcli.DepthMap)
 
 try:
     depthcli.read_depth("missing.png")
