@@ -134,13 +134,8 @@ def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:
         camera = intrinsics_of(card, frame, Intrinsics(truth.focal_px[i]))
         scale = metric_scale(card, frame, place, camera)
         there = truth.depth_m(i)
-<<<<<<< HEAD
-        np.testing.assert_allclose(data.dataset.depth_m(i) * camera.scale, there, rtol=2e-3)
-    extra = open_training_data(folder, paired=True).with_pseudo_labels(truth).extra
-=======
         np.testing.assert_allclose(data.dataset.depth_m(i) * scale, there, rtol=2e-3)
-    extra = open_training_data(folder, paired=True).with_extra(truth).extra
->>>>>>> 7ae89e0b (tests: follow Intrinsics and Prediction)
+    extra = open_training_data(folder, paired=True).with_pseudo_labels(truth).extra
     assert extra is not None
     np.testing.assert_array_equal(extra.depth_m(1), data.dataset.depth_m(1))
 
