@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from depthcli.api.depth_map import DepthMap
     from depthcli.api.files import DepthVideo, VideoSource, read_depth
     from depthcli.api.model import DepthModel, load_model
-    from depthcli.core.camera import Anchor, Intrinsics
+    from depthcli.core.camera import Anchor, CameraSource, Intrinsics
     from depthcli.core.choices import Detail, Upsampling
     from depthcli.core.point_cloud import PointCloud
     from depthcli.core.types import AnchorFit, DepthKind, Frame, Provenance

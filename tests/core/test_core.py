@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.camera import focal_px_of_35mm, focal_px_of_hfov, hfov_deg
+from depthcli.core.camera import Intrinsics, focal_px_of_35mm, focal_px_of_hfov, hfov_deg
 from depthcli.core.codec import DepthCodec, Transform
 from depthcli.core.colour import luma, rgb, value_channel
 from depthcli.core.resize import resize_area, resize_bilinear
@@ -108,7 +108,7 @@ def test_focal_lengths() -> None:
     assert focal_px_of_hfov(90, 1000) == pytest.approx(500)
     assert focal_px_of_35mm(36, 360, 240) == pytest.approx(360)
     with pytest.raises(UsageError):
-        focal_px_of_hfov(180, 640)
+        Intrinsics(hfov_deg=180)
 
 
 @given(st.floats(0.1, 179.9), st.integers(1, 20_000))

@@ -21,7 +21,7 @@ class Options:
 
 def test_it_is_the_same_for_ever() -> None:
     facts = ("a", Options(0.5), Detail(tile_px=3), Fraction(1, 3), Path("a/b"), {"b": 1, "a": [2]})
-    expected = "601dc9d0596062879db3f627efa8040962c8c41b29acde861189338fb5bfee26"
+    expected = "0e22506284a064af321cc2052952ca1cf2147915f51ef7847b9a37e9b87e8734"
     assert fingerprint(*facts) == expected
 
 
