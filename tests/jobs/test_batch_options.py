@@ -36,13 +36,12 @@ def test_a_file_in_a_batch_becomes_what_it_becomes_alone(
     pictures(tmp_path)
     clip = with_sound(tmp_path / "in" / "clip.mkv", seconds=0.12)
     formats = (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON)
-    asked = request(tmp_path, options=BatchOptions(formats, WRITING, camera, DETAIL))
+    asked = request(tmp_path, options=BatchOptions(formats, WRITING, camera, detail=DETAIL))
     results = {result.row.input: result.row for result in Batch(asked)}
     alone, loader = f"{tmp_path}/alone/", asked.model
     picture = str(tmp_path / "in" / "a.png")
-    list(
-        predict(PredictRequest((picture,), alone, formats, False, loader, camera, WRITING, DETAIL))
-    )
+    words = {"model": loader, "camera": camera, "writing": WRITING, "detail": DETAIL}
+    list(predict(PredictRequest((picture,), alone, formats, **words)))
     settings = VideoSettings(writing=WRITING, camera=camera, detail=DETAIL)
     of_video = (VideoFormat.MKV, VideoFormat.EXR, VideoFormat.MP4, VideoFormat.JSON)
     done = video(VideoRequest(str(clip), alone, of_video, model=loader, settings=settings))

@@ -15,6 +15,7 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.trial import check_network
+from depthcli.io.depth.anchor_files import AnchorFiles
 from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.guard import Guard
@@ -48,7 +49,7 @@ def predict_pictures(
     points = _known_points(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
-    known = [] if request.anchors is None else [path_of(request.anchors.path)]
+    known = [path_of(request.anchors.path)] if isinstance(request.anchors, AnchorFiles) else []
     inputs = [*known, *(plan.source for plan in plans if plan.source is not None)]
     guard = output_guard(inputs, overwrite=request.overwrite)
     for plan in plans:
