@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
-from depthcli.core.camera_ranges import HFOV_DEG
+from depthcli.core.camera import HFOV_DEG
 from depthcli.core.validation import Rule
 from depthcli.datasets import id_ranges
 from depthcli.datasets.base import DepthDataset
