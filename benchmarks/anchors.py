@@ -20,12 +20,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import depthcli
-from depthcli.core.anchor_fit import ERROR_SD, ROBUST_FROM, SHIFT_SD, fit_anchors
-from depthcli.core.anchors import AnchorPoints
-from depthcli.core.choices import Detail, Upsampling
-from depthcli.core.scale_shift import Pairs, least_squares, robust
+from depthcli.core.anchors import (
+    ERROR_SD,
+    ROBUST_FROM,
+    SHIFT_SD,
+    AnchorPoints,
+    Pairs,
+    fit_anchors,
+    least_squares,
+    robust,
+)
+from depthcli.core.options import Detail, Upsampling
+from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.splits import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.task import plan_nyu
 

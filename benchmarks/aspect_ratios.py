@@ -20,9 +20,9 @@ import numpy as np
 
 import depthcli
 from depthcli.core.camera import Intrinsics
-from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.options import Detail, Upsampling
+from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.task import plan_nyu
 
 if TYPE_CHECKING:

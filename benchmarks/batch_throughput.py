@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, TypeVar
 import cv2
 from made_pictures import write_pictures
 
-from depthcli.core.choices import Detail, Upsampling
-from depthcli.core.parallel.cores import usable_cores
+from depthcli.core.options import Detail, Upsampling
+from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format, WriterOptions

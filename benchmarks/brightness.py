@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import depthcli
-from depthcli.core.choices import Detail, Upsampling
-from depthcli.core.resize import resize_bilinear
+from depthcli.core.imageops import resize_bilinear
+from depthcli.core.options import Detail, Upsampling
+from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.task import plan_nyu
 from depthcli.inference.pipeline import load
 

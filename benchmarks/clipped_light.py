@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 import depthcli
+from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.task import plan_nyu
 from depthcli.io.exr.image import encode
 

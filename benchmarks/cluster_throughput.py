@@ -25,18 +25,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import ray
 from made_pictures import write_pictures
 
-from depthcli.core.parallel.cores import usable_cores
+from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER, RayEngine
-from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.plan import plan_folder
+from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.threads import ThreadEngine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from depthcli.jobs.batch.engines.engine import Engine
+    from depthcli.jobs.batch.threads import Engine
 
 CLUSTER_CORES = 2
 

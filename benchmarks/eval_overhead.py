@@ -20,10 +20,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from depthcli.core.choices import Detail, Upsampling
-from depthcli.core.parallel.cores import usable_cores
-from depthcli.core.parallel.opencv_threads import one_thread_each
-from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.options import Detail, Upsampling
+from depthcli.core.parallel import one_thread_each, ordered_map, usable_cores
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.evaluation.evaluate import entry_for, score

@@ -19,10 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest.files import manifest_name, write_manifest
+from depthcli.io.manifest.files import WHOLE, Shard, manifest_name, write_manifest
 from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import OK, ManifestFormat, Origin, OutputFile, Row
-from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.parquet import write_table
 from depthcli.jobs.batch.manifests import read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files

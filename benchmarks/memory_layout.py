@@ -16,7 +16,7 @@ import time
 import torch
 from lightning_fabric import Fabric
 
-from depthcli.training.data.batches import TrainingBatch
+from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.table import METHODS
 from depthcli.training.resolve import resolve_config
 from depthcli.training.run import Run

@@ -27,7 +27,7 @@ from urllib.parse import parse_qs
 
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.paths import RemotePath
 
 if TYPE_CHECKING:
     from collections.abc import Callable

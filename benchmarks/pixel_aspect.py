@@ -15,9 +15,9 @@ import numpy as np
 
 import depthcli
 from depthcli.core.camera import Intrinsics, focal_px_of_hfov
-from depthcli.core.resize import resize_bilinear
+from depthcli.core.imageops import resize_bilinear
+from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.task import plan_nyu
 
 NYU_HFOV_DEG = 63.3

@@ -25,15 +25,12 @@ from lightning_fabric import Fabric
 
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
-from depthcli.training.callbacks import Callback
-from depthcli.training.config.overrides import apply_overrides
-from depthcli.training.config.presets import preset_file
-from depthcli.training.data.batches import Batches, TrainingBatch
-from depthcli.training.data.pair_store import PairStore
+from depthcli.training.callbacks import Callback, TensorBoardLogger
+from depthcli.training.data import Batches, PairStore, TrainingBatch
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.run import Run
-from depthcli.training.tensorboard_logger import TensorBoardLogger
+from depthcli.training.settings import apply_overrides, preset_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +38,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from depthcli.datasets.base import DepthDataset
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
 
 NO_VALIDATION = ["data.holdout_every=0", "optim.epochs_constant=1000", "optim.epochs_decay=1000"]
 

@@ -19,16 +19,15 @@ import numpy as np
 from timing import alternate
 
 import depthcli
-from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
+from depthcli.core.options import AUTO_TILE, Detail, Upsampling
 from depthcli.core.types import Frame
+from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.splits import SplitName
 from depthcli.evaluation.evaluate import EvalOptions, evaluate
 from depthcli.evaluation.predictors import ModelPredictor
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.task import plan_nyu
-from depthcli.inference.postprocess import coarse_depth, full_size
-from depthcli.inference.preprocess import prepare
+from depthcli.inference.transforms import coarse_depth, full_size, prepare
 
 if TYPE_CHECKING:
     from collections.abc import Callable

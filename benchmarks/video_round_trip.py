@@ -18,7 +18,7 @@ from made_pictures import write_video
 
 import depthcli
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.source import VideoSource
 
 _MILLIMETRES = 1000

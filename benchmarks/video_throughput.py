@@ -21,12 +21,11 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 import cv2
 from made_pictures import write_video
 
-from depthcli.core.choices import Detail
-from depthcli.core.parallel.cores import usable_cores
+from depthcli.core.options import Detail
+from depthcli.core.parallel import usable_cores
 from depthcli.inference.pipeline import load
-from depthcli.jobs.video.outputs import open_output
-from depthcli.jobs.video.plan import plan_video
-from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video
+from depthcli.jobs.video.run import open_output
 from depthcli.jobs.video.stages import FrameStages
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource

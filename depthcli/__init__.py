@@ -16,11 +16,10 @@ from depthcli._version import __version__
 
 TYPE_CHECKING = False  # checkers take it for typing's, which would be a quarter of ``--help``
 if TYPE_CHECKING:
-    from depthcli.api.depth_map import DepthMap
-    from depthcli.api.files import DepthVideo, VideoSource, read_depth
+    from depthcli.api.depth_map import DepthMap, DepthVideo, VideoSource, read_depth
     from depthcli.api.model import DepthModel, load_model
     from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-    from depthcli.core.choices import Detail, Upsampling
+    from depthcli.core.options import Detail, Upsampling
     from depthcli.core.point_cloud import PointCloud
     from depthcli.core.types import AnchorFit, DepthKind, Frame, Provenance
     from depthcli.errors import (
@@ -87,20 +86,19 @@ __all__ = [
 ]
 
 _HOMES = {
-    "depthcli.api.depth_map": ("DepthMap",),
-    "depthcli.api.files": ("DepthVideo", "VideoSource", "read_depth"),
+    "depthcli.api.depth_map": ("DepthMap", "DepthVideo", "VideoSource", "read_depth"),
     "depthcli.api.model": ("DepthModel", "load_model"),
     "depthcli.core.camera": ("Anchor", "CameraSource", "Intrinsics"),
-    "depthcli.core.choices": ("Detail", "Upsampling"),
+    "depthcli.core.options": ("Detail", "Upsampling"),
     "depthcli.core.point_cloud": ("PointCloud",),
     "depthcli.core.types": ("AnchorFit", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),
-    "depthcli.models.card": ("ModelCard",),
-    "depthcli.models.catalog": ("Model", "find_model"),
     "depthcli.inference.pipeline": ("Pipeline", "load"),
     "depthcli.inference.session": ("Session",),
     "depthcli.io.calibration": ("read_calibration",),
     "depthcli.io.images.read": ("Picture", "read_image"),
+    "depthcli.models.card": ("ModelCard",),
+    "depthcli.models.catalog": ("Model", "find_model"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 import depthcli
-from depthcli.core.choices import Colormap
-from depthcli.datasets.rooms.pair import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
+from depthcli.core.options import Colormap
+from depthcli.datasets.rooms.render import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
 from depthcli.export.trained import export_run, open_run
 from depthcli.io.formats.colormaps import colour_table
 from depthcli.io.formats.contact_sheet import contact_sheet

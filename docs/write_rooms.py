@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import Colormap
-from depthcli.datasets.rooms.pair import RoomSettings, render_pair
+from depthcli.core.options import Colormap
+from depthcli.datasets.rooms.render import RoomSettings, render_pair
 from depthcli.io.formats.colormaps import colour_table
 
 TARGET = Path(__file__).with_name("rooms.jpg")

@@ -14,7 +14,7 @@ from command_line import ROOT, Cli, InProcess
 from hypothesis import HealthCheck, settings
 from tiny import write_model, write_picture
 
-from depthcli.io.listing.heif import reads_heif
+from depthcli.io.listing.folder import reads_heif
 from depthcli.io.storage import objects
 
 if TYPE_CHECKING:

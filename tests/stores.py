@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import boto3
 from moto.server import ThreadedMotoServer
 
-from depthcli.io.storage.remote import RemotePath, path_of
+from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -827,9 +827,11 @@ def test_what_a_format_loses_is_a_warning_at_the_caller(tmp_path: Path) -> None:
 def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
     from fractions import Fraction  # noqa: PLC0415
 
-    from depthcli.video.depth_output import depth_video  # noqa: PLC0415
-    from depthcli.video.output import DepthFrame  # noqa: PLC0415
-    from depthcli.video.rates import Timing  # noqa: PLC0415
+    from depthcli.video.frames import Timing  # noqa: PLC0415
+    from depthcli.video.outputs import (  # noqa: PLC0415
+        DepthFrame,
+        depth_video,
+    )
 
     frame = depthcli.Frame(np.zeros((4, 6), np.uint8))
     with depth_video(tmp_path / "a.mkv", Timing(Fraction(25)), 1000, None) as output:

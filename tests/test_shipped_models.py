@@ -16,10 +16,10 @@ import pytest
 from render_room import render
 
 import depthcli
-from depthcli.core.anchor_fit import fit_anchors
+from depthcli.core.anchors import fit_anchors
 from depthcli.core.camera import Anchor
 from depthcli.core.types import Frame
-from depthcli.datasets import id_ranges
+from depthcli.datasets import base as id_ranges
 from depthcli.models.card import ModelCard
 
 ROOT = Path(__file__).parents[1]

@@ -11,7 +11,7 @@ import sys
 import warnings
 
 from depthcli._version import __version__
-from depthcli.cli.streams import open_streams
+from depthcli.cli.process import open_streams
 from depthcli.cli.table import PROGRAM, help_text
 
 TYPE_CHECKING = False  # as in depthcli/__init__.py
@@ -62,7 +62,7 @@ def _prepare() -> None:
     # NumPy's OpenBLAS starts a thread per core that spins for 60 ms before it sleeps, while the
     # model loads on the same cores. This lets the threads sleep at once.
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
-    # For modules that import onnxruntime themselves; see depthcli/inference/runtime.py.
+    # For modules that import onnxruntime themselves; see depthcli/inference/providers.py.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     if _is_limited():  # OpenBLAS would crash where it cannot start its threads
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -96,7 +96,7 @@ def _run(arguments: list[str], *, is_process: bool = False) -> int:
         else:
             if is_process:
                 _prepare()
-                from depthcli.cli.signals import end_on_signals
+                from depthcli.cli.process import end_on_signals
 
                 end_on_signals()
             from depthcli.cli.shell import run

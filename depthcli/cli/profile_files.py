@@ -7,8 +7,7 @@ from pathlib import Path
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.regular import read_regular
-from depthcli.io.storage.user_folders import check_home, config_folder
+from depthcli.io.storage.paths import check_home, config_folder, read_regular
 
 Scalar = str | int | float | bool
 Value = Scalar | list[Scalar]

@@ -12,11 +12,11 @@ from typer.main import get_command
 from typer.models import TyperPath
 
 from depthcli._version import __version__
-from depthcli.cli.arguments import completion
+from depthcli.cli import completion
 from depthcli.cli.loading import plain_command, suggestion
 from depthcli.cli.screen import console
 from depthcli.cli.table import COMMANDS, PROFILE_COMMANDS, PROGRAM, help_text
-from depthcli.core.extras import INSTALL_TRAIN
+from depthcli.core.text import INSTALL_TRAIN
 from depthcli.errors import (
     NO_THREADS,
     DepthcliError,
@@ -212,7 +212,7 @@ def _profile_option() -> TyperOption:
 
 def _apply_profile(ctx: Any, parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
     if name is not None:
-        from depthcli.cli.profiles.values import apply
+        from depthcli.cli.profiles import apply
 
         apply(ctx, parameter, name)
 
@@ -248,7 +248,7 @@ def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 
     for word in value if isinstance(value, (list, tuple)) else (value,):
         if "://" in str(word):
             named = parameter.opts[-1] if parameter.opts[-1].startswith("-") else "this"
-            from depthcli.io.storage.remote import safe_name
+            from depthcli.io.storage.paths import safe_name
 
             raise UsageError(f"{safe_name(str(word))} is a URI; {named} takes local paths only")
     return value

@@ -1,16 +1,25 @@
 """Pixels of known depth, few or many."""
 
 import hashlib
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Self
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
-from depthcli.core.types import has_depth
-from depthcli.errors import UsageError
+from depthcli.core.types import (
+    AnchorFit,
+    DepthKind,
+    DepthMap,
+    Provenance,
+    Windows,
+    displayed_depth,
+    has_depth,
+)
+from depthcli.errors import InputError, UsageError
 
 _COLUMNS = 3
 _MAX_PIXEL = 2**31
@@ -109,3 +118,251 @@ class AnchorPoints:
             raise UsageError(
                 f"anchor {self.x[at]},{self.y[at]} is outside the picture of {width}×{height}"
             )
+
+
+_STEPS = 50
+_NORMAL = 1.4826  # standard deviation over median absolute deviation, of a normal distribution
+_CUTOFF = 4.685  # 95 % efficiency for normal errors
+_EXACT = 1e-6  # relative; depth maps are float32
+_MOST = 100_000  # points in each step
+
+_Values = npt.NDArray[np.float64]
+
+
+class ScaleShift(NamedTuple):
+    """wanted = scale · value + shift."""
+
+    scale: float
+    shift: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Values and what they should become.
+
+    Attributes:
+        values: (N,) float64.
+        wanted: (N,) float64.
+        unit: (N,) float64 above 0, in which the error of each pair is measured.
+        error_sd: expected standard deviation of the errors, in their units.
+        shift_sd: expected standard deviation of the shift, in the median unit; infinite if
+            nothing is known of it.
+    """
+
+    values: _Values
+    wanted: _Values
+    unit: _Values
+    error_sd: float = 1.0
+    shift_sd: float = math.inf
+
+    def errors(self, fit: ScaleShift) -> _Values:
+        """Absolute error of each pair, in its unit: (N,) float64."""
+        return np.abs(fit.scale * self.values + fit.shift - self.wanted) / self.unit
+
+    def thinned(self) -> "Pairs":
+        """At most 100,000 pairs, evenly spaced in their order."""
+        count = len(self.values)
+        chosen = np.linspace(0, count - 1, min(count, _MOST)).astype(np.int64)
+        some = self.values[chosen], self.wanted[chosen], self.unit[chosen]
+        return Pairs(*some, self.error_sd, self.shift_sd)
+
+
+def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
+    """The most probable scale and shift if all errors and the shift are normally distributed.
+
+    Args:
+        pairs: their values are not all equal, or the shift is expected to be finite.
+        weights: (N,) float64; None if all are equal.
+    """
+    weights = np.ones_like(pairs.values) if weights is None else weights
+    centre, unit = float(np.median(np.abs(pairs.values))) or 1.0, float(np.median(pairs.unit))
+    rows = np.stack([pairs.values / centre, np.full_like(pairs.values, unit)], axis=1)
+    rows /= pairs.unit[:, None]
+    weighted = rows * weights[:, None]
+    normal = weighted.T @ rows + np.diag([0.0, (pairs.error_sd / pairs.shift_sd) ** 2])
+    scale, shift = np.linalg.lstsq(normal, weighted.T @ (pairs.wanted / pairs.unit))[0]
+    return ScaleShift(float(scale) / centre, float(shift) * unit)
+
+
+def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
+    """Like :func:`least_squares`, but wrong pairs have no effect.
+
+    An MM-like estimate: the least absolute errors, then iteratively reweighted least squares with
+    Tukey's biweight. The standard deviation of the errors is 1.4826 times the median error of the
+    first fit.
+    Pairs farther than 4.685 standard deviations from the fit have no effect.
+    Of more than 100,000 pairs, this many determine the fit.
+
+    Source: Holland, Welsch: Robust regression using iteratively reweighted least-squares.
+    Communications in Statistics A6, 1977; Yohai: High breakdown-point and high efficiency robust
+    estimates for regression. Annals of Statistics 15, 1987.
+
+    Returns:
+        The fit, and the weight of each pair in it, 0 of wrong ones: (N,) float64 in [0, 1].
+    """
+    some = pairs.thinned()
+    least = _EXACT * float(np.median(np.abs(some.wanted) / some.unit))
+    fit = least_squares(some)
+    some = replace(some, error_sd=max(float(np.median(some.errors(fit))), least))
+    for _ in range(_STEPS):
+        fit = least_squares(some, some.error_sd / np.maximum(some.errors(fit), least))
+    some = replace(some, error_sd=max(_NORMAL * float(np.median(some.errors(fit))), least))
+    width = _CUTOFF * some.error_sd
+    for _ in range(_STEPS):
+        fit = least_squares(some, _biweights(some.errors(fit) / width))
+    return fit, _biweights(pairs.errors(fit) / width)
+
+
+def _biweights(errors: _Values) -> _Values:
+    """Tukey's biweight of errors, 0 from 1 on."""
+    return (1 - np.minimum(errors, 1) ** 2) ** 2
+
+
+ROBUST_FROM = 5
+"""Number of points from which wrong ones are detected and left out."""
+
+ERROR_SD, SHIFT_SD = 0.12, 0.17
+"""Expected standard deviations of metric maps, relative to depth: of the errors that a fit leaves,
+and of the shift that it finds. Chosen on validation pictures."""
+
+_GRID_COLUMNS, _ROWS, _SPREAD_CELLS = 6, 4, 12
+"""A grid over the picture. Many points in fewer than 12 of its cells count as one a cell."""
+
+
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what overflows is no depth
+def fit_anchors(
+    depth: DepthMap,
+    points: Sequence[Anchor] | AnchorPoints,
+    windows: Windows | None = None,
+) -> DepthMap:
+    """Metric depth that fits known points best.
+
+    Scale and shift of least squares, with five or more points by
+    :func:`depthcli.core.anchors.robust`, which leaves wrong ones out; one point fits the scale
+    alone. Of metric maps, errors are relative to the map's depth, and the shift is expected to be
+    small; points of one region, such as a wall, say little about it, however many they are.
+    Relative maps are fitted in depth, inverse maps in inverse depth.
+
+    Args:
+        depth: map of any kind.
+        points: pixels of the map, or of its part in the display window, and their depth. Of five or
+            more, those where the map has no depth are ignored.
+        windows: of the picture of the map; None if all of it is displayed.
+
+    Returns:
+        A metric map of the same size, with the points and the fit in its provenance; NaN where the
+        fit puts a pixel at or behind the camera.
+
+    Raises:
+        UsageError: a point is outside, has no depth, or one that is not 0.001 to 1e6 m; there are
+            none, or they do not determine the fit; or the best fit puts one at or behind the
+            camera; or they are from a map of another size.
+    """
+    points = points if isinstance(points, AnchorPoints) else AnchorPoints.of(points)
+    shown = displayed_depth(depth, windows)
+    points.check(shown.width, shown.height)
+    values = shown.values[points.y, points.x].astype(np.float64)
+    known = _known(points, values, depth.kind)
+    inverse = depth.kind is DepthKind.INVERSE
+    wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
+    cells = _cells_of(points, shown.width, shown.height)[known]
+    fit, used = _fit(values[known], wanted, depth.kind, cells)
+    if (values[known][used] * fit.scale + fit.shift <= 0).any():
+        raise UsageError(
+            "the fit puts an anchor at or behind the camera; check the depths of the anchors"
+        )
+    fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
+    if inverse:
+        fitted = np.float32(1) / fitted
+    fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
+    result = DepthMap(fitted, DepthKind.METRIC)
+    fitted_m = displayed_depth(result, windows).values[points.y, points.x]
+    errors_m = np.abs(fitted_m - points.depth_m)
+    errors_m = errors_m[np.isfinite(errors_m)]
+    if not errors_m.size:
+        raise UsageError("the anchors fit no depth that 32 bits can hold; check their metres")
+    source = replace(
+        depth.provenance or Provenance(),
+        anchors=points.listed(),
+        anchor_fit=AnchorFit(int(used.sum()), len(points), float(np.median(errors_m))),
+    )
+    return replace(result, provenance=source)
+
+
+def fitted(
+    depth: DepthMap, points: AnchorPoints | None, windows: Windows | None = None
+) -> DepthMap:
+    """Depth of one of several pictures, fitted to points; unchanged if no points are given.
+
+    The arguments are those of :func:`fit_anchors`.
+
+    Raises:
+        InputError: the points do not fit this picture, but may fit the next one.
+    """
+    try:
+        return depth if points is None else fit_anchors(depth, points, windows)
+    except UsageError as error:
+        raise InputError(str(error)) from error
+
+
+def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
+    """A warning about the pixels that a fit leaves without depth; none if there are none."""
+    if fitted.values is before.values:
+        return ()
+    lost = int(np.count_nonzero(before.valid & ~fitted.valid))
+    if not lost:
+        return ()
+    share = f"{100 * lost / fitted.values.size:.3g} %"
+    where = "at or beyond infinity" if before.kind is DepthKind.INVERSE else "at or below 0 m"
+    return (f"{lost} pixels ({share}) are {where} after the fit and have no depth",)
+
+
+def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> npt.NDArray[np.bool_]:
+    """At which points the map has a value: (N,) bool."""
+    known = has_depth(values, kind)
+    if len(points) >= ROBUST_FROM and known.any():
+        return known
+    for at in np.flatnonzero(~known)[:1]:
+        raise UsageError(f"anchor {points.x[at]},{points.y[at]} has no depth; choose another pixel")
+    return known
+
+
+def _cells_of(points: AnchorPoints, width: int, height: int) -> npt.NDArray[np.int64]:
+    """In which cell of a coarse grid over the picture each point is: (N,)."""
+    return points.y * _ROWS // height * _GRID_COLUMNS + points.x * _GRID_COLUMNS // width
+
+
+def _fit(
+    values: _Values, wanted: _Values, kind: DepthKind, cells: npt.NDArray[np.int64]
+) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
+    """The best scale and shift, and which points it is fitted to.
+
+    ``cells`` is the cell of a coarse grid that each point is in.
+    """
+    used = np.ones(len(values), np.bool_)
+    if len(values) == 1:
+        if values[0] <= 0:
+            raise UsageError(
+                f"the anchor's own value in the map is {values[0]:g}, not above 0, so it fits no "
+                "scale; give two anchors"
+            )
+        return ScaleShift(float(wanted[0] / values[0]), 0.0), used
+    if kind is DepthKind.METRIC:
+        expected_m = values * np.median(wanted / values)
+        pairs = Pairs(values, wanted, expected_m, ERROR_SD, SHIFT_SD)
+    elif np.ptp(values) > 0:
+        pairs = Pairs(values, wanted, np.ones_like(values))
+    else:
+        raise UsageError("all anchors have the same depth in the map; spread them over the scene")
+    if len(values) < ROBUST_FROM:
+        fit = least_squares(pairs)
+    else:
+        fit, weights = robust(pairs)
+        used = weights > 0
+        count = len(np.unique(cells[used]))
+        if kind is DepthKind.METRIC and count < min(_SPREAD_CELLS, int(used.sum())):
+            # Points of a region agree with each other, whatever the shift.
+            fit = least_squares(pairs, weights * min(1.0, count / weights.sum()))
+    if not 0 < fit.scale < math.inf:
+        raise UsageError("the anchors contradict the map's order of near and far; check them")
+    return fit, used

@@ -1,7 +1,11 @@
 """Progress reports of long-running work."""
 
-from collections.abc import Callable
-from typing import Protocol
+import contextlib
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Protocol, Self
 
 
 class Progress(Protocol):
@@ -30,3 +34,60 @@ class _NoProgress:
 
 
 NO_PROGRESS: Progress = _NoProgress()
+
+
+Handler = Callable[[int, FrameType | None], object] | int | None
+
+
+class Interrupt:
+    """Records the first signal while it is entered; a second one has its usual effect.
+
+    ``number`` is the signal that was received, or None; always None outside the main thread.
+    """
+
+    def __init__(self, *signals: signal.Signals) -> None:
+        self.number: int | None = None
+        self._signals = signals
+        self._handlers: dict[signal.Signals, Handler] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in self._signals:
+                self._handlers[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._handlers.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        self._handlers = {}
+
+    def _handle(self, number: int, _frame: FrameType | None) -> None:
+        if self.number is None:
+            self.number = number
+            return
+        self.__exit__()
+        signal.raise_signal(signal.Signals(number))
+
+
+_actions: list[Callable[[], object]] = []
+
+
+@contextlib.contextmanager
+def exit_hook(action: Callable[[], object]) -> Iterator[None]:
+    """Call a function if the process exits within the block.
+
+    Args:
+        action: called from a signal handler or another thread, at any point of this one.
+    """
+    _actions.append(action)
+    try:
+        yield
+    finally:
+        _actions.remove(action)
+
+
+def run_exit_hooks() -> None:
+    """Call all hooks, the last one first; their exceptions are ignored."""
+    for action in reversed(_actions):
+        with contextlib.suppress(Exception):
+            action()

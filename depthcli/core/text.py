@@ -1,4 +1,9 @@
-"""Untrusted text, such as names of files, made safe to show in one line."""
+"""Untrusted text, such as names of files, made safe to show in one line.
+
+How to install what training, export and some files need; ``[train]`` in pyproject.toml.
+
+The packages are named one by one: no package index has depthcli, so pip does not find its extras.
+"""
 
 _INT64_END = 2**63
 _MAX_CHARS = 60
@@ -20,3 +25,12 @@ def short_repr(value: object) -> str:
     except (RecursionError, ValueError):  # a number within it is as long
         return "something too deep or too long"
     return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
+
+
+INSTALL_TRAIN = "pip install torch lightning-fabric onnx onnxscript h5py"
+INSTALL_TENSORBOARD = "pip install tensorboard"
+INSTALL_H5PY = "pip install h5py"
+INSTALL_RAY = "pip install ray"
+INSTALL_PYARROW = "pip install pyarrow"
+INSTALL_HEIF = "pip install pillow-heif"
+INSTALL_CLOUD = "pip install obstore boto3"

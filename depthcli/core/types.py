@@ -1,21 +1,179 @@
 """The central types: a picture (input) and a depth map (output)."""
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import Anchor, CameraSource
-from depthcli.core.pixel_aspect import PIXEL_ASPECTS
-from depthcli.core.pixels import check_pixels
-from depthcli.core.windows import Windows
+from depthcli.core.camera import Anchor, CameraSource, Intrinsics
 from depthcli.errors import InputError
 
-if TYPE_CHECKING:  # pictures need not wait for it
-    from fractions import Fraction
+_GRAY_RANK, _COLOUR_RANK = 2, 3
+_RGB = 3
+_CHANNELS = (1, 3, 4)
+# Colours out of gamut and resampling make some negatives; a picture in [-1, 1] has many.
+_ROUNDING, _NEGATIVE_SHARE = 0.01, 0.1
+_LIT_SHARE = 0.01  # a few bright pixels on black are highlights
+
+
+def check_pixels(pixels: npt.NDArray[Any]) -> None:
+    """Check that pixels are (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
+
+    Raises:
+        InputError: another shape or type, or floats that are not in [0, 1].
+    """
+    if not isinstance(pixels, np.ndarray):
+        raise InputError(f"pixels have to be an array of NumPy, not {type(pixels).__name__}")
+    shape, dtype = pixels.shape, pixels.dtype
+    if len(shape) == _COLOUR_RANK and shape[0] in _CHANNELS and shape[-1] not in _CHANNELS:
+        raise InputError(f"pixels of shape {shape} have channels first; use np.moveaxis(a, 0, -1)")
+    if len(shape) not in (_GRAY_RANK, _COLOUR_RANK) or shape[_GRAY_RANK:] not in ((), (_RGB,)):
+        raise InputError(f"pixels of shape {shape} are not a picture; give (H, W) or (H, W, 3) RGB")
+    if 0 in shape:
+        raise InputError(f"pixels of shape {shape} are an empty picture")
+    if dtype not in (np.uint8, np.uint16, np.float32):
+        raise InputError(f"pixels have to be uint8, uint16 or float32, not {dtype}; convert them")
+    if dtype == np.float32:
+        _check_floats(pixels)
+
+
+def _check_floats(pixels: npt.NDArray[np.float32]) -> None:
+    low, high = float(pixels.min()), float(pixels.max())
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise InputError(
+            "some float pixels are NaN or infinite; replace them, for example with np.nan_to_num"
+        )
+    if is_out_of_range(pixels, low, high):
+        raise InputError(f"float pixels have to be in [0, 1], not {low:g} to {high:g}; scale them")
+
+
+def is_out_of_range(pixels: npt.NDArray[np.float32], low: float, high: float) -> bool:
+    """Whether a finite picture is in 0-255, in [-1, 1] or in another range than [0, 1].
+
+    Highlights may be above 1, if they are less than half of what is not black.
+
+    Args:
+        pixels: of any shape.
+        low: the least of them.
+        high: the largest.
+    """
+    negative = pixels.size * _NEGATIVE_SHARE
+    if low < -_ROUNDING and np.count_nonzero(pixels < -_ROUNDING) > negative:
+        return True
+    if high <= 1 + _ROUNDING:
+        return False
+    lit = max(float(np.count_nonzero(pixels > 0)), pixels.size * _LIT_SHARE)
+    return bool(np.count_nonzero(pixels > 1 + _ROUNDING) * 2 > lit)
+
+
+class Window(NamedTuple):
+    """A rectangle of pixels in the coordinates of an OpenEXR file: x to the right, y down."""
+
+    left: int  #: its first column
+    top: int  #: its first row
+    right: int  #: the column after its last one
+    bottom: int  #: the row after its last one
+
+    @property
+    def width(self) -> int:
+        """Columns; 0 if it is empty."""
+        return max(0, self.right - self.left)
+
+    @property
+    def height(self) -> int:
+        """Rows; 0 if it is empty."""
+        return max(0, self.bottom - self.top)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it has no pixel."""
+        return not (self.width and self.height)
+
+    def moved(self, columns: int, rows: int) -> "Window":
+        """The same rectangle elsewhere."""
+        left, top = self.left + columns, self.top + rows
+        return Window(left, top, self.right + columns, self.bottom + rows)
+
+    def union(self, other: "Window") -> "Window":
+        """The smallest window around both."""
+        corner = min(self.left, other.left), min(self.top, other.top)
+        return Window(*corner, max(self.right, other.right), max(self.bottom, other.bottom))
+
+    def intersection(self, other: "Window") -> "Window":
+        """The pixels that are in both; possibly none."""
+        corner = max(self.left, other.left), max(self.top, other.top)
+        return Window(*corner, min(self.right, other.right), min(self.bottom, other.bottom))
+
+    def within(self, outer: "Window") -> tuple[slice, slice]:
+        """Rows and columns of this window in an array that covers an outer one."""
+        top, left = self.top - outer.top, self.left - outer.left
+        return slice(top, top + self.height), slice(left, left + self.width)
+
+
+def over_window(
+    values: npt.NDArray[np.float32], covered: Window, wanted: Window
+) -> npt.NDArray[np.float32]:
+    """Values of one window as those of another.
+
+    Args:
+        values: (H, W) float32 over ``covered``.
+        covered: their window.
+        wanted: the window of the result.
+
+    Returns:
+        (H', W') float32 over ``wanted``: NaN outside ``covered``. The same array if the windows are
+        the same.
+    """
+    if covered == wanted:
+        return values
+    found = np.full((wanted.height, wanted.width), np.nan, np.float32)
+    both = covered.intersection(wanted)
+    if not both.is_empty:
+        found[both.within(wanted)] = values[both.within(covered)]
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Which part of the image plane a frame's pixels cover."""
+
+    pixels: Window  #: what the array of pixels covers: the display window, and overscan around it
+    data: Window  #: the pixels of the file, some of which may be outside ``pixels``
+    display: Window  #: the part of ``pixels`` that is shown, and that the field of view is of
+
+    @property
+    def valid(self) -> Window:
+        """The part of ``pixels`` that the file has; possibly none."""
+        return self.data.intersection(self.pixels)
+
+    def only(self, window: Window, values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Values, (H, W) float32 over ``pixels``, with NaN outside a window."""
+        if window == self.pixels:
+            return values
+        return over_window(over_window(values, self.pixels, window), window, self.pixels)
+
+
+PIXEL_ASPECTS = 1e-6, 1e6
+"""Least and largest width of a pixel by its height."""
+
+_MOST = 1000
+
+
+def pixel_aspect_of(stated: Fraction | None, *, is_turned: bool) -> float:
+    """Width by height of an upright pixel; 1 if it is not stated, or absurd.
+
+    Args:
+        stated: width by height of a pixel as stored; None or 0 if it is not stated.
+        is_turned: whether rows become columns.
+    """
+    if not stated or not Fraction(1, _MOST) <= stated <= _MOST:
+        return 1.0
+    return float(1 / stated if is_turned else stated)
 
 
 class DepthKind(StrEnum):
@@ -223,3 +381,96 @@ class DepthMap:
         spread = f"{known.min():.3g} to {known.max():.3g}{unit}" if known.size else "no depth"
         model = f", {self.provenance.model}" if self.provenance and self.provenance.model else ""
         return f"<{type(self).__name__} {self.width}×{self.height}, {self.kind}, {spread}{model}>"
+
+
+def masked_to_data_window(depth: DepthMap, windows: Windows | None) -> DepthMap:
+    """The same map without depth where the file of its picture has no pixels.
+
+    Args:
+        depth: of all pixels of the frame.
+        windows: of the frame; None if its file has all of them.
+    """
+    if windows is None or windows.valid == windows.pixels:
+        return depth
+    return replace(depth, values=windows.only(windows.valid, depth.values))
+
+
+def displayed_depth(depth: DepthMap, windows: Windows | None) -> DepthMap:
+    """The part of a map that is in the display window.
+
+    Args:
+        depth: of all pixels of the frame.
+        windows: of the frame; None if all of it is displayed.
+    """
+    if windows is None or windows.pixels == windows.display:
+        return depth
+    values = over_window(depth.values, windows.pixels, windows.display)
+    return replace(depth, values=values)
+
+
+def displayed_frame(frame: Frame) -> Frame:
+    """A frame without the pixels outside its display window."""
+    windows = frame.windows
+    if windows is None or windows.pixels == windows.display:
+        return frame
+    pixels: Any = np.ascontiguousarray(frame.pixels[windows.display.within(windows.pixels)])
+    return replace(frame, pixels=pixels, windows=replace(windows, pixels=windows.display))
+
+
+_STEP = 64
+
+
+class DepthRange(NamedTuple):
+    """Least, median and largest depth, in the map's unit; None where it has no depth at all."""
+
+    min: float | None
+    median: float | None
+    max: float | None
+
+    @classmethod
+    def of(cls, depth: DepthMap) -> Self:
+        """The range of a depth map where it has depth."""
+        known = depth.values[depth.valid]
+        if not known.size:
+            return cls(None, None, None)
+        return cls(float(known.min()), _median(known), float(known.max()))
+
+
+def flat_warnings(depth: DepthMap) -> tuple[str, ...]:
+    """A warning about a map whose pixels all have the same depth; none for other maps."""
+    values, first = depth.values, depth.values[0, 0]
+    # A few pixels tell it of nearly all maps.
+    if (
+        values.size == 1
+        or (values[::_STEP, ::_STEP] != first).any()
+        or values.min() != values.max()
+    ):
+        return ()
+    where = f"{first:.6g} m" if depth.is_metric else f"{first:.6g}"
+    advice = "if other pictures give the same, the scale or the range in the model's card is wrong"
+    return (f"all pixels have the same depth, {where}; {advice}",)
+
+
+def _median(values: npt.NDArray[np.float32]) -> float:
+    """As np.median, which would import numpy.ma and take as long as writing a PNG."""
+    middle = (values.size - 1) // 2, values.size // 2
+    parted = np.partition(values, middle)
+    return float((parted[middle[0]] + parted[middle[1]]) / 2)
+
+
+def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
+    """Depth that states a given camera; what of it is not given stays as it is.
+
+    Raises:
+        InputError: the camera is for another aspect ratio.
+    """
+    source = depth.provenance or Provenance()
+    found, focal_px = source, camera.focal_for(depth.width)
+    centre_px = camera.centre_for(depth.width, depth.height)
+    if focal_px is not None:
+        found = replace(found, focal_px=focal_px, camera_source=CameraSource.OPTION)
+    if centre_px is not None:
+        found = replace(found, centre_px=centre_px)
+    if camera.pixel_aspect is not None:
+        found = replace(found, pixel_aspect=camera.pixel_aspect)
+    return depth if found == source else replace(depth, provenance=found)

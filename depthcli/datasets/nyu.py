@@ -5,23 +5,165 @@ columns id, scene, official_split. ``raw_depth/ID.png`` is optional.
 
 Source: Silberman, Hoiem, Kohli and Fergus, "Indoor Segmentation and Support Inference from RGBD
 Images", ECCV 2012.
+
+The official ``nyu_depth_v2_labeled.mat``: MATLAB v7.3, which is HDF5 with all axes reversed.
+
+Layout: ``images`` (N, 3, W, H) uint8, ``depths`` and ``rawDepths`` (N, W, H) float32 metres,
+``scenes`` object references to arrays of uint16 character codes.
 """
 
 import csv
+import math
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
-from depthcli.core.text import short_repr
-from depthcli.datasets.base import DepthDataset
-from depthcli.datasets.files import PlausibleDepth
-from depthcli.datasets.nyu_mat import MAT_NAME, NyuMat, open_mat
-from depthcli.datasets.paired_folder import PLAUSIBLE as OWN_PLAUSIBLE
-from depthcli.datasets.paired_folder import PairedFolder, open_paired_folder
-from depthcli.datasets.splits import is_label
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.text import INSTALL_H5PY, short_repr
+from depthcli.datasets.base import DepthDataset, is_label
+from depthcli.datasets.folders import PLAUSIBLE as OWN_PLAUSIBLE
+from depthcli.datasets.folders import (
+    PairedFolder,
+    PlausibleDepth,
+    check_plausible,
+    median_m,
+    open_paired_folder,
+    sample_positions,
+)
 from depthcli.errors import DatasetError
 from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.storage.regular import read_regular
+from depthcli.io.storage.paths import read_regular
+
+MAT_NAME = "nyu_depth_v2_labeled.mat"
+_REQUIRED = {"images": "u", "depths": "f", "scenes": "O"}
+"""Arrays that the file must have, and their kinds of NumPy types."""
+_DAMAGED = (KeyError, OSError, RuntimeError, TypeError, ValueError)
+_MAX_PAIRS = 100_000
+_MAX_PAIR_PIXELS = 2**24
+_MAX_CHUNK_BYTES = 2**28
+_MAX_SCENE = 1000
+_IMAGE_AXES = 4
+_DEPTH_AXES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class NyuMat:
+    """Pairs read from the .mat file; a :class:`~depthcli.datasets.base.DepthDataset`."""
+
+    path: Path  #: the file
+    ids: tuple[str, ...]  #: label number of each pair, zero-based, four digits
+    scenes: tuple[str, ...]  #: scene of each pair, such as "kitchen_0004"
+    #: "" for each pair, as the file does not state it, or that of index.csv
+    official_split: tuple[str, ...]
+    file: Any  #: the open h5py file; reads are one pair at a time
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def image(self, i: int) -> npt.NDArray[np.uint8]:
+        """Picture of pair ``i``: (H, W, 3) RGB uint8."""
+        return np.ascontiguousarray(self._read("images", i).transpose(2, 1, 0), dtype=np.uint8)
+
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """In-filled depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
+        return np.ascontiguousarray(self._read("depths", i).T, dtype=np.float32)
+
+    def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Measured depth: (H, W) float32 metres, 0 where nothing was measured."""
+        if "rawDepths" not in self.file:
+            raise DatasetError(f"{self.path} has no rawDepths: use the complete official file")
+        return np.ascontiguousarray(self._read("rawDepths", i).T, dtype=np.float32)
+
+    def _read(self, name: str, i: int) -> npt.NDArray[Any]:
+        try:
+            return np.asarray(self.file[name][i])
+        except _DAMAGED as error:
+            raise DatasetError(f"{self.path} is damaged at pair {i}: fetch it again") from error
+
+
+def open_mat(path: Path, plausible: PlausibleDepth) -> NyuMat:
+    """Open the file and check its layout, and that the median depth is plausible.
+
+    Raises:
+        DatasetError: h5py is not installed, or the file is damaged or has another layout.
+    """
+    try:
+        import h5py  # noqa: PLC0415 - optional, and only this format needs it
+    except ImportError as error:
+        raise DatasetError(f"reading a .mat file needs h5py: {INSTALL_H5PY}") from error
+    try:
+        file = h5py.File(path, "r")
+        count = _check_layout(path, file)
+    except _DAMAGED as error:
+        raise DatasetError(
+            f"{path} is not a complete MATLAB v7.3 file: fetch it again if it was cut short"
+        ) from error
+    dataset = NyuMat(
+        path=path,
+        ids=tuple(f"{i:04d}" for i in range(count)),
+        scenes=_scenes(path, file, count),
+        official_split=("",) * count,
+        file=file,
+    )
+    check_plausible(
+        (median_m(dataset.depth_m(i)) for i in sample_positions(count)), plausible, path
+    )
+    return dataset
+
+
+def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no types
+    """Number of pairs, after checking that pictures and depth agree."""
+    for name in _REQUIRED:
+        if name not in file:
+            raise DatasetError(f"{path} has no {name}: this is not {MAT_NAME}")
+    for name, kinds in (*_REQUIRED.items(), ("rawDepths", "f")):
+        if name in file:
+            _check_array(path, file, name, kinds)
+    images, depths = file["images"].shape, file["depths"].shape
+    agree = len(images) == _IMAGE_AXES and len(depths) == _DEPTH_AXES
+    if not agree or images != (depths[0], 3, *depths[1:]) or not depths[0]:
+        raise DatasetError(
+            f"{path} holds images {images} and depths {depths}: "
+            f"expected (N, 3, W, H) and (N, W, H) as in {MAT_NAME}"
+        )
+    if depths[0] > _MAX_PAIRS or depths[1] * depths[2] > _MAX_PAIR_PIXELS:
+        raise DatasetError(f"{path} claims {depths[0]} pairs of {depths[1]}×{depths[2]} pixels")
+    if "rawDepths" in file and file["rawDepths"].shape != depths:
+        raise DatasetError(f"{path} has rawDepths of another shape than depths: fetch it again")
+    return int(depths[0])
+
+
+def _check_array(path: Path, file: Any, name: str, kinds: str) -> None:  # noqa: ANN401
+    """Check that an array of the right kind is inside the file: HDF5 can link to other files."""
+    import h5py  # noqa: PLC0415 - optional
+
+    array, link = file[name], file.get(name, getlink=True)
+    if not isinstance(array, h5py.Dataset) or array.dtype.kind not in kinds:
+        raise DatasetError(f"{path} has another kind of {name}: this is not {MAT_NAME}")
+    if isinstance(link, h5py.ExternalLink) or array.external or array.is_virtual:
+        raise DatasetError(f"{path} keeps {name} in another file: use the complete official file")
+    chunk_bytes = math.prod(array.chunks or (0,)) * array.dtype.itemsize
+    if chunk_bytes > _MAX_CHUNK_BYTES:
+        raise DatasetError(f"{path} stores {name} in pieces of {chunk_bytes:,} bytes")
+
+
+def _scenes(path: Path, file: Any, count: int) -> tuple[str, ...]:  # noqa: ANN401
+    if file["scenes"].size != count:
+        raise DatasetError(f"{path} names {file['scenes'].size} scenes for {count} pairs")
+    try:
+        return tuple(_scene(file[reference]) for reference in np.ravel(file["scenes"][()]))
+    except (AttributeError, OverflowError, *_DAMAGED) as error:
+        raise DatasetError(f"{path} has unreadable scene names: fetch it again") from error
+
+
+def _scene(codes: Any) -> str:  # noqa: ANN401
+    if codes.size > _MAX_SCENE or codes.external or codes.is_virtual:
+        raise ValueError(codes.size)
+    return "".join(map(chr, np.ravel(codes[()])))
+
 
 INDEX_NAME = "index.csv"
 PLAUSIBLE = PlausibleDepth(0.8, 9.0, "has to be millimetres (metres in the .mat file)")

@@ -5,26 +5,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from depthcli.datasets.base import DepthDataset, HasCamera
-from depthcli.datasets.files import (
+from depthcli.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, HasCamera, Subset
+from depthcli.datasets.folders import (
+    CAMERAS_NAME,
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
+    PairedFolder,
     depth_shape,
+    list_files,
+    open_paired_folder,
+    open_picture_folder,
+    open_unpaired_folder,
     read_image_rgb,
+    stated_focal_px,
 )
 from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
-from depthcli.datasets.paired_folder import (
-    CAMERAS_NAME,
-    PairedFolder,
-    list_files,
-    open_paired_folder,
-)
-from depthcli.datasets.picture_folder import open_picture_folder
-from depthcli.datasets.splits import PAPER_TRAIN_COUNT
-from depthcli.datasets.stated_focal import stated_focal_px
-from depthcli.datasets.subset import Subset
-from depthcli.datasets.unpaired_folder import open_unpaired_folder
 from depthcli.errors import DatasetError
 from depthcli.io.formats.table import MILLIMETRES
 

@@ -13,12 +13,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import Mask
-from depthcli.core.parallel.opencv_threads import one_thread_each
-from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.options import Mask
+from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.datasets.base import DepthDataset, HasRawDepth
-from depthcli.datasets.splits import SplitName
+from depthcli.datasets.base import DepthDataset, HasRawDepth, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.predictors import (
     TRIVIAL_NAMES,
@@ -40,10 +38,10 @@ from depthcli.evaluation.report import (
     Training,
 )
 from depthcli.evaluation.task import EvalTask, group_by_seed, train_overlap
-from depthcli.metrics.accumulate import Accumulator, PixelSums, Scores
 from depthcli.metrics.alignment import SUITABLE
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging
+from depthcli.metrics.depth import Accumulator, PixelSums, Scores
 from depthcli.training.trained import TrainedRun
 
 _PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import Colormap
-from depthcli.core.colour import value_channel
+from depthcli.core.imageops import resize_area, value_channel
+from depthcli.core.options import Colormap
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.core.resize import resize_area
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.datasets.base import DepthDataset
 from depthcli.errors import UsageError

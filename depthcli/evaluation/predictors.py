@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.choices import DEFAULT_DETAIL, Detail
-from depthcli.core.parallel.ordered_map import ordered_map
+from depthcli.core.options import DEFAULT_DETAIL, Detail
+from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import AUTO_TILE, Crop, Mask, Upsampling
-from depthcli.core.resize import resize_bilinear
+from depthcli.core.imageops import resize_bilinear
+from depthcli.core.options import AUTO_TILE, Crop, Mask, Upsampling
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.metrics.alignment import align, is_reversed

@@ -9,13 +9,12 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from depthcli.datasets.splits import ALL_PAIRS, SplitName
+from depthcli.datasets.base import ALL_PAIRS, SplitName
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.io.formats.metadata import SOFTWARE
-from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
 from depthcli.metrics.choices import Alignment
-from depthcli.metrics.depth import METRICS
+from depthcli.metrics.depth import METRICS, Scores
 
 PUBLISHED_COUNT = 449
 _TRAINING = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", "parameters", "ms")

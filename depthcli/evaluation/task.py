@@ -7,12 +7,12 @@ from typing import Self
 
 import numpy as np
 
-from depthcli.datasets import id_ranges
-from depthcli.datasets.base import DepthDataset
-from depthcli.datasets.splits import (
+from depthcli.datasets import base as id_ranges
+from depthcli.datasets.base import (
     ALL_PAIRS,
     NYU,
     TRAIN_IDS,
+    DepthDataset,
     Split,
     SplitName,
     is_label,

@@ -1,17 +1,31 @@
 """Exporting a generator to an ONNX graph with folded batch norm and dynamic batch and size."""
 
 import copy
+import logging
 import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import onnx
 import torch
 from onnx import TensorProto, helper, numpy_helper
+from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 from onnxscript import optimizer
 from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.datasets.folders import sample_positions
+from depthcli.errors import InputError, ParityError, UsageError
+from depthcli.inference.providers import ort
+from depthcli.inference.transforms import prepare
+from depthcli.io.images.read import read_image
+from depthcli.io.listing.folder import is_video, list_folder
+from depthcli.io.storage.temporary import temporary_folder
+from depthcli.models.card import InputSpec
 
 OPSET = 17
 IR_VERSION = 8
@@ -116,3 +130,150 @@ def weights_to_float16(model: onnx.ModelProto) -> None:
     nodes = [*casts, *graph.node]
     del graph.node[:]
     graph.node.extend(nodes)
+
+
+MAX_PICTURES = 64
+
+
+def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]]) -> onnx.ModelProto:
+    """Quantize weights (per channel) and activations to int8, in QDQ format.
+
+    Weights use 7 bits: CPUs with AVX2 but without VNNI accumulate in 16 bits, which 8-bit weights
+    could overflow. The batches, network inputs (1, C, H, W), calibrate the range of activations.
+    """
+    name = model.graph.input[0].name
+    with temporary_folder() as folder:
+        # By path, as the quantizer moves the weights of a model in memory to a separate file.
+        source, path = folder / "float.onnx", folder / "int8.onnx"
+        onnx.save(model, source)
+        with _suppress_warnings():
+            quantize_static(
+                source,
+                path,
+                _CalibrationReader([{name: batch} for batch in batches]),
+                quant_format=QuantFormat.QDQ,
+                per_channel=True,
+                reduce_range=True,
+                activation_type=QuantType.QUInt8,
+                weight_type=QuantType.QInt8,
+            )
+        return onnx.load(path)
+
+
+def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.float32]]:
+    """Network inputs of up to 64 pictures of a folder and its subfolders, spread evenly by name.
+
+    Raises:
+        UsageError: the folder is missing or has no picture, or holds ``rgb`` beside ``depth``.
+    """
+    if not folder.is_dir():
+        raise UsageError(f"{folder} is not a folder; give one with pictures to calibrate int8")
+    if all((folder / name).is_dir() for name in ("rgb", "depth")):
+        raise UsageError(f"{folder} has depth beside its pictures; give {folder / 'rgb'} for int8")
+    listed = list_folder(str(folder)).media
+    files = sorted(Path(file.path) for file in listed if not is_video(file.name))
+    batches = []
+    for i in sample_positions(len(files), MAX_PICTURES):
+        with suppress(InputError):  # damaged ones
+            batches.append(prepare(spec, read_image(files[i]))[0])
+    if not batches:
+        raise UsageError(f"{folder} has no picture; give one with pictures to calibrate int8")
+    return batches
+
+
+@contextmanager
+def _suppress_warnings() -> Iterator[None]:
+    """Suppress the advice to preprocess the model, which has been done."""
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+class _CalibrationReader(CalibrationDataReader):  # type: ignore[misc]
+    """Gives the inputs to onnxruntime one by one."""
+
+    def __init__(self, feeds: list[dict[str, npt.NDArray[np.float32]]]) -> None:
+        self._feeds = iter(feeds)
+
+    def get_next(self) -> dict[str, npt.NDArray[np.float32]] | None:
+        """The next input, or None at the end."""
+        return next(self._feeds, None)
+
+
+TOLERANCE = 1e-3
+FLOAT16_TOLERANCE = 2e-2
+INT8_TOLERANCE = 2e-1
+
+
+@dataclass(frozen=True, slots=True)
+class Parity:
+    """Differences between the runtimes, in units of the raw output (range about [-1, 1])."""
+
+    max_abs: float  #: largest absolute difference over all cases
+    mean_abs: float  #: mean absolute difference of the worst case
+    cases: tuple[tuple[int, int, int], ...]  #: (batch, height, width) of each comparison
+    tolerance: float  #: maximum difference allowed
+
+
+def check_parity(
+    network: nn.Module,
+    model: bytes,
+    cases: tuple[tuple[int, int, int], ...],
+    tolerance: float = TOLERANCE,
+    pictures: Sequence[npt.NDArray[np.float32]] = (),
+) -> Parity:
+    """Compare torch with onnxruntime on noise and on smooth pictures, or on given ones.
+
+    Args:
+        network: (B, 1, H, W) to raw (B, 1, h, w), in evaluation mode.
+        model: the exported file.
+        cases: (batch, height, width) of the inputs.
+        tolerance: maximum difference allowed.
+        pictures: (B, 1, H, W) inputs to use instead; int8 is accurate for real pictures only.
+
+    Raises:
+        ParityError: a difference is larger, or the model does not run at a size.
+    """
+    session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
+    name = session.get_inputs()[0].name
+    largest, worst_mean = 0.0, 0.0
+    for case in cases:
+        for batch in pictures or _inputs(*case):
+            with torch.no_grad():
+                wanted = network(torch.from_numpy(batch)).numpy()
+            try:
+                (found,) = session.run(None, {name: batch})
+            except Exception as error:
+                reason = str(error).strip().partition("\n")[0]
+                raise ParityError(
+                    f"the exported model does not run at batch, height, width {case}: {reason}; "
+                    "nothing was written"
+                ) from error
+            if found.shape != wanted.shape:
+                raise ParityError(f"at {case} torch gives {wanted.shape}, the model {found.shape}")
+            difference = np.abs(found - wanted)
+            # A NaN must not pass a comparison.
+            largest = max(largest, float(np.nan_to_num(difference.max(), nan=np.inf)))
+            worst_mean = max(worst_mean, float(difference.mean()))
+    if largest > tolerance:
+        raise ParityError(
+            f"torch and onnxruntime differ by up to {largest:.2g}, more than {tolerance:g}; "
+            "nothing was written"
+        )
+    return Parity(largest, worst_mean, cases, tolerance)
+
+
+def _inputs(batch: int, height: int, width: int) -> tuple[npt.NDArray[np.float32], ...]:
+    """Noise, a ramp with a step, and waves; each (batch, 1, height, width) in [-1, 1].
+
+    No constant image: instance norm would amplify rounding errors, which differ between runtimes.
+    """
+    shape = (batch, 1, height, width)
+    noise = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    ramp = np.broadcast_to(np.linspace(-1, 1, width, dtype=np.float32), shape).copy()
+    ramp[..., height // 2 :, :] *= -1
+    rows, columns = np.mgrid[0:height, 0:width]
+    waves = np.sin(rows / 7) * np.cos(columns / 5)
+    return noise, ramp, np.broadcast_to(waves.astype(np.float32), shape).copy()

@@ -6,16 +6,13 @@ import json
 from pathlib import Path
 
 from depthcli._version import __version__
-from depthcli.core.choices import Weights
-from depthcli.datasets.splits import NYU
+from depthcli.core.options import Weights
+from depthcli.datasets.base import NYU
 from depthcli.errors import ModelError, OutputError, UsageError
-from depthcli.export.onnx import check_predicts_depth, export_checkpoint
-from depthcli.export.options import ExportOptions
-from depthcli.models.catalog import read_model
-from depthcli.models.locations import ModelLocation
-from depthcli.training.checkpoint import load_generator
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.folder import CHECKPOINT
+from depthcli.export.onnx import ExportOptions, check_predicts_depth, export_checkpoint
+from depthcli.models.catalog import ModelLocation, read_model
+from depthcli.training.checkpoint import CHECKPOINT, load_generator
+from depthcli.training.config import TrainConfig
 from depthcli.training.provenance import DataProvenance
 from depthcli.training.trained import TrainedRun
 

@@ -9,9 +9,8 @@ import math
 
 from depthcli.core.camera import CameraSource, Intrinsics, focal_px_of_35mm, focal_px_of_hfov
 from depthcli.core.types import DepthKind, Frame
-from depthcli.inference.preprocess import Layout
-from depthcli.models.card import ModelCard
-from depthcli.models.card_specs import CameraSpec, InputSpec
+from depthcli.inference.transforms import Layout
+from depthcli.models.card import CameraSpec, InputSpec, ModelCard
 
 
 def metric_camera(card: ModelCard) -> CameraSpec | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from depthcli.core.parallel.background import Background
+from depthcli.core.parallel import Background
 from depthcli.errors import ModelError
 
 if TYPE_CHECKING:

@@ -8,22 +8,17 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.anchor_fit import fitted, lost_in_fit
-from depthcli.core.anchors import AnchorPoints
+from depthcli.core.anchors import AnchorPoints, fitted, lost_in_fit
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.choices import AUTO_TILE, DEFAULT_DETAIL, Detail
-from depthcli.core.overscan import masked_to_data_window
-from depthcli.core.summary import flat_warnings
-from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.core.options import AUTO_TILE, DEFAULT_DETAIL, Detail
+from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
 from depthcli.errors import InputError, ModelError
 from depthcli.inference.camera import intrinsics_of, metric_scale
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.postprocess import coarse_depth, full_size
-from depthcli.inference.preprocess import Layout, prepare
 from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
-from depthcli.models.card import ModelCard
-from depthcli.models.card_specs import InputSpec
+from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare
+from depthcli.models.card import InputSpec, ModelCard
 
 _MAX_CELLS_A_PIXEL = 4  # of a tiled map; more show nothing of the picture
 

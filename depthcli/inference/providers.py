@@ -1,9 +1,17 @@
 """onnxruntime's execution providers, by the names of the command line."""
 
+import os
 from collections.abc import Mapping
 
+import onnxruntime as ort
+
 from depthcli.errors import ProviderError, UsageError
-from depthcli.inference.runtime import ort
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # it is read by the import, and only there
+
+
+__all__ = ["ort"]
+
 
 AUTO = "auto"
 CPU = "cpu"

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.resize import resize_area, resize_bilinear
+from depthcli.core.imageops import resize_area, resize_bilinear
 from depthcli.core.types import Frame
-from depthcli.inference.postprocess import blends_in_log, in_range
-from depthcli.models.card_specs import OutputSpec
+from depthcli.inference.transforms import blends_in_log, in_range
+from depthcli.models.card import OutputSpec
 
 _OVERLAP_SHARE = 0.25
 # Sigma of the Gaussian that gives a tile's drift, as a share of its longer side.

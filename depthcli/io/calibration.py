@@ -11,7 +11,7 @@ from depthcli.core.camera import FOCAL_PX, Intrinsics, hfov_deg
 from depthcli.errors import InputError
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.native_log import silent_opencv
-from depthcli.io.storage.remote import path_of
+from depthcli.io.storage.paths import path_of
 
 _WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")
 _MATRICES = ("camera_matrix", "K", "k")

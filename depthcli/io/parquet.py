@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from itertools import accumulate, chain, count, islice
 from typing import TYPE_CHECKING, Any
 
-from depthcli.core.extras import INSTALL_PYARROW
-from depthcli.core.text import one_line
+from depthcli.core.text import INSTALL_PYARROW, one_line
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:

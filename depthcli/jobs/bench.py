@@ -9,18 +9,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from depthcli.core.choices import Detail, Upsampling
-from depthcli.core.parallel.cores import share_cores
-from depthcli.core.parallel.opencv_threads import one_thread_each
-from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.inference.latency import Latency, measure_latency
+from depthcli.core.options import Detail, Upsampling
+from depthcli.core.parallel import one_thread_each, ordered_map, share_cores
 from depthcli.inference.loading import SessionLoader
+from depthcli.inference.measure import Latency, measure_latency
 from depthcli.inference.pipeline import Pipeline
-from depthcli.inference.preprocess import prepare
+from depthcli.inference.transforms import prepare
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.read import read_image
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.temporary import temporary_folder
 
 _MIN_PICTURES = 5
 _MEGABYTE = 1e6

@@ -1,27 +1,119 @@
 """Converting a depth file to another format, and measuring the round-trip error."""
 
+import os
+import re
+from collections.abc import Generator
+from contextlib import closing
 from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
 from typing import Self
 
 import numpy as np
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.map_camera import with_camera
-from depthcli.core.overscan import displayed_frame
-from depthcli.core.picture_options import AS_STATED, ReadOptions
-from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import InputError, UsageError
+from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions
+from depthcli.core.parallel import one_thread_each, ordered_map
+from depthcli.core.types import DepthMap, Frame, displayed_frame, with_camera
+from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth
-from depthcli.io.formats.table import FILE_SUFFIXES, MILLIMETRES, Format, WriterOptions, format_of
+from depthcli.io.formats.table import (
+    FILE_SUFFIXES,
+    MILLIMETRES,
+    Format,
+    WriterOptions,
+    format_of,
+    stem_of,
+)
+from depthcli.io.images.native_log import silent_opencv
 from depthcli.io.images.read import read_image
+from depthcli.io.listing.folder import (
+    ANY,
+    HIDDEN,
+    InputFile,
+    NameFilter,
+    Skipped,
+    list_folder,
+    skip_summary,
+)
+from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.listing.path_list import list_objects, walk_sort_key
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.jobs.depth_files import read_map
-from depthcli.jobs.naming import check_suffix, is_folder, refuse_pattern
-from depthcli.jobs.outputs import output_guard
-from depthcli.video.number_pattern import is_pattern
+from depthcli.io.storage.paths import (
+    RemotePath,
+    check_writable,
+    join,
+    path_of,
+    safe_name,
+    without_file_scheme,
+)
+from depthcli.io.storage.transfer import local_copy
+from depthcli.jobs.naming import (
+    OutputPlan,
+    check_collisions,
+    check_suffix,
+    is_folder,
+    refuse_pattern,
+)
+from depthcli.jobs.outputs import FailedInput, failure_reason, output_guard
+from depthcli.jobs.unique_names import TreeNames
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.numbering import check_folders, is_pattern, numbered_name
+
+_VIDEO_SUFFIX = ".mkv"
+_SCALED_SUFFIXES = (".png", _VIDEO_SUFFIX, ".npy")
+
+
+def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> StoredDepth:
+    """A depth map from any file that depthcli writes; for a video, that of frame number ``frame``.
+
+    ``scale`` is units per metre of integers; None for what the file states.
+
+    Raises:
+        InputError: missing, damaged, without depth, or a video without this frame.
+        UsageError: a video without a frame number, or a frame number or scale for another file.
+    """
+    check_scale(path, scale)
+    if is_depth_video(path):
+        if frame is None:
+            raise UsageError(
+                f"{path} is a video; name one frame with --frame, 0 for the first ('convert' "
+                "writes all to a pattern such as depth.%04d.exr)"
+            )
+        with local_copy(path) as video:
+            return _video_frame(DepthVideo(video, scale=scale), str(path), scale, frame)
+    if frame is not None:
+        raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
+    return read_stored_depth(path, png_scale=scale)
+
+
+def is_depth_video(path: Path) -> bool:
+    """Whether a file is a depth video, by its suffix."""
+    return path.suffix.lower() == _VIDEO_SUFFIX
+
+
+def check_scale(path: Path, scale: float | None) -> None:
+    """Refuse a scale for a file that cannot hold integers.
+
+    Raises:
+        UsageError: there is one.
+    """
+    if scale is not None and path.suffix.lower() not in _SCALED_SUFFIXES:
+        raise UsageError(
+            f"a scale is for PNG, depth videos (.mkv) and NPY of integers, but {path} is none of "
+            "them; remove it"
+        )
+
+
+def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int) -> StoredDepth:
+    from depthcli.video.depth_video import depth_frames  # noqa: PLC0415 - loads FFmpeg
+
+    count = 0
+    for count, stored in enumerate(depth_frames(video, name=name, scale=scale), start=1):
+        if count > number:
+            return stored
+    raise InputError(f"{name} has no frame {number}; its last one is {count - 1}")
+
 
 _READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
@@ -155,3 +247,227 @@ def _colours(request: ConvertRequest, picture: str, depth: DepthMap) -> Frame:
             f"{depth.width}×{depth.height}; give the picture that the depth was made of"
         )
     return frame
+
+
+_SUFFIXES = (".png", ".exr", ".npy")
+_FRAME = r"(?i)\.depth\.\d{6,}$"
+"""End of the stem of a numbered file, ``clip.depth.000001``."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConvertFolderRequest:
+    """A folder of depth files, and how to convert them."""
+
+    root: str  #: the folder, searched recursively
+    out: str  #: receives the outputs, with the same folder structure
+    format: Format  #: of the outputs
+    wanted: NameFilter = ANY  #: the files to convert
+    scale: float | None = None  #: units per metre of the inputs; None for what each states
+    #: instead of that of each input; depth is not changed
+    camera: Intrinsics = UNKNOWN_CAMERA
+    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the format
+    overwrite: bool = False  #: whether outputs may replace files of other programs
+    workers: int = 1  #: files converted in parallel
+
+
+@dataclass(frozen=True, slots=True)
+class FolderPlan:
+    """The depth files of a folder, and the names of their outputs."""
+
+    inputs: tuple[InputFile, ...]  #: in an order that depends on their names only
+    targets: tuple[str, ...]  #: path or URI of the output of each
+    skipped: tuple[Skipped, ...]  #: files that hold no depth by their names, or are not wanted
+    loops: tuple[str, ...]  #: links to a folder above them, which are not followed
+
+
+def plan_conversion(request: ConvertFolderRequest) -> FolderPlan:
+    """List the depth files of a folder, and name their outputs.
+
+    ``hall/a.depth.png`` becomes ``hall/a.depth.exr``. Names depend on all files of the folder, not
+    on the wanted ones: beside ``a.npy``, they are ``a.depth.png.depth.exr`` and
+    ``a.npy.depth.exr``.
+
+    Raises:
+        UsageError: the output folder is that of the inputs, an output would replace an input, or
+            the patterns exclude everything.
+        InputError: there is no depth file.
+    """
+    root, out = without_file_scheme(request.root), without_file_scheme(request.out)
+    check_writable(path_of(out))
+    if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
+        raise UsageError(f"--out {out} is the folder of the inputs; choose another folder")
+    found, skipped, loops = _listed(root, out, request.wanted)
+    names = TreeNames((file.name for file in found), _stem)
+    inputs = []
+    for file in found:
+        refusal = None if file.problem else request.wanted.refusal(file.name)
+        if refusal is None:
+            inputs.append(file)
+        else:
+            skipped.append(Skipped(file.name, refusal))
+    if not inputs:
+        rest = f": {skip_summary(skipped)}" if skipped else ""
+        if found:
+            raise UsageError(f"--include and --exclude leave nothing of {safe_name(root)}{rest}")
+        raise InputError(f"no depth file (.png, .exr, .npy) in {safe_name(root)}{rest}")
+    targets = [join(out, _target(names.base(file.name), request.format)) for file in inputs]
+    check_collisions(
+        [
+            OutputPlan(path_of(file.path), {request.format: path_of(target)})
+            for file, target in zip(inputs, targets, strict=True)
+        ]
+    )
+    return FolderPlan(tuple(inputs), tuple(targets), tuple(skipped), loops)
+
+
+def convert_folder(
+    request: ConvertFolderRequest, plan: FolderPlan
+) -> Generator[ConvertResult | FailedInput, None, None]:
+    """Convert the planned files, in their order; a bad one does not stop the others.
+
+    Existing outputs are replaced if depthcli wrote them, or if the request says so.
+    """
+
+    def convert_one(pair: tuple[InputFile, str]) -> ConvertResult | FailedInput:
+        return _convert_one(request, *pair)
+
+    pairs = zip(plan.inputs, plan.targets, strict=True)
+    with (
+        silent_opencv(),
+        one_thread_each(request.workers),
+        closing(ordered_map(convert_one, pairs, workers=request.workers)) as results,
+    ):
+        yield from results
+
+
+def _listed(
+    root: str, out: str, wanted: NameFilter
+) -> tuple[tuple[InputFile, ...], list[Skipped], tuple[str, ...]]:
+    """The depth files by their names, the other files, and loops."""
+    place = path_of(root)
+    if not isinstance(place, RemotePath):
+        listing = list_folder(root, leave_out=out, skip=wanted.excludes, refusal=_why_no_depth)
+        return listing.media, list(listing.skipped), listing.loops
+    skipped: list[Skipped] = []
+    objects = list_objects(place, path_of(out), wanted.excludes, skipped.append, _why_no_depth)
+    # In the order of a local folder, not in that of the store.
+    return tuple(sorted(objects, key=lambda file: walk_sort_key(file.name))), skipped, ()
+
+
+def _why_no_depth(path: str) -> str | None:
+    """Why a file in a folder is not an input; None if it may hold depth."""
+    name = PurePosixPath(path)
+    if name.name.startswith("."):
+        return HIDDEN
+    if name.suffix.lower() not in _SUFFIXES:
+        return name.suffix.lower() or "without suffix"
+    is_preview = format_of(name) is Format.PREVIEW and is_own_picture(path)
+    return "preview" if is_preview else None
+
+
+def _stem(name: str) -> str:
+    """A name without the suffix of its format: ``hall/a`` of ``hall/a.depth.png``."""
+    above, slash, last = name.rpartition("/")
+    return above + slash + stem_of(last)
+
+
+def _target(base: str, wanted: Format) -> str:
+    """The name of an output; ``clip.depth.000001`` says already that it is depth."""
+    suffix = wanted.facts.suffix
+    return base + (suffix.removeprefix(".depth") if re.search(_FRAME, base) else suffix)
+
+
+def _convert_one(
+    request: ConvertFolderRequest, file: InputFile, target: str
+) -> ConvertResult | FailedInput:
+    if file.problem is not None:
+        return FailedInput(safe_name(file.path), InputError(file.problem))
+    try:
+        return convert(
+            ConvertRequest(
+                source=file.path,
+                target=target,
+                format=request.format,
+                scale=request.scale,
+                camera=request.camera,
+                writing=request.writing,
+                overwrite=request.overwrite,
+            )
+        )
+    except DepthcliError as error:
+        return FailedInput(safe_name(file.path), error)
+    except Exception as error:  # noqa: BLE001 - no file may stop the others
+        return FailedInput(safe_name(file.path), InputError(failure_reason(error)))
+
+
+def is_sequence_name(target: str, source: str) -> bool:
+    """Whether a target is the name of numbered files, such as ``depth.%04d.exr``.
+
+    It is that of one file if the source is a depth file with a placeholder in its own name.
+    """
+    place = path_of(source)
+    is_plain = is_pattern(place.name) and not is_depth_video(place)
+    return is_pattern(path_of(target).name) and not is_folder(target) and not is_plain
+
+
+def check_sequence(request: ConvertRequest) -> None:
+    """Check a request whose target is a pattern.
+
+    Raises:
+        UsageError: the source is no depth video, or the request is for a single map.
+    """
+    name = safe_name(request.target)
+    if not is_depth_video(path_of(request.source)):
+        raise UsageError(
+            f"{name} is a pattern for the frames of a depth video (.mkv), but "
+            f"{safe_name(request.source)} is not one; name one file, or a folder with --out"
+        )
+    if request.frame is not None or request.picture is not None:
+        what = "--frame" if request.frame is not None else "--picture"
+        raise UsageError(
+            f"{what} is for one map, but {name} is a pattern for all frames; remove it"
+        )
+    check_folders(path_of(request.target))
+
+
+def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertResult, None, None]:
+    """Convert every frame of a depth video, in their order.
+
+    Args:
+        request: its target is a pattern, into which each frame's number is put.
+        workers: frames written in parallel.
+
+    Yields:
+        The result of each frame.
+
+    Raises:
+        InputError: the video is damaged; the frames before are written.
+        OutputError: a file cannot be written, or is one that depthcli did not write.
+        UsageError: as for :func:`check_sequence`, or the target's suffix is of no format.
+    """
+    check_sequence(request)
+    target_format(request.target, request.format)
+
+    def convert_frame(stored: StoredDepth) -> ConvertResult:
+        target = numbered_name(request.target, stored.frame.index)
+        return write_converted(stored, replace(request, target=target))
+
+    from depthcli.video.depth_video import depth_frames  # noqa: PLC0415 - loads FFmpeg
+
+    problem: InputError | None = None
+
+    def readable(video: DepthVideo) -> Generator[StoredDepth, None, None]:
+        # Raised at the end, so that all frames before it are written.
+        nonlocal problem
+        try:
+            yield from depth_frames(video, name=name, scale=request.scale)
+        except InputError as error:
+            problem = error
+
+    name = safe_name(request.source)
+    with local_copy(path_of(request.source)) as path, one_thread_each(workers):
+        frames = readable(DepthVideo(path, scale=request.scale))
+        with closing(ordered_map(convert_frame, frames, workers=workers)) as results:
+            yield from results
+    if problem is not None:
+        raise problem

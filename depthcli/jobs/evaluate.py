@@ -4,14 +4,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from depthcli.core.choices import Detail, Mask, Weights
+from depthcli.core.options import Detail, Mask, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind
-from depthcli.datasets.base import DepthDataset, HasRawDepth
+from depthcli.datasets.base import DepthDataset, HasRawDepth, SplitName
+from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
-from depthcli.datasets.paired_folder import open_paired_folder
-from depthcli.datasets.splits import SplitName
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.evaluation.evaluate import (
     HEADLINE_TABLE,
@@ -32,11 +31,11 @@ from depthcli.evaluation.predictors import (
 from depthcli.evaluation.report import EvalReport
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.evaluation.text import Page
-from depthcli.inference.latency import measure_ms
 from depthcli.inference.loading import SessionLoader
+from depthcli.inference.measure import measure_ms
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.atomic import atomic_path, write_text
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.temporary import temporary_folder
 from depthcli.training.trained import TrainedRun
 
 _OWN_CSV, _OWN_HTML = b"name,source,align,", b"<footer>depthcli "

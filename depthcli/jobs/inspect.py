@@ -6,17 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from depthcli.core.summary import DepthRange
-from depthcli.core.types import DepthMap
-from depthcli.core.windows import Window
+from depthcli.core.types import DepthMap, DepthRange, Window
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.depth.stored import StoredDepth, step_scale
-from depthcli.io.storage.remote import path_of, safe_name
+from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
-from depthcli.jobs.depth_files import check_scale, is_depth_video
-from depthcli.video.depth import DepthVideo
-from depthcli.video.rates import FALLBACK_RATE, rate_text
+from depthcli.jobs.convert import check_scale, is_depth_video
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.frames import FALLBACK_RATE, rate_text
 from depthcli.video.time_code import time_code_text
 
 

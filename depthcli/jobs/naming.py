@@ -9,13 +9,12 @@ from typing import NamedTuple
 
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format, file_suffix_of, fits, format_of, stem_of
-from depthcli.io.listing.folder import is_exr, is_media
+from depthcli.io.listing.folder import RealPaths, is_exr, is_media
 from depthcli.io.listing.own_outputs import is_own_picture
-from depthcli.io.listing.real_paths import RealPaths
 from depthcli.io.storage.atomic import is_special
-from depthcli.io.storage.remote import check_writable, path_of, safe_name
-from depthcli.jobs.namesakes import namesakes
-from depthcli.video.number_pattern import is_pattern
+from depthcli.io.storage.paths import check_writable, path_of, safe_name
+from depthcli.jobs.unique_names import namesakes
+from depthcli.video.numbering import is_pattern
 
 STDIN_STEM = "stdin"
 
@@ -147,7 +146,7 @@ def output_bases(sources: Sequence[Path | None]) -> list[str]:
     for source in sources:
         if source is not None:
             inside.setdefault(source.parent, set()).add(source.name)
-    from depthcli.jobs.tree_names import TreeNames  # noqa: PLC0415 - imports NumPy
+    from depthcli.jobs.unique_names import TreeNames  # noqa: PLC0415 - imports NumPy
 
     bases: dict[tuple[Path, str], str] = {}
     for folder, own in inside.items():

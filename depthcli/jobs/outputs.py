@@ -3,15 +3,20 @@
 import errno
 from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
-from depthcli.core.overscan import displayed_depth, displayed_frame
-from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import OutputError
+from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
+from depthcli.errors import (
+    NO_THREADS,
+    DepthcliError,
+    OutputError,
+    is_out_of_memory,
+    is_out_of_threads,
+)
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.guard import Guard
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.temporary import temporary_folder
 
 
 def output_guard(inputs: Iterable[Path], *, overwrite: bool = False) -> Guard:
@@ -76,3 +81,23 @@ def _write(
     if not name.facts.has_overscan:
         depth, frame = displayed_depth(depth, frame.windows), displayed_frame(frame)
     return options.writer(name).write(depth, path, frame)
+
+
+class FailedInput(NamedTuple):
+    """An input that cannot be used, or whose outputs cannot be written."""
+
+    name: str  #: the input, as the user wrote it
+    error: DepthcliError  #: why
+
+
+def failure_reason(error: Exception) -> str:
+    """The reason why an input failed, in one line."""
+    if isinstance(error, DepthcliError):
+        return error.message
+    if is_out_of_memory(error):
+        return "does not fit into memory; make it smaller"
+    if is_out_of_threads(error):
+        return NO_THREADS
+    if isinstance(error, OSError) and error.strerror:  # for example too many open files
+        return ": ".join(filter(None, (error.filename and str(error.filename), error.strerror)))
+    return f"unexpected {type(error).__name__}: {error}"

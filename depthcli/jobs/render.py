@@ -9,17 +9,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from depthcli.core.parallel.process_map import process_map
+from depthcli.core.parallel import process_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.validation import FieldError, parsed_json
-from depthcli.datasets.paired_folder import CAMERAS_NAME
-from depthcli.datasets.rooms.pair import VERSION, RoomSettings, render_pair, room_focal_px
+from depthcli.datasets.folders import CAMERAS_NAME
+from depthcli.datasets.rooms.render import VERSION, RoomSettings, render_pair, room_focal_px
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.depth.quantization import quantized
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path, write_text
-from depthcli.io.storage.regular import read_regular
+from depthcli.io.storage.paths import read_regular
 
 SETTINGS_NAME = "rooms.json"
 _OPTIONS = {"seed": "--seed", "size": "--size", "hfov_deg": "--hfov", "sensor": "--sensor"}

@@ -4,8 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from depthcli.errors import ModelError
-from depthcli.models.card import ModelCard
-from depthcli.models.card_specs import Fit
+from depthcli.models.card import Fit, ModelCard
 
 _NEEDS_DYNAMIC = {Fit.LOWER_BOUND, Fit.UPPER_BOUND}
 

@@ -1,21 +1,22 @@
 """Checkpoints: the complete state of a run, for exact resuming, with its configuration."""
 
 import dataclasses
+import errno
 import os
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeAlias
 
 import torch
 from torch import nn
 
-from depthcli.core.choices import Weights
+from depthcli.core.options import Weights
 from depthcli.core.validation import FieldError, Rule, merged, validated
-from depthcli.errors import CheckpointError, UsageError
-from depthcli.io.storage.temporaries import temporary_beside
-from depthcli.training.config.ranges import check_range
-from depthcli.training.config.rules import Amount, Count
-from depthcli.training.config.schema import TrainConfig
+from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageError
+from depthcli.io.storage.temporary import temporary_beside
+from depthcli.training.config import Amount, Count, TrainConfig, check_range
 from depthcli.training.networks.build import build_generator
 from depthcli.training.provenance import DataProvenance, data_set
 
@@ -156,3 +157,24 @@ def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.
     except RuntimeError as error:
         raise CheckpointError(f"{path} does not fit its own configuration") from error
     return generator.eval(), checkpoint
+
+
+CHECKPOINT = "last.ckpt"
+METRICS_LOG = "metrics.jsonl"
+
+
+@contextmanager
+def write_errors(folder: Path) -> Iterator[None]:
+    """Raise failed writes in the block as a TrainingError.
+
+    Raises:
+        TrainingError: a file in the folder cannot be written.
+    """
+    try:
+        yield
+    except (OSError, OutputError) as error:
+        cause = error if isinstance(error, OSError) else error.__cause__
+        reason = getattr(cause, "strerror", None) or str(error)
+        is_full = getattr(cause, "errno", None) in {errno.ENOSPC, errno.EDQUOT}
+        advice = "free some space or give another {out}" if is_full else "give another {out}"
+        raise TrainingError(f"cannot write to {folder} ({reason})", advice) from error

@@ -3,16 +3,34 @@
 ``DistributedDataParallel`` expects one forward and one backward pass of all weights per step. A
 method has several of each, with some networks frozen in between, so the networks stay unwrapped
 and :func:`average_gradients` runs between backward pass and optimizer step.
+
+Choosing the number of CPU threads of a run by a short trial, unless it is given.
+
+torch's threads synchronize after every operation. On a machine with other load, two threads can be
+four times slower than one.
 """
 
-from collections.abc import Iterable, Iterator
+import logging
+import subprocess
+import time
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 import torch
 from lightning_fabric import Fabric
 from lightning_fabric.strategies.ddp import DDPStrategy
+from lightning_fabric.utilities.exceptions import MisconfigurationException
 from torch import Tensor, distributed, nn
+
+from depthcli.core.parallel import usable_cores
+from depthcli.core.progress import exit_hook
+from depthcli.errors import TrainingError, UsageError
+from depthcli.training.config import TrainConfig
+from depthcli.training.networks.build import build_generator
+from depthcli.training.resolve import saved_checkpoint
 
 
 class AveragingStrategy(DDPStrategy):
@@ -71,3 +89,168 @@ def gather_states(fabric: Fabric, state: dict[str, Any]) -> list[dict[str, Any]]
     states: list[Any] = [None] * fabric.world_size
     distributed.all_gather_object(states, state)
     return states[1:]
+
+
+Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
+_GRACE_PERIOD_S = 3.0
+
+
+def open_fabric(accelerator: str, precision: Precision, devices: int = 1) -> Fabric:
+    """Device, precision and processes of a run.
+
+    Raises:
+        UsageError: they are not available here.
+    """
+    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would log under --quiet
+    strategy = AveragingStrategy() if devices > 1 else "auto"
+    try:
+        return Fabric(
+            accelerator=accelerator, devices=devices, strategy=strategy, precision=precision
+        )
+    except (ImportError, MisconfigurationException, RuntimeError, ValueError) as error:
+        raise UsageError(
+            f"cannot train on {devices} devices of {accelerator} with precision={precision} here: "
+            f"{error}"
+        ) from error
+
+
+@contextmanager
+def launched(fabric: Fabric) -> Iterator[None]:
+    """Run the block in every process of a run, one per device; the others run this command again.
+
+    Raises:
+        TrainingError: another process ended early.
+    """
+    if fabric.world_size == 1:
+        yield
+        return
+    fabric.launch()
+    others: list[subprocess.Popen[bytes]] = getattr(fabric.strategy.launcher, "procs", [])
+    started, others[:] = list(others), []  # else Fabric would kill this process when one exits
+    try:
+        with exit_hook(lambda: _kill(started)):
+            yield
+    except RuntimeError as error:
+        if fabric.is_global_zero and _any_exited(started):
+            raise TrainingError(
+                "another process of this run ended early; the last checkpoint is kept"
+            ) from error
+        raise
+    except Exception:
+        if not fabric.is_global_zero:
+            time.sleep(_GRACE_PERIOD_S)  # rank 0 reports the same error and kills this process
+        raise
+    else:
+        leave_process_group()
+        for process in started:
+            process.wait()
+    finally:
+        _kill(started)
+
+
+def _kill(processes: list[subprocess.Popen[bytes]]) -> None:
+    for process in processes:
+        process.kill()  # only rank 0 writes files
+
+
+def _any_exited(processes: list[subprocess.Popen[bytes]]) -> bool:
+    deadline = time.monotonic() + _GRACE_PERIOD_S
+    while time.monotonic() < deadline:
+        if any(process.poll() is not None for process in processes):
+            return True
+        time.sleep(0.1)
+    return False
+
+
+_ROUNDS = 3
+_TIME_LIMIT_S = 5.0
+_MAX_TIME_RATIO = 0.95  # more threads must take at most this fraction of the time to be chosen
+
+
+@dataclass(frozen=True, slots=True)
+class Threads:
+    """The CPU threads of a process."""
+
+    count: int  #: how many it uses
+    cores: int  #: how many it could use
+    timed: bool  #: whether a short trial chose the number
+
+
+def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fabric) -> Threads:
+    """Set torch's CPU threads: the number given, else the checkpoint's, else the fastest."""
+    cores = usable_cores()
+    saved = saved_checkpoint(folder) if asked is None else None
+    if saved is not None:  # another number would change the last digits of the results
+        asked = min(cores, saved.state.threads or torch.get_num_threads())
+    count = default_threads(config, fabric, cores) if asked is None else asked
+    torch.set_num_threads(count)
+    return Threads(count, cores, asked is None)
+
+
+def default_threads(config: TrainConfig, fabric: Fabric, cores: int) -> int:
+    """The number of threads for a new run, at most ``cores``."""
+    if fabric.world_size > 1:
+        return max(1, cores // fabric.world_size)
+    if fabric.device.type != "cpu" or cores == 1:
+        return cores
+    return fastest(_measured_s(config, fabric, candidates(cores)))
+
+
+def candidates(cores: int) -> tuple[int, ...]:
+    """The numbers of threads to try, in ascending order.
+
+    >>> candidates(6)
+    (1, 2, 4, 6)
+    """
+    doubled = [2**n for n in range(cores.bit_length()) if 2**n < cores]
+    return (*doubled, cores)
+
+
+def fastest(seconds: Mapping[int, float]) -> int:
+    """The smallest number of threads that no larger one beats by more than 5 %.
+
+    >>> fastest({1: 1.0, 2: 0.97}), fastest({1: 1.0, 2: 0.6}), fastest({1: 1.0, 2: 4.0})
+    (1, 2, 1)
+    """
+    best = min(seconds)
+    for threads in sorted(seconds):
+        if seconds[threads] < _MAX_TIME_RATIO * seconds[best]:
+            best = threads
+    return best
+
+
+def _measured_s(config: TrainConfig, fabric: Fabric, tried: tuple[int, ...]) -> dict[int, float]:
+    """Seconds of a few steps of the generator for each number of threads, in turns."""
+    data = config.data
+    with _preserve_torch_state():
+        network = build_generator(config.generator)
+        pictures = torch.zeros(config.optim.batch_size, 1, data.height, data.width)
+        spent_s = dict.fromkeys(tried, 0.0)
+        began = time.perf_counter()
+        _step_s(network, pictures, fabric)  # warm-up: the first one also allocates
+        for _ in range(_ROUNDS):
+            for threads in tried:
+                torch.set_num_threads(threads)
+                spent_s[threads] += _step_s(network, pictures, fabric)
+            if time.perf_counter() - began > _TIME_LIMIT_S:
+                break
+    return spent_s
+
+
+def _step_s(network: nn.Module, pictures: torch.Tensor, fabric: Fabric) -> float:
+    began = time.perf_counter()
+    with fabric.autocast():
+        loss = network(pictures).square().mean()
+    loss.backward()
+    return time.perf_counter() - began
+
+
+@contextmanager
+def _preserve_torch_state() -> Iterator[None]:
+    """Restore torch's random state and number of threads after the block."""
+    threads = torch.get_num_threads()
+    try:
+        with torch.random.fork_rng(devices=[]):
+            yield
+    finally:
+        torch.set_num_threads(threads)

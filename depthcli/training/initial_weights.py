@@ -1,6 +1,7 @@
 """Init weights from exported models or from checkpoints of other runs."""
 
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +10,204 @@ import torch
 from onnx import numpy_helper
 from torch import Tensor, nn
 
+from depthcli.core.codec import Transform
 from depthcli.errors import CheckpointError
+from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.config.schema import GeneratorConfig
-from depthcli.training.initial_coding import check_same_coding
-from depthcli.training.provenance import PairIds, ids_of_card, merged_ids
-from depthcli.training.resized_weights import decoder_channels, narrows, resized_weights
-from depthcli.training.weights_origin import weights_origin
+from depthcli.training.config import GeneratorConfig, TrainConfig
+from depthcli.training.methods.registry import method_class
+from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlock
+from depthcli.training.provenance import PairIds, ids_of_card, merged_ids, value_differences
+
+_CODINGS = {Transform.LINEAR: "linear", Transform.EXP: "log"}
+
+
+def coding_differences(config: TrainConfig, paths: Sequence[Path]) -> tuple[str, ...]:
+    """Settings of colour and depth in which init weights differ from a run, one text each.
+
+    Args:
+        config: of the run.
+        paths: exported models and checkpoints of the same coding; none is fine.
+
+    Raises:
+        CheckpointError: a checkpoint cannot be read.
+        ModelError: a model cannot be read.
+    """
+    return value_differences(_of_file(paths[0]), _of_config(config)) if paths else ()
+
+
+def check_same_coding(paths: Sequence[Path]) -> None:
+    """Check that weights of which the mean is taken encode colour and depth in the same way.
+
+    Raises:
+        CheckpointError: they do not, or a checkpoint cannot be read.
+        ModelError: a model cannot be read.
+    """
+    if len(paths) < 2:  # noqa: PLR2004
+        return
+    first = _of_file(paths[0])
+    for path in paths[1:]:
+        found = value_differences(_of_file(path), first)
+        if found:
+            raise CheckpointError(
+                f"{path} encodes colour or depth in another way than {paths[0]} "
+                f"({'; '.join(found)}), so their weights have no mean: start from one of them"
+            )
+
+
+def _of_file(path: Path) -> dict[str, object]:
+    is_model = path.suffix == ".onnx"
+    return _of_card(find_model(path).card) if is_model else _of_config(Checkpoint.load(path).config)
+
+
+def _of_config(config: TrainConfig) -> dict[str, object]:
+    colour = {"data.colour": str(config.data.colour)}
+    if not method_class(config.method).DEPTH:
+        return {**colour}
+    return colour | _depth(config.output.coding, config.output.min_m, config.output.max_m)
+
+
+def _of_card(card: ModelCard) -> dict[str, object]:
+    output = card.output
+    coding = _CODINGS.get(output.transform, str(output.transform))
+    return {"data.colour": str(card.input.colour)} | _depth(coding, output.min_m, output.max_m)
+
+
+def _depth(coding: str, min_m: float | None, max_m: float | None) -> dict[str, object]:
+    """Of the linear coding, ``min_m`` is the clip alone."""
+    depth = {"output.coding": coding, "output.max_m": max_m}
+    return {**depth, "output.min_m": min_m} if coding == "log" else {**depth}
+
+
+StateDict = Mapping[str, Tensor]
+_AT_ONCE = 8  # pictures, so that many or large ones need little memory
+
+
+def resized_weights(
+    generator: nn.Module, weights: StateDict, pictures: Callable[[], Tensor]
+) -> dict[str, Tensor]:
+    """Weights for a generator that has more residual blocks or fewer decoder channels.
+
+    Added blocks start as the identity, so the deeper network predicts the same depth (Chen et al.
+    2016, "Net2Net"). Of a decoder layer, the channels that contribute most to the next layer are
+    kept: mean activation on the pictures times the L1 norm of the weights that read it.
+
+    Args:
+        generator: the network that is to get the weights.
+        weights: by name, of another network.
+        pictures: gives network inputs (B, 1, H, W) in [-1, 1], once it is known that they are
+            needed.
+
+    Returns:
+        The weights, resized where that is possible; other differences stay.
+    """
+    if not isinstance(generator, EfficientGenerator):
+        return dict(weights)
+    deeper = {**weights, **_identity_blocks(generator, weights)}
+    widths = decoder_channels(deeper)
+    if not narrows(widths, generator.decoder_channels):
+        return deeper
+    return _narrower(generator, deeper, widths, pictures())
+
+
+def decoder_channels(weights: StateDict) -> tuple[int, ...]:
+    """Channels of each decoder layer of an efficient generator; empty for other networks."""
+    channels: list[int] = []
+    while (layer := f"fusions.{len(channels)}.0.weight") in weights:
+        channels.append(len(weights[layer]))
+    return tuple(channels)
+
+
+def narrows(before: tuple[int, ...], after: tuple[int, ...]) -> bool:
+    """Whether a decoder of the channels ``after`` is a narrower one than of ``before``."""
+    if len(before) != len(after) or before == after:
+        return False
+    return all(now >= new for now, new in zip(before, after, strict=True))
+
+
+def _identity_blocks(generator: EfficientGenerator, weights: StateDict) -> dict[str, Tensor]:
+    """Weights of the residual blocks without any: the second convolution is zero."""
+    added: dict[str, Tensor] = {}
+    for name, block in generator.named_modules():
+        if not isinstance(block, ResidualBlock) or not isinstance(block.skip, nn.Identity):
+            continue
+        if not any(key.startswith(f"{name}.") for key in weights):
+            state = {f"{name}.{key}": value for key, value in block.state_dict().items()}
+            second = f"{name}.body.1.0."
+            added |= {
+                key: torch.zeros_like(value) if key.startswith(second) else value.clone()
+                for key, value in state.items()
+            }
+    return added
+
+
+def _narrower(
+    generator: EfficientGenerator, weights: StateDict, widths: tuple[int, ...], gray: Tensor
+) -> dict[str, Tensor]:
+    wide = generator.with_decoder(widths)
+    try:
+        wide.load_state_dict({name: weights[name] for name in wide.state_dict()})
+    except (KeyError, RuntimeError):  # other differences, which the caller reports
+        return dict(weights)
+    narrowed = dict(weights)
+    for index, activation in enumerate(_mean_activations(wide.eval(), gray)):
+        readers = f"fusions.{index + 1}.0.weight" if index + 1 < len(widths) else "head.weight"
+        read, width = narrowed[readers], widths[index]
+        contribution = activation * read[:, :width].abs().sum((0, 2, 3))
+        keep = torch.topk(contribution, generator.decoder_channels[index]).indices.sort().values
+        narrowed |= {
+            name: value[keep]
+            for name, value in narrowed.items()
+            if name.startswith(f"fusions.{index}.") and value.ndim
+        }
+        narrowed[readers] = torch.cat([read[:, :width][:, keep], read[:, width:]], 1)
+    return narrowed
+
+
+@torch.no_grad()
+def _mean_activations(generator: EfficientGenerator, gray: Tensor) -> list[Tensor]:
+    """Mean output (C,) of each decoder layer."""
+    sums = [torch.zeros(width) for width in generator.decoder_channels]
+
+    def adding(total: Tensor) -> Callable[[nn.Module, object, Tensor], None]:
+        def add(_: nn.Module, __: object, output: Tensor) -> None:
+            total.add_(output.mean((2, 3)).sum(0))
+
+        return add
+
+    hooks = [
+        fusion.register_forward_hook(adding(total))
+        for fusion, total in zip(generator.fusions, sums, strict=True)
+    ]
+    for pictures in torch.split(gray, _AT_ONCE):
+        generator(pictures)
+    for hook in hooks:
+        hook.remove()
+    return [total / len(gray) for total in sums]
+
+
+_HASH_LENGTH = 16
+
+
+def weights_origin(paths: Sequence[Path]) -> str:
+    """Names and the first 16 digits of SHA-256 of the files whose mean a run starts from.
+
+    "" for no files.
+
+    Raises:
+        CheckpointError: a file cannot be read.
+    """
+    try:
+        names = [f"{path.name} {_digest(path)}" for path in paths]
+    except OSError as error:
+        raise CheckpointError(f"{error.filename} cannot be read: {error.strerror}") from error
+    return f"mean of {', '.join(names)}" if len(names) > 1 else "".join(names)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH]
+
 
 _MIRRORED = "network."  # prefix of weights in a graph that averages with the mirrored picture
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
@@ -35,14 +226,14 @@ def load_init_weights(
 
     Args:
         generator: of the same architecture but for its size, see
-            :func:`depthcli.training.resized_weights.resized_weights`; for an exported model,
+            :func:`depthcli.training.initial_weights.resized_weights`; for an exported model,
             without batch norm, which is folded into its weights.
         paths: ONNX files that `depthcli export-onnx` made of floats, or checkpoints; at least one.
         pictures: gives network inputs (B, 1, H, W) in [-1, 1], by which the decoder channels to
             keep are chosen.
 
     Returns:
-        The origin of the weights, as of :func:`~depthcli.training.weights_origin.weights_origin`.
+        The origin of the weights, as of :func:`~depthcli.training.initial_weights.weights_origin`.
 
     Raises:
         CheckpointError: a file cannot be read, or holds other networks or, for a mean, weights of

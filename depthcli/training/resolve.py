@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.config.overrides import apply_overrides
-from depthcli.training.config.presets import preset_file
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.folder import CHECKPOINT
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
+from depthcli.training.config import TrainConfig
 from depthcli.training.methods.registry import check_terms, default_config
 from depthcli.training.provenance import config_differences, mismatch_error, value_differences
+from depthcli.training.settings import apply_overrides, preset_file
 
 
 def resolve_config(

@@ -1,24 +1,23 @@
 """Networks, optimizers and weight average of one run: steps, saving and resuming."""
 
+import copy
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
 
-from depthcli.errors import CheckpointError
-from depthcli.training.average import WeightAverage
+from depthcli.errors import CheckpointError, TrainingError
 from depthcli.training.checkpoint import Checkpoint, TrainState
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data.batches import TrainingBatch
+from depthcli.training.config import OptimConfig, TrainConfig
+from depthcli.training.data import TrainingBatch
 from depthcli.training.devices import average_gradients, gather_states
-from depthcli.training.finite import check_weights, finite_losses
 from depthcli.training.initial_weights import load_init_weights
-from depthcli.training.methods.base import Phase
+from depthcli.training.methods.base import Method, Phase
 from depthcli.training.methods.registry import build_method
-from depthcli.training.optimizers import build_optimizer
-from depthcli.training.process_state import load_process_state, process_state
 from depthcli.training.provenance import (
     DataProvenance,
     config_differences,
@@ -26,6 +25,114 @@ from depthcli.training.provenance import (
     mismatch_error,
 )
 from depthcli.training.schedule import lr_factor
+
+
+class WeightAverage:
+    """Exponential moving average (EMA) of a network's weights.
+
+    Each update keeps the fraction ``decay`` of the average, less in the first steps, so that the
+    init weights have little influence. ``network`` has the average, in evaluation mode.
+    """
+
+    def __init__(self, network: nn.Module, decay: float) -> None:
+        self.network = copy.deepcopy(network).eval().requires_grad_(False)
+        self.decay = decay
+
+    @torch.no_grad()
+    def update(self, network: nn.Module, step: int) -> None:
+        """Update the average with the weights after a step, counted from 1."""
+        decay = min(self.decay, step / (step + 9))
+        now = network.state_dict()
+        for name, average in self.network.state_dict().items():
+            if average.dtype.is_floating_point:
+                average.lerp_(now[name].to(average.dtype), 1 - decay)
+            else:
+                average.copy_(now[name])
+
+
+def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> torch.optim.Optimizer:
+    """AdamW over the networks of a phase, which is Adam where nothing decays."""
+    networks, heads = method.networks(phase), method.heads() if optim.head_learning_rate else []
+    body = [network for network in networks if network not in heads]
+    groups = _parameter_groups(body, optim.weight_decay)
+    for group in _parameter_groups(
+        [network for network in networks if network in heads], optim.weight_decay
+    ):
+        betas = (optim.head_beta1, optim.head_beta2)
+        groups.append(group | {"lr": optim.head_learning_rate, "betas": betas})
+    return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
+
+
+def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:
+    """Kernels and matrices, which decay, and the rest, which does not."""
+    weights = [w for network in networks for w in network.parameters()]
+    groups: list[dict[str, Any]] = [
+        {"params": [w for w in weights if w.ndim > 1], "weight_decay": weight_decay},
+        {"params": [w for w in weights if w.ndim <= 1], "weight_decay": 0.0},
+    ]
+    return [group for group in groups if group["params"]]
+
+
+_ACCELERATORS = {"cuda": torch.cuda, "mps": torch.mps}
+
+
+def process_state(method: Method, device: torch.device) -> dict[str, Any]:
+    """The state of this process, on the CPU, by the checkpoint's keys."""
+    accelerator = _ACCELERATORS.get(device.type)
+    return {
+        "rng": torch.get_rng_state(),
+        "device_rng": accelerator.get_rng_state(device) if accelerator else None,
+        "extra": {
+            name: [image.cpu() for image in images] for name, images in method.extra_state().items()
+        },
+    }
+
+
+def load_process_state(method: Method, device: torch.device, state: dict[str, Any]) -> None:
+    """Restore a state returned by :func:`process_state`."""
+    method.load_extra_state(
+        {name: [image.to(device) for image in images] for name, images in state["extra"].items()}
+    )
+    torch.set_rng_state(state["rng"])
+    accelerator, saved = _ACCELERATORS.get(device.type), state["device_rng"]
+    # The states of different kinds of accelerators, between which a run can move, differ in size.
+    if accelerator and saved is not None and len(saved) == len(accelerator.get_rng_state(device)):
+        accelerator.set_rng_state(saved, device)
+
+
+_ADVICE = (
+    "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "
+    "which is kept"
+)
+
+
+def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
+    """The loss terms as floats, averaged over the processes, in one transfer from the device.
+
+    Raises:
+        TrainingError: one of them is not finite; the message names it.
+    """
+    together = torch.stack([term.detach().float() for term in losses.values()])
+    if fabric.world_size > 1:
+        together = fabric.all_reduce(together, reduce_op="mean")  # type: ignore[assignment]
+    values = dict(zip(losses, together.tolist(), strict=True))
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise TrainingError(f"the loss term '{name}' became {value}", _ADVICE)
+    return values
+
+
+def check_weights(method: nn.Module, step: int) -> None:
+    """Check the weights before they are saved: a finite loss can have a gradient that is not.
+
+    Raises:
+        TrainingError: a weight is not finite; the message names its network and the step.
+    """
+    for name, network in method.named_children():
+        whole = [weight.isfinite().all() for weight in network.state_dict().values()]
+        if whole and not bool(torch.stack(whole).all()):
+            raise TrainingError(f"a weight of '{name}' is not finite after step {step}", _ADVICE)
+
 
 _RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that users choose
 

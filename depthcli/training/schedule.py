@@ -2,7 +2,7 @@
 
 import math
 
-from depthcli.training.config.objective import OptimConfig
+from depthcli.training.config import OptimConfig
 
 
 def linear_factor(epoch: int, constant: int, decay: int) -> float:

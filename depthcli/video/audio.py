@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import av
 
 from depthcli.errors import Message
-from depthcli.video.container import open_video
-from depthcli.video.pipes import InputPipe
+from depthcli.video.container import InputPipe, open_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,18 +1,106 @@
 """Opening a video with FFmpeg's libraries, with an error of one line."""
 
 import os
-from pathlib import Path
+import zlib
+from pathlib import Path, PurePath
+from typing import BinaryIO
 
 import av
+from av import logging as av_logging
 from av.container import InputContainer
 from av.video.stream import VideoStream
 
-from depthcli.errors import InputError
-from depthcli.io.listing.heif import HEIF_SUFFIXES
-from depthcli.io.storage.regular import regular_size
-from depthcli.video.number_pattern import pattern_advice
-from depthcli.video.pipes import InputPipe
-from depthcli.video.single_picture import single_picture_advice
+from depthcli.errors import DepthcliError, InputError, OutputError
+from depthcli.io.listing.folder import EXR_SUFFIX, HEIF_SUFFIXES, PICTURE_SUFFIXES
+from depthcli.io.storage.paths import regular_size
+from depthcli.video.numbering import pattern_advice, pattern_of
+
+
+class _Pipe:
+    """A stream that FFmpeg uses by callbacks, in which it would ignore a ``KeyboardInterrupt``."""
+
+    _error: type[DepthcliError] = InputError
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._stopped: BaseException | None = None
+
+    def check(self) -> None:
+        """Raise the error of an earlier callback, if there was one; the stream is stopped then.
+
+        Raises:
+            DepthcliError: it cannot be used.
+            BrokenPipeError: its reader has closed it.
+        """
+        reason = self._stopped
+        if isinstance(reason, OSError) and not isinstance(reason, BrokenPipeError):
+            raise self._error(f"{self} failed: {reason.strerror or reason}") from reason
+        if reason is not None:
+            raise reason
+
+
+class InputPipe(_Pipe):
+    """A stream that FFmpeg reads; seekable if the wrapped stream is."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        super().__init__(stream)
+        # Read what is available, so that live video is not delayed.
+        self._read = getattr(stream, "read1", stream.read)
+        self.seekable, self.seek, self.tell = stream.seekable, stream.seek, stream.tell
+
+    def __str__(self) -> str:
+        return "standard input"
+
+    def read(self, size: int) -> bytes:
+        """Up to ``size`` bytes; none at the end."""
+        try:
+            return b"" if self._stopped else bytes(self._read(size))
+        except BaseException as reason:  # noqa: BLE001 - raised by check
+            self._stopped = reason
+            return b""
+
+
+class OutputPipe(_Pipe):
+    """A stream that FFmpeg writes.
+
+    Attributes:
+        suffix: chooses the container, such as ``.mkv``.
+    """
+
+    _error = OutputError
+
+    def __init__(self, stream: BinaryIO, suffix: str) -> None:
+        super().__init__(stream)
+        self.suffix = suffix
+
+    def __str__(self) -> str:
+        return "standard output"
+
+    def write(self, data: bytes) -> int:
+        """Write and flush all data."""
+        try:
+            if self._stopped is None:
+                self._stream.write(data)
+                self._stream.flush()
+        except BaseException as reason:  # noqa: BLE001 - raised by check
+            self._stopped = reason
+        return len(data)
+
+
+def single_picture_advice(name: str) -> str | None:
+    """A text that names the file and what to give instead; None if its suffix is no picture's.
+
+    A GIF counts as a video.
+    """
+    path = PurePath(name)
+    suffix = path.suffix.lower()
+    if suffix == ".gif" or suffix not in (*PICTURE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX):
+        return None
+    pattern = pattern_of(path.stem)
+    folder = name.removesuffix(path.name)
+    sequence = f"such as '{folder}{pattern}{path.suffix}'" if pattern else "as a folder of its own"
+    return f"{name} is a single picture: use 'depthcli predict', or give its sequence, {sequence}"
+
 
 # Playlists are excluded, because they name other files and addresses.
 _FORMATS = (
@@ -83,3 +171,58 @@ def _check_file(path: Path) -> None:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
     if not size:
         raise InputError(f"{path} is empty")
+
+
+_MATROSKA = "matroska,webm"
+_SLICE_FOOTER_BYTES = 8  # bytes: three of the slice's size, one of its state, four of its checksum
+_BIT_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_ONES = 0xFFFFFFFF
+
+
+def has_valid_slices(packet: bytes) -> bool:
+    """Whether the checksum of every slice of an FFV1 frame is right (RFC 9043, 4.9.3).
+
+    The frame is of version 3, with checksums. FFmpeg replaces damaged slices with those of the
+    frame before, and only logs it.
+    """
+    end = len(packet)
+    while end > 0:
+        start = (
+            end - _SLICE_FOOTER_BYTES - int.from_bytes(packet[max(0, end - 8) : max(0, end - 5)])
+        )
+        if start < 0 or _crc(packet[start:end]):
+            return False
+        end = start
+    return bool(packet)
+
+
+def _crc(data: bytes) -> int:
+    """CRC-32 with the most significant bit first and an initial value of 0, bit-reversed."""
+    return zlib.crc32(data.translate(_BIT_REVERSED), _ONES) ^ _ONES
+
+
+def is_incomplete_matroska(path: Path) -> bool:
+    """Whether a Matroska or WebM file is truncated or has a gap; False for other containers.
+
+    FFmpeg's demuxer skips such places without an error, and only logs them. The file is read once
+    more, without decoding.
+
+    Raises:
+        InputError: it is no video any more.
+    """
+    level, skips = av_logging.get_level(), av_logging.get_skip_repeated()
+    av_logging.set_level(av_logging.ERROR)
+    av_logging.set_skip_repeated(False)
+    try:
+        container, stream = open_video(path)
+        with container, av_logging.Capture() as log:
+            if container.format.name != _MATROSKA:
+                return False
+            for _ in container.demux(stream):
+                pass
+    except av.FFmpegError:
+        return True
+    finally:
+        av_logging.set_level(level)
+        av_logging.set_skip_repeated(skips)
+    return any(name == _MATROSKA for _, name, _ in log)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import av
 
-from depthcli.video.integrity import has_valid_slices
-from depthcli.video.stated_numbers import stated_number
+from depthcli.video.container import has_valid_slices
+from depthcli.video.time_code import stated_number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,13 +1,78 @@
 """The base class of sources of frames."""
 
+import math
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Self
 
 from depthcli.core.types import Frame
-from depthcli.video.spans import WHOLE, Span
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A time in a video, or an interval."""
+
+    value: Fraction  #: seconds from the first frame, or a frame number from 0; not negative
+    in_frames: bool = False  #: whether it is a frame number
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A part of a video."""
+
+    start: Point = Point(Fraction(0))  #: its first frame is the first at or after this point
+    #: frames at or after this point are left out; None for the end of the video
+    end: Point | None = None
+    #: interval between frames; in seconds, the first frame at or after each multiple is selected
+    every: Point = Point(Fraction(1), in_frames=True)
+
+    def rate(self, rate: Fraction) -> Fraction:
+        """Frames a second of the selection from a video of ``rate`` frames a second."""
+        if self.every.in_frames:
+            return rate / self.every.value
+        return min(rate, 1 / self.every.value)
+
+    def count(self, frames: int, rate: Fraction) -> int:
+        """How many frames are selected from a video of ``frames`` evenly spaced ones."""
+        start, end = (self._frame(point, rate) for point in (self.start, self.end))
+        last = frames if end is None else min(frames, -(-end // 1))
+        first = -(-(start or Fraction(0)) // 1)
+        step = max(Fraction(1), self._frame(self.every, rate) or Fraction(1))
+        return max(0, int(-((first - last) // step)))
+
+    def selected(self, frames: Iterable[tuple[int, Fraction]]) -> Iterator[bool]:
+        """Whether each frame, a number and a time in seconds, is selected; ends with the span."""
+        due: Fraction | None = None
+        for index, time_s in frames:
+            if self.end is not None and _at(self.end, index, time_s) >= self.end.value:
+                return
+            now = _at(self.every, index, time_s)
+            started = _at(self.start, index, time_s) >= self.start.value
+            if not started or (due is not None and now < due):
+                yield False
+                continue
+            first = now if due is None else due
+            due = first + ((now - first) // self.every.value + 1) * self.every.value
+            yield True
+
+    @staticmethod
+    def _frame(point: Point | None, rate: Fraction) -> Fraction | None:
+        """A point as a number of frames from the first one."""
+        if point is None:
+            return None
+        return point.value if point.in_frames else point.value * rate
+
+
+WHOLE = Span()
+"""Every frame."""
+
+
+def _at(point: Point, index: int, time_s: Fraction) -> Fraction:
+    return Fraction(index) if point.in_frames else time_s
 
 
 class FrameSource(ABC):
@@ -51,3 +116,176 @@ class FrameSource(ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+FALLBACK_RATE = Fraction(25)
+"""Frames a second if the source states no rate."""
+_NTSC = tuple(Fraction(n * 1000, 1001) for n in (12, 15, 24, 30, 48, 60, 120, 240))
+_DECIMALS = (2, 3)
+_TOLERANCE = 2e-5
+_MAX_DENOMINATOR = 1_000_000
+_MAX_FPS = 10_000
+_MIN_FPS = Fraction(1, 100_000_000)
+_MAX_TICKS = 1_200_000
+_COARSE_TICKS = 1000
+_MAX_DURATION_TICKS = 1 << 28  # ticks; MP4 keeps the distance of two frames in 32 bits
+
+
+def exact_rate(fps: float | Fraction) -> Fraction | None:
+    """The exact fraction of a rounded frame rate, in frames a second.
+
+    Containers that store decimals or whole nanoseconds write 29.97 or 33366700 ns for 30000/1001;
+    such values become the NTSC rate, as do averages within 0.002 % of an NTSC or a whole rate. Any
+    other fraction with a denominator up to a million is found exactly. None if the value is not
+    valid (zero, negative, not finite, too large).
+    """
+    fps = float(fps)
+    if not math.isfinite(fps) or not 0 < fps <= _MAX_FPS:
+        return None
+    for rate in (*_NTSC, Fraction(round(fps) or 1)):
+        if abs(fps / float(rate) - 1) < _TOLERANCE or _is_rounded(fps, rate):
+            return rate
+    return Fraction(fps).limit_denominator(_MAX_DENOMINATOR) or Fraction(fps)
+
+
+def rate_text(rate: Fraction) -> str:
+    """``30000/1001``; ``25/1`` for whole rates, so that there is one form to parse."""
+    return f"{rate.numerator}/{rate.denominator}"
+
+
+def _is_rounded(fps: float, rate: Fraction) -> bool:
+    """Whether a value is an NTSC rate rounded to two or three decimals, such as 23.98."""
+    return rate.denominator > 1 and any(fps == round(float(rate), n) for n in _DECIMALS)
+
+
+def parse_rate(text: str | None) -> Fraction | None:
+    """The rate that :func:`rate_text` writes; None for any other text."""
+    found = re.fullmatch(r"([1-9]\d{0,14})/([1-9]\d{0,14})", text or "", re.ASCII)
+    return Fraction(int(found[1]), int(found[2])) if found else None
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """When the frames of a video are shown."""
+
+    rate: Fraction  #: frames a second, as stated; often the mean if it varies
+    tick_s: Fraction = Fraction(1, 1000)  #: seconds that all times of the source are multiples of
+    source_rate: Fraction | None = None  #: frames a second of the source; None if not known
+    #: difference of the frames' numbers in the source; None if the numbers follow the times
+    step: int | None = 1
+
+    @property
+    def has_all_frames(self) -> bool:
+        """Whether the frames are consecutive ones of the source."""
+        return self.rate == self.source_rate
+
+    @property
+    def is_representable(self) -> bool:
+        """Whether FFmpeg and MP4, which use 32-bit integers, can represent the rate."""
+        return self.rate >= _MIN_FPS and max(self.rate.as_integer_ratio()) < 1 << 31
+
+    @property
+    def time_base(self) -> Fraction:
+        """Seconds a tick of a time base that represents the times of all frames.
+
+        Multiples of the frame interval and all times of the source are exact. Where that takes more
+        ticks than a container can represent, multiples of the interval are, if these can be; other
+        times are rounded.
+        """
+        grid, source = self.rate.numerator, self.tick_s.denominator
+        most = min(_MAX_TICKS, int(_MAX_DURATION_TICKS * self.rate))
+        candidates = (math.lcm(grid, source), most // grid * grid or source, _COARSE_TICKS)
+        return Fraction(1, next((ticks for ticks in candidates if ticks <= most), _COARSE_TICKS))
+
+
+class Timeline:
+    """Assigns numbers and times to frames, by their timestamps and the video's rate.
+
+    Attributes:
+        start_s: timestamp of the first frame in the file.
+        index: number of the last frame.
+        time_s: its time from the first frame; -1 before there is one.
+        lost: how many frames are missing so far.
+    """
+
+    def __init__(
+        self,
+        rate: Fraction,
+        tick_s: Fraction,
+        first_ticks: int | None,
+        *,
+        is_constant: bool,
+        failed: int = 0,
+        stated_ticks: int | None = None,
+    ) -> None:
+        """Begin before the first frame.
+
+        Args:
+            rate: frames a second.
+            tick_s: seconds a tick of the stream's time base.
+            first_ticks: timestamp of the first frame that can be decoded; None if it has none.
+            is_constant: whether frames are evenly spaced, so that numbers can follow the times.
+            failed: how many frames before it cannot be decoded.
+            stated_ticks: start time that the file states; None if it states none.
+        """
+        self._rate = rate
+        self._tick_s = tick_s
+        # Two roundings, of a frame's time and of the first one's, and the rate's own.
+        self._rounding_s = tick_s * Fraction(11, 10)
+        if (1 / rate / tick_s).denominator == 1:  # nothing is rounded
+            self._rounding_s = min(self._rounding_s, 1 / rate / 2)
+        self._is_constant = is_constant
+        self._unassigned = failed
+        first = first_ticks or 0
+        begins_early = failed > 0 and stated_ticks is not None
+        self.start_s = tick_s * (min(first, stated_ticks or 0) if begins_early else first)
+        self.index = -1
+        self.time_s = Fraction(-1)
+        self.lost = 0
+
+    def add(self, ticks: int | None, failed: int) -> tuple[int, Fraction]:
+        """Number and time of the next frame.
+
+        Args:
+            ticks: its timestamp; None if it has none.
+            failed: how many frames between it and the one before could not be decoded.
+        """
+        self._unassigned += failed
+        measured_s = None if ticks is None else ticks * self._tick_s - self.start_s
+        index = self.index + 1
+        # After damage, further frames may be missing without a packet that tells it.
+        is_damaged = bool(self._unassigned) or (self._is_constant and self.lost > 0)
+        index += self._missing(index, measured_s) if is_damaged else 0
+        self.time_s = self._time(index, measured_s)
+        self.index = index
+        return index, self.time_s
+
+    def end(self, failed: int) -> None:
+        """Count the frames after the last one that could not be decoded."""
+        self.lost += self._unassigned + failed
+        self._unassigned = 0
+
+    def _missing(self, index: int, measured_s: Fraction | None) -> int:
+        """How many frames are missing before the next, by its timestamp if that is regular."""
+        missing = self._unassigned
+        if measured_s is not None:
+            by_time = round(measured_s * self._rate)
+            if self._is_regular(by_time, measured_s):
+                missing = max(0, by_time - index)
+        self._unassigned = max(0, self._unassigned - missing)
+        self.lost += missing
+        return missing
+
+    def _time(self, index: int, measured_s: Fraction | None) -> Fraction:
+        """A multiple of the exact frame interval, or the frame's timestamp if it is irregular."""
+        if measured_s is None:
+            return index / self._rate if self.time_s < 0 else self.time_s + 1 / self._rate
+        time_s = index / self._rate if self._is_regular(index, measured_s) else measured_s
+        if time_s > self.time_s:
+            return time_s
+        # Timestamps repeat or go back a little by rounding, and a lot where streams were joined.
+        is_rounding = self.time_s - time_s < 1 / self._rate
+        return self.time_s + (self._tick_s if is_rounding else 1 / self._rate)
+
+    def _is_regular(self, index: int, measured_s: Fraction) -> bool:
+        return abs(index / self._rate - measured_s) <= self._rounding_s

@@ -1,31 +1,166 @@
 """The frames of a video, upright and with their times."""
 
+from __future__ import annotations
+
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import av
-from av.video.frame import VideoFrame
-from av.video.reformatter import VideoReformatter
-from av.video.stream import VideoStream
+import numpy as np
+import numpy.typing as npt
+from av.sidedata.sidedata import Type
+from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
-from depthcli.core.choices import MAX_PIXELS, check_pixel_count
-from depthcli.core.pixel_aspect import pixel_aspect_of
-from depthcli.core.types import Frame
+from depthcli.core.imageops import transfer_warning
+from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
+from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.read import upright
-from depthcli.video.container import open_video, pipe_advice
+from depthcli.io.storage.paths import path_of
+from depthcli.video.container import InputPipe, is_incomplete_matroska, open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder
-from depthcli.video.frames import FrameSource
-from depthcli.video.integrity import is_incomplete_matroska
-from depthcli.video.pipes import InputPipe
-from depthcli.video.pixels import orientation_of, picture_warnings, rgb_pixels
-from depthcli.video.rates import FALLBACK_RATE
-from depthcli.video.spans import WHOLE, Span
-from depthcli.video.stream_info import stream_info
-from depthcli.video.time_code import TimeCode, time_code_after
-from depthcli.video.timeline import Timeline
+from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, Timeline, exact_rate
+from depthcli.video.numbering import is_pattern
+from depthcli.video.time_code import TimeCode, header_time_code, time_code_after
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+    from av.video.frame import VideoFrame
+    from av.video.stream import VideoStream
+
+# Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
+_RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "m4v", "mjpeg",
+                "mpegvideo", "obu", "vc1", "vvc"}  # fmt: skip
+
+# Containers without presentation times: FFmpeg numbers the packets, also those of B-frames.
+_NUMBERED_FORMATS = {"avi", "mxf"}
+
+
+_AVI_UNKNOWN_FRAMES = 1 << 30  # as FFmpeg states in an AVI that it writes into a pipe
+
+
+@dataclass(frozen=True, slots=True)
+class StreamInfo:
+    """Rate, time base, length and time code."""
+
+    rate: Fraction  #: frames a second, exact, as the file states it, often as a mean
+    is_rate_stated: bool  #: whether the file states it
+    is_constant: bool  #: whether frames are evenly spaced, as far as the header tells
+    time_base: Fraction  #: seconds a tick, of which every frame's time is a multiple
+    #: which of FFmpeg's timestamps the file gives in the order of presentation
+    timestamps: Literal["pts", "dts"] | None
+    frames: int | None  #: how many there are; None if nothing states it
+    time_code: TimeCode | None  #: of the first frame; None if nothing states it
+
+
+def _file_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
+    """Frames a second that the file states; None if it states none."""
+    if container.format.name not in _RAW_FORMATS:
+        return exact_rate(stream.average_rate or stream.guessed_rate or 0)
+    return exact_rate(stream.guessed_rate or 0) if stream.codec_context.framerate else None
+
+
+def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
+    """Read the properties of a stream."""
+    stated = _file_rate(container, stream)
+    rate = stated or FALLBACK_RATE
+    time_base = stream.time_base or 1 / rate
+    is_raw = container.format.name in _RAW_FORMATS
+    is_constant = is_raw or stream.average_rate == stream.base_rate
+    length_s = Fraction(0)
+    if stream.duration:
+        length_s = stream.duration * time_base
+    elif container.duration:
+        length_s = Fraction(container.duration, av.time_base)
+    is_numbered = container.format.name in _NUMBERED_FORMATS
+    is_unknown = container.format.name == "avi" and stream.frames == _AVI_UNKNOWN_FRAMES
+    return StreamInfo(
+        rate=rate,
+        is_rate_stated=stated is not None,
+        is_constant=is_constant,
+        time_base=time_base,
+        frames=None if is_unknown else stream.frames or round(length_s * rate) or None,
+        timestamps=None if is_raw else "dts" if is_numbered else "pts",
+        time_code=header_time_code(container, stream, rate),
+    )
+
+
+_INTERLACED = (
+    "the video is interlaced, and the network sees both fields of a frame at once; for better "
+    "depth, deinterlace it first: ffmpeg -i in.mov -vf yadif -c:v ffv1 out.mkv"
+)
+_EIGHT_BIT = 8
+_UNSPECIFIED = 2
+_SD_ROWS = 576
+_TOLERANCE = 0.02
+_IDENTITY = (1, 0, 0, 1)
+_EXIF_OF_MATRIX = {
+    _IDENTITY: 1,
+    (-1, 0, 0, 1): 2,
+    (-1, 0, 0, -1): 3,
+    (1, 0, 0, -1): 4,
+    (0, 1, 1, 0): 5,
+    (0, 1, -1, 0): 6,
+    (0, -1, -1, 0): 7,
+    (0, -1, 1, 0): 8,
+}
+_EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
+
+
+def rgb_pixels(
+    frame: VideoFrame, reformatter: VideoReformatter
+) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+    """A frame converted to RGB from its own colour space and range, not rotated.
+
+    If it states no colour space, that is BT.601 up to 576 rows and BT.709 above, as in players.
+
+    Returns:
+        (H, W, 3) RGB: uint8 of 8-bit video, else uint16, scaled to 0-65535.
+
+    Raises:
+        av.FFmpegError: the format cannot be converted.
+    """
+    is_deep = any(component.bits > _EIGHT_BIT for component in frame.format.components)
+    guessed = Colorspace.ITU709 if frame.height > _SD_ROWS else Colorspace.ITU601
+    rgb = reformatter.reformat(
+        frame,
+        format="rgb48le" if is_deep else "rgb24",
+        src_colorspace=guessed if frame.colorspace == _UNSPECIFIED else None,
+        dst_color_range=ColorRange.JPEG,
+        interpolation=Interpolation.BICUBIC,
+    )
+    return rgb.to_ndarray()  # type: ignore[return-value]
+
+
+def orientation_of(frame: VideoFrame) -> int:
+    """The EXIF orientation (1-8) of a frame's display matrix; 1 for other angles."""
+    try:
+        side_data: Any = frame.side_data  # whose type is stated wrongly
+        data = side_data.get(Type.DISPLAYMATRIX)
+    except ValueError:  # PyAV does not know all kinds, as that of EXIF, beside the matrix
+        return _EXIF_OF_ANGLE.get(frame.rotation % 360, 1)
+    if data is None:
+        return 1
+    a, b, _, c, d = np.frombuffer(bytes(data), "<i4")[:5].tolist()
+    across, down = math.hypot(a, c) or 1, math.hypot(b, d) or 1  # the matrix may scale as well
+    shares = a / across, b / down, c / across, d / down
+    turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
+    return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
+
+
+def picture_warnings(first: VideoFrame) -> Iterator[str]:
+    """Warnings about what the network sees, by the first frame of a video."""
+    warnings = (
+        transfer_warning(first.color_trc, "video", "BT.709"),
+        _INTERLACED if first.interlaced_frame else None,
+    )
+    return filter(None, warnings)
+
 
 _MISSING_SHARE = 200
 _AVI = "avi"
@@ -200,3 +335,51 @@ class VideoSource(FrameSource):
     def _report_lost(self) -> None:
         if self._timeline.lost:
             self.problem = f"it is damaged: {self._timeline.lost} frames cannot be decoded"
+
+
+def is_sequence(path: str | Path) -> bool:
+    """Whether a name stands for numbered pictures: a folder, or a pattern that is no file.
+
+    Raises:
+        InputError: it is in a store that does not answer.
+    """
+    path = path_of(path)
+    try:
+        return path.is_dir() or (is_pattern(path.name) and not path.exists())
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def open_frames(
+    source: Path | InputPipe,
+    *,
+    rate: Fraction | None = None,
+    max_pixels: int = MAX_PIXELS,
+    options: ReadOptions = AS_STATED,
+) -> FrameSource:
+    """Open a video or a sequence.
+
+    Args:
+        source: a file, a folder, a pattern such as ``plate.%04d.exr``, or a pipe.
+        rate: frames a second of a sequence; None for what it states.
+        max_pixels: frames that claim more are refused.
+        options: for the pictures of a sequence.
+
+    Raises:
+        InputError: it cannot be read, or is depth that depthcli wrote.
+        UsageError: a folder holds more than one sequence.
+    """
+    # Each imports only what it needs.
+    if isinstance(source, Path) and is_sequence(source):
+        from depthcli.video.sequence import ImageSequence  # noqa: PLC0415
+
+        return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
+
+    video = VideoSource(source, max_pixels=max_pixels)
+    if video.is_own_depth:
+        video.close()
+        raise InputError(
+            f"{source} is depth that depthcli wrote; name the video that it was made of "
+            "('depthcli info', 'probe' and 'convert' read depth)"
+        )
+    return video

@@ -20,7 +20,7 @@ from videos import flat_frames, write_mp4, write_video
 from depthcli.cli.app import main
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.io.listing.folder import list_folder
-from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_video import DepthVideo
 
 if TYPE_CHECKING:
     from command_line import Cli

@@ -14,8 +14,7 @@ from tiny import write_picture
 
 from depthcli.cli.shell import load_command
 from depthcli.core.camera import CameraSource, Intrinsics
-from depthcli.core.map_camera import with_camera
-from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.core.types import DepthKind, DepthMap, Provenance, with_camera
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter

@@ -17,16 +17,15 @@ from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import InputFile
-from depthcli.io.listing.globs import NameFilter
-from depthcli.jobs.convert import ConvertResult
-from depthcli.jobs.convert_folder import (
+from depthcli.io.listing.folder import InputFile, NameFilter
+from depthcli.jobs.convert import (
     ConvertFolderRequest,
+    ConvertResult,
     FolderPlan,
     convert_folder,
     plan_conversion,
 )
-from depthcli.jobs.failed import FailedInput
+from depthcli.jobs.outputs import FailedInput
 
 if TYPE_CHECKING:
     from pathlib import Path

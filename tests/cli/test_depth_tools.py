@@ -15,9 +15,8 @@ from tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.video.depth_output import depth_video
-from depthcli.video.output import DepthFrame
-from depthcli.video.rates import Timing
+from depthcli.video.frames import Timing
+from depthcli.video.outputs import DepthFrame, depth_video
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,8 +10,8 @@ import pytest
 from tiny import write_picture
 
 from depthcli.cli import shell
-from depthcli.cli.arguments.detail import choose_detail
-from depthcli.core.choices import Upsampling
+from depthcli.cli.parse import choose_detail
+from depthcli.core.options import Upsampling
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:

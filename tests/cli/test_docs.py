@@ -13,7 +13,7 @@ import pytest
 
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
-from depthcli.models.ready_cards import ready_names
+from depthcli.models.catalog import ready_names
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 GENERATED = "cli.md"

@@ -19,10 +19,10 @@ from rooms import Rooms, rooms, write_rooms
 from watched import Watched
 
 from depthcli.cli.app import main
-from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.options import Detail, Upsampling
 from depthcli.core.types import Frame
+from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.splits import SplitName
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
 from depthcli.errors import DepthcliError, ExitCode, ModelError, UsageError
 from depthcli.evaluation.evaluate import HEADLINE_TABLE
@@ -30,14 +30,14 @@ from depthcli.export.trained import export_run
 from depthcli.inference.pipeline import load
 from depthcli.jobs.evaluate import EvalRequest, run_evaluation
 from depthcli.training.callbacks import Callback
-from depthcli.training.config.overrides import updated
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
+from depthcli.training.settings import updated
 
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
     from depthcli.training.trained import TrainedRun
 
 SMALL = {

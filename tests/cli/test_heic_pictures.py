@@ -13,7 +13,7 @@ from heifs import heic, pillow_heif
 from PIL import Image
 from tiny import synthetic_picture
 
-from depthcli.io.listing.heif import reads_heif
+from depthcli.io.listing.folder import reads_heif
 
 if TYPE_CHECKING:
     from command_line import Cli

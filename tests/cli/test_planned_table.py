@@ -11,11 +11,10 @@ import pytest
 import write_methods
 
 from depthcli.cli.app import main
-from depthcli.training.config.overrides import apply_overrides
-from depthcli.training.config.presets import preset_file
 from depthcli.training.methods.registry import default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.schedule import lr_factor
+from depthcli.training.settings import apply_overrides, preset_file
 
 PAGE = (Path(__file__).parents[2] / "docs" / "methods.md").read_text("utf-8")
 CHOSEN = {"W": "50", "N": "80"}

@@ -17,7 +17,7 @@ from depthcli.cli.screen import console, progress, training
 from depthcli.cli.screen.training import JsonCallback, TextCallback
 from depthcli.training.callbacks import TrainStart
 from depthcli.training.checkpoint import TrainState
-from depthcli.training.threads import Threads
+from depthcli.training.devices import Threads
 
 if TYPE_CHECKING:
     from command_line import Cli

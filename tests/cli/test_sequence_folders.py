@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from depthcli.errors import UsageError
-from depthcli.video.sequence_files import find_pictures
+from depthcli.video.sequence import find_pictures
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -15,15 +15,15 @@ import pytest
 from file_trees import contents
 from videos import flat_frames, write_video
 
-from depthcli.cli.arguments.span import parse_fps
+from depthcli.cli.parse import parse_fps
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
-from depthcli.video.depth import DepthVideo
-from depthcli.video.frame_source import is_sequence, open_frames
-from depthcli.video.number_pattern import base_name, number_in, numbered_name
-from depthcli.video.sequence_files import find_pictures
-from depthcli.video.spans import Point, Span
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.frames import Point, Span
+from depthcli.video.numbering import base_name, number_in, numbered_name
+from depthcli.video.sequence import find_pictures
+from depthcli.video.source import is_sequence, open_frames
 
 if TYPE_CHECKING:
     import subprocess

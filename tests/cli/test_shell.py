@@ -198,7 +198,7 @@ def test_names_are_offered_where_names_are_wanted(cli: Cli, words: str, offered:
 
 
 def test_offered_names_are_those_that_are_taken() -> None:
-    from depthcli.cli.arguments import completion  # noqa: PLC0415
+    from depthcli.cli import completion  # noqa: PLC0415
     from depthcli.inference.providers import AUTO, PROVIDERS  # noqa: PLC0415
 
     assert {*completion.PROVIDERS} == {AUTO, *PROVIDERS}

@@ -14,7 +14,7 @@ from command_line import ROOT, Cli, unmeasured
 from onnx import TensorProto, helper
 from tiny import write_model, write_picture
 
-from depthcli.cli.signals import ending_signals, graceful_shutdown
+from depthcli.cli.process import ending_signals, graceful_shutdown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,7 +81,7 @@ def test_a_network_that_never_ends_does_not_outlive_ctrl_c(cli: Cli, command: st
 
 _BEHIND_A_FULL_PIPE = """
 import contextlib, os, signal, sys
-from depthcli.cli.signals import end_on_signals
+from depthcli.cli.process import end_on_signals
 end_on_signals()
 os.set_blocking(1, False)
 with contextlib.suppress(BlockingIOError):

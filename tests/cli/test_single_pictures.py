@@ -9,7 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from depthcli.video.number_pattern import number_in, pattern_of
+from depthcli.video.numbering import number_in, pattern_of
 
 if TYPE_CHECKING:
     from command_line import Cli

@@ -15,7 +15,7 @@ from rooms import write_rooms
 from runs import ENVIRONMENT, inside
 
 from depthcli.cli.app import main
-from depthcli.cli.commands.train_all import _forwarded_options, _queue_request
+from depthcli.cli.commands.train import _forwarded_options, _queue_request
 from depthcli.cli.loading import plain_command
 from depthcli.training.checkpoint import Checkpoint
 

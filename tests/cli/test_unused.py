@@ -10,9 +10,9 @@ import pytest
 from tiny import write_model, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.cli.arguments.writing import writer_options
+from depthcli.cli.parse import writer_options
 from depthcli.cli.shell import load_command
-from depthcli.core.choices import Colormap, Near
+from depthcli.core.options import Colormap, Near
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:

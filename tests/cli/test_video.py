@@ -18,11 +18,11 @@ from folders import here
 from tiny import write_model
 from videos import NTSC, encode, flat_frames, write_mp4, write_video
 
-from depthcli.cli.arguments.span import parse_point, parse_span
+from depthcli.cli.parse import parse_point, parse_span
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.video.depth import DepthVideo
-from depthcli.video.spans import Point, Span
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.frames import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.anchor_fit import ERROR_SD, SHIFT_SD, fit_anchors, fitted, lost_in_fit
-from depthcli.core.anchors import AnchorPoints
+from depthcli.core.anchors import ERROR_SD, SHIFT_SD, AnchorPoints, fit_anchors, fitted, lost_in_fit
 from depthcli.core.camera import Anchor as Point
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from depthcli.core.parallel.background import Background
+from depthcli.core.parallel import Background
 
 
 def test_the_result_is_waited_for() -> None:

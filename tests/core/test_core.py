@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from depthcli.core.camera import Intrinsics, focal_px_of_35mm, focal_px_of_hfov, hfov_deg
 from depthcli.core.codec import DepthCodec, Transform
-from depthcli.core.colour import luma, rgb, value_channel
-from depthcli.core.resize import resize_area, resize_bilinear
+from depthcli.core.imageops import luma, resize_area, resize_bilinear, rgb, value_channel
 from depthcli.errors import UsageError
 
 RANDOM = np.random.default_rng(3)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from depthcli.core.parallel import cores
+from depthcli.core import parallel as cores
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ def test_each_worker_has_its_share_of_eight_cores(
 def test_cores_that_the_process_may_not_use_do_not_count() -> None:
     code = (
         "import os\n"
-        "from depthcli.core.parallel.cores import share_cores, usable_cores\n"
+        "from depthcli.core.parallel import share_cores, usable_cores\n"
         "os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
         "print(usable_cores(), *share_cores())"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from depthcli.core.exit_hooks import exit_hook, run_exit_hooks
+from depthcli.core.progress import exit_hook, run_exit_hooks
 
 
 def test_the_last_action_is_taken_first_and_none_stops_another() -> None:

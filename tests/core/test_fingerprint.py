@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from depthcli.core.choices import Detail, Upsampling
 from depthcli.core.fingerprint import fingerprint
+from depthcli.core.options import Detail, Upsampling
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core import bands, colour
-from depthcli.core.bands import row_bands, shrink_bands
-from depthcli.core.guided import GuidedMap, upsample_guided
-from depthcli.core.resize import resize_area, resize_bilinear, resize_rows
+from depthcli.core import imageops as bands
+from depthcli.core import imageops as colour
+from depthcli.core.imageops import (
+    GuidedMap,
+    resize_area,
+    resize_bilinear,
+    resize_rows,
+    row_bands,
+    shrink_bands,
+    upsample_guided,
+)
 from depthcli.core.types import Frame
 
 

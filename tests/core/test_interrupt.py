@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from depthcli.core.interrupt import Interrupt
+from depthcli.core.progress import Interrupt
 
 
 def test_first_signal_is_noted_and_the_second_acts() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import pytest
 
-from depthcli.core.parallel.opencv_threads import one_thread_each
+from depthcli.core.parallel import one_thread_each
 
 
 @pytest.mark.parametrize(("workers", "inside"), [(0, 3), (1, 3), (2, 1)])

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.parallel.ordered_map import ordered_map
-from depthcli.core.parallel.process_map import process_map
+from depthcli.core.parallel import ordered_map, process_map
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from depthcli.core.choices import AUTO_TILE, Detail, Upsampling, check_pixel_count
+from depthcli.core.options import AUTO_TILE, Detail, Upsampling, check_pixel_count
 from depthcli.errors import InputError, UsageError
 
 

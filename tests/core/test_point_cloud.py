@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.map_camera import with_camera
 from depthcli.core.point_cloud import point_cloud
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import DepthKind, DepthMap, Frame, with_camera
 from depthcli.errors import UsageError
 
 DEPTH = DepthMap(np.float32([[1, 2, np.nan], [0, np.inf, 4]]))

@@ -10,14 +10,17 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from depthcli.core.temporal.changes import THUMBNAIL_PX, Change, ChangeDetector, thumbnail
-from depthcli.core.temporal.range_lock import RangeLock
-from depthcli.core.temporal.smoothing import (
+from depthcli.core.temporal import (
+    THUMBNAIL_PX,
+    Change,
+    ChangeDetector,
     FlickerMeter,
+    RangeLock,
     Smoother,
     ema_decay,
     from_log,
     sample_cells,
+    thumbnail,
     to_log,
 )
 from depthcli.core.types import DepthKind, DepthMap

@@ -9,8 +9,7 @@ import pickle
 import numpy as np
 import pytest
 
-from depthcli.core.summary import DepthRange
-from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame, Provenance
 from depthcli.errors import InputError
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)

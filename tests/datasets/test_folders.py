@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from depthcli.datasets.paired_folder import open_paired_folder
-from depthcli.datasets.unpaired_folder import open_unpaired_folder
+from depthcli.datasets.folders import open_paired_folder, open_unpaired_folder
 from depthcli.errors import DatasetError
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.datasets import id_ranges
+from depthcli.datasets import base as id_ranges
 
 
 @given(st.sets(st.integers(0, 1448)))

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.datasets import splits
-from depthcli.datasets.splits import SplitName, held_out_scenes, split_nyu
+from depthcli.datasets import base as splits
+from depthcli.datasets.base import SplitName, held_out_scenes, split_nyu
 from depthcli.errors import DatasetError
 
 if TYPE_CHECKING:

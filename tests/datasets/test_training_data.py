@@ -8,14 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from depthcli.datasets.base import SplitName, Subset, split_nyu
+from depthcli.datasets.folders import PairedFolder, UnpairedFolder
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.paired_folder import PairedFolder
-from depthcli.datasets.splits import SplitName, split_nyu
-from depthcli.datasets.subset import Subset
 from depthcli.datasets.training_data import open_training_data
-from depthcli.datasets.unpaired_folder import UnpairedFolder
 from depthcli.errors import DatasetError
-from depthcli.training.config.schema import DataConfig
+from depthcli.training.config import DataConfig
 from depthcli.training.provenance import train_val_split
 
 if TYPE_CHECKING:

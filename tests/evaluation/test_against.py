@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
 
-from depthcli.datasets.splits import SplitName
+from depthcli.datasets.base import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.evaluate import EvalOptions, check_against, evaluate, scene_interval
 from depthcli.evaluation.html import html_page

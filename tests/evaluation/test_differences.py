@@ -10,9 +10,8 @@ import pytest
 
 from depthcli.evaluation.evaluate import differences_from, scene_interval
 from depthcli.evaluation.report import ImageScores, Interval, ReportRow, Source
-from depthcli.metrics.accumulate import Scores
 from depthcli.metrics.choices import Alignment
-from depthcli.metrics.depth import METRICS
+from depthcli.metrics.depth import METRICS, Scores
 
 SCENES = tuple(f"den_{i % 12}" for i in range(60))
 

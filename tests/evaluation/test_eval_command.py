@@ -18,8 +18,8 @@ import pytest
 from tiny import write_model
 
 from depthcli.cli.app import main
+from depthcli.datasets.base import SplitName, split_nyu
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.splits import SplitName, split_nyu
 from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:

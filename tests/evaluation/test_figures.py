@@ -12,7 +12,7 @@ from watched import Watched
 
 from depthcli._version import __version__
 from depthcli.core.types import DepthKind, DepthMap
-from depthcli.datasets.splits import Split, SplitName
+from depthcli.datasets.base import Split, SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures, scene_type
 from depthcli.evaluation.html import html_page

@@ -13,9 +13,9 @@ from small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
 from tiny import write_model
 from watched import Watched
 
-from depthcli.core.choices import Mask
+from depthcli.core.options import Mask
 from depthcli.core.types import DepthKind
-from depthcli.datasets.splits import ALL_PAIRS, Split, SplitName
+from depthcli.datasets.base import ALL_PAIRS, Split, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import EvalOptions, entry_for, evaluate, score
 from depthcli.evaluation.predictors import Sample, open_model

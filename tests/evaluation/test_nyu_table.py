@@ -9,7 +9,7 @@ import pytest
 from small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 from watched import Watched
 
-from depthcli.datasets.splits import SplitName
+from depthcli.datasets.base import SplitName
 from depthcli.evaluation.evaluate import EvalOptions, evaluate
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.report import PUBLISHED, Source

@@ -5,12 +5,12 @@ import plain_evaluator as plain
 import pytest
 from small_set import HEIGHT, WIDTH, noisy, small_set
 
-from depthcli.core.choices import AUTO_TILE, Crop, Mask, Upsampling
+from depthcli.core.options import AUTO_TILE, Crop, Mask, Upsampling
 from depthcli.core.types import DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.metrics.accumulate import PixelSums
 from depthcli.metrics.choices import Alignment, Averaging
+from depthcli.metrics.depth import PixelSums
 
 SMALL = (WIDTH, HEIGHT)
 

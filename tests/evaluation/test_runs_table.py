@@ -14,7 +14,7 @@ import pytest
 from small_set import HEIGHT, WIDTH, SmallSet, small_set
 from tiny import write_model
 
-from depthcli.datasets.splits import Split, SplitName
+from depthcli.datasets.base import Split, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import EvalOptions, entry_for, evaluate, score
 from depthcli.evaluation.predictors import open_model

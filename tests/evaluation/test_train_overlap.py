@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from small_set import small_set
 
-from depthcli.datasets.splits import SplitName
+from depthcli.datasets.base import SplitName
 from depthcli.evaluation.task import plan_nyu, plan_pairs, train_overlap, trained_numbers
-from depthcli.models.ready_cards import ready_card
+from depthcli.models.catalog import ready_card
 
 if TYPE_CHECKING:
     from depthcli.models.card import ModelCard

@@ -8,12 +8,7 @@ import torch
 from torch import nn
 
 from depthcli.training.checkpoint import Checkpoint, TrainState
-from depthcli.training.config.schema import (
-    DataConfig,
-    GeneratorConfig,
-    OutputConfig,
-    TrainConfig,
-)
+from depthcli.training.config import DataConfig, GeneratorConfig, OutputConfig, TrainConfig
 from depthcli.training.networks.build import build_generator
 from depthcli.training.provenance import DataProvenance
 

@@ -15,14 +15,12 @@ import torch
 from small import EFFICIENT, RESNET, small_network, write_checkpoint
 
 from depthcli.errors import CheckpointError, DepthcliError, OutputError, ParityError, UsageError
-from depthcli.export.card import card_path
-from depthcli.export.onnx import export_checkpoint
-from depthcli.export.options import ExportOptions
+from depthcli.export.onnx import ExportOptions, card_path, export_checkpoint
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
-    from depthcli.training.config.schema import GeneratorConfig
+    from depthcli.training.config import GeneratorConfig
 
 
 @pytest.mark.parametrize("config", [EFFICIENT, RESNET], ids=["efficient", "resnet"])

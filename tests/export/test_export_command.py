@@ -16,7 +16,7 @@ from tiny import synthetic_picture, write_picture
 
 from depthcli.cli.app import main
 from depthcli.core.types import Frame
-from depthcli.export.int8 import calibration_batches
+from depthcli.export.graph import calibration_batches
 from depthcli.inference.pipeline import load
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model

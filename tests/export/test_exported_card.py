@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from small import small_network, write_checkpoint
 
-from depthcli.core.choices import Weights
-from depthcli.datasets.splits import NYU
+from depthcli.core.options import Weights
+from depthcli.datasets.base import NYU
 from depthcli.errors import UsageError
-from depthcli.export.card import card_of, card_path
-from depthcli.export.options import ExportOptions
-from depthcli.inference.preprocess import input_layout
+from depthcli.export.onnx import ExportOptions, card_of, card_path
+from depthcli.inference.transforms import input_layout
 from depthcli.models.card import ModelCard
 from depthcli.training.checkpoint import Checkpoint
 

@@ -16,7 +16,7 @@ from small import ALL, EFFICIENT, RESNET, small_network
 from depthcli.export.graph import build_graph, fold_batch_norm, weights_to_float16
 
 if TYPE_CHECKING:
-    from depthcli.training.config.schema import GeneratorConfig
+    from depthcli.training.config import GeneratorConfig
 
 Array = np.ndarray[Any, np.dtype[np.float32]]
 

@@ -13,10 +13,9 @@ from tiny import synthetic_picture, write_picture
 
 from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
-from depthcli.export.graph import build_graph
-from depthcli.export.int8 import calibration_batches, quantize
+from depthcli.export.graph import build_graph, calibration_batches, quantize
 from depthcli.io.formats.png16 import Png16Writer
-from depthcli.models.card_specs import Colour, Fit, InputSpec
+from depthcli.models.card import Colour, Fit, InputSpec
 from depthcli.training.networks.efficient import EfficientGenerator
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from tiny import tiny_onnx
 from torch import Tensor, nn
 
 from depthcli.errors import ParityError
-from depthcli.export.graph import build_graph
-from depthcli.export.parity import _inputs, check_parity
+from depthcli.export.graph import _inputs, build_graph, check_parity
 
 CASES = ((1, 12, 16), (2, 24, 8))
 

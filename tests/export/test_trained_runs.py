@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from small import small_network, write_checkpoint
 
-from depthcli.core.choices import Weights
+from depthcli.core.options import Weights
 from depthcli.datasets.training_data import NYU_PAPER
 from depthcli.errors import ParityError, UsageError
 from depthcli.evaluation.task import group_by_seed

@@ -13,12 +13,12 @@ from tiny import write_model
 
 import depthcli
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
-from depthcli.core.choices import Detail
+from depthcli.core.options import Detail
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.types import Frame, Provenance
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, load
-from depthcli.inference.preprocess import input_layout
+from depthcli.inference.transforms import input_layout
 from depthcli.io.formats.ply import PlyWriter
 from depthcli.models.card import ModelCard
 

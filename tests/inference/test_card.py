@@ -14,8 +14,7 @@ from tiny import CARD, card_with
 
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError
-from depthcli.models.card import ModelCard
-from depthcli.models.card_specs import Colour, Fit
+from depthcli.models.card import Colour, Fit, ModelCard
 
 
 def read(changes: dict[str, Any]) -> ModelCard:

@@ -11,7 +11,8 @@ import pytest
 from tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError
-from depthcli.models import catalog, locations
+from depthcli.models import catalog
+from depthcli.models import catalog as locations
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,13 +15,10 @@ from onnx import external_data_helper
 from tiny import card_with, fixed_inside, tiny_onnx, write_model
 
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
-from depthcli.io.storage.atomic_folder import workspace
-from depthcli.jobs.added_models import remove_model
-from depthcli.jobs.install_model import add_model
-from depthcli.jobs.verify_models import verify_models
-from depthcli.models import locations
-from depthcli.models.catalog import find_model
-from depthcli.models.locations import list_locations, roots, user_root
+from depthcli.io.storage.atomic import workspace
+from depthcli.jobs.models import add_model, remove_model, verify_models
+from depthcli.models import catalog as locations
+from depthcli.models.catalog import find_model, list_locations, roots, user_root
 from depthcli.models.onnx_file import versions
 
 
@@ -258,7 +255,7 @@ def test_a_folder_that_cannot_be_made_is_an_error(
 _KILLED = """
 import os, sys
 from pathlib import Path
-from depthcli.io.storage.atomic_folder import replace_folder
+from depthcli.io.storage.atomic import replace_folder
 left = [None] * int(sys.argv[1])
 def hook(event, _):
     if event == "os.rename":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tiny import write_model
 
-from depthcli.inference import latency
+from depthcli.inference import measure as latency
 from depthcli.inference.pipeline import load
 from depthcli.inference.session import Session
 

@@ -14,11 +14,10 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
+from depthcli.inference.measure import try_session
 from depthcli.inference.pipeline import Pipeline, Prediction, load
-from depthcli.inference.postprocess import coarse_depth
-from depthcli.inference.preprocess import input_layout
 from depthcli.inference.session import Session
-from depthcli.inference.trial import try_session
+from depthcli.inference.transforms import coarse_depth, input_layout
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:

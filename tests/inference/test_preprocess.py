@@ -7,12 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.choices import Upsampling
 from depthcli.core.codec import Transform
+from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
-from depthcli.inference.postprocess import blends_in_log, coarse_depth, full_size
-from depthcli.inference.preprocess import Layout, input_layout, prepare
-from depthcli.models.card_specs import MAX_INPUT_PIXELS, Colour, Fit, InputSpec, OutputSpec
+from depthcli.inference.transforms import (
+    Layout,
+    blends_in_log,
+    coarse_depth,
+    full_size,
+    input_layout,
+    prepare,
+)
+from depthcli.models.card import MAX_INPUT_PIXELS, Colour, Fit, InputSpec, OutputSpec
 
 
 def spec(

@@ -14,13 +14,11 @@ from onnx import TensorProto, helper, numpy_helper
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline
-from depthcli.inference.preprocess import input_layout, prepare
 from depthcli.inference.session import Session
-from depthcli.jobs.install_model import add_model
-from depthcli.models.card_specs import Fit
-from depthcli.models.catalog import find_model
-from depthcli.models.preprocessing_check import check_command, preprocessing_check
-from depthcli.models.ready_cards import ready_card, ready_names
+from depthcli.inference.transforms import input_layout, prepare
+from depthcli.jobs.models import add_model
+from depthcli.models.card import Fit, check_command, preprocessing_check
+from depthcli.models.catalog import find_model, ready_card, ready_names
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,15 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tiny import tiny_onnx, write_model
 
-from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
 from depthcli.core.codec import Transform
+from depthcli.core.options import AUTO_TILE, Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline, load, tile_width_px
-from depthcli.inference.postprocess import coarse_depth, full_size
-from depthcli.inference.preprocess import prepare
 from depthcli.inference.tiles import TileGrid, _starts, refine
-from depthcli.models.card_specs import OutputSpec
+from depthcli.inference.transforms import coarse_depth, full_size, prepare
+from depthcli.models.card import OutputSpec
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +40,7 @@ def ramp(height: int = 300, width: int = 400) -> Frame:
 
 def seen(frame: Frame) -> np.ndarray:
     """The picture's depth at the size of a network's output."""
-    from depthcli.core.resize import resize_area  # noqa: PLC0415 - beside what uses it
+    from depthcli.core.imageops import resize_area  # noqa: PLC0415 - beside what uses it
 
     return resize_area(frame.pixels.astype(np.float32) * 10, COARSE[1], COARSE[0])
 

@@ -8,8 +8,8 @@ import pytest
 from tiny import fixed_inside, write_model
 
 from depthcli.errors import InputError, ModelError
+from depthcli.inference.measure import check_network
 from depthcli.inference.session import Session
-from depthcli.inference.trial import check_network
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import pytest
 from depthcli.core.camera import Anchor
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer

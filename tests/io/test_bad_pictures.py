@@ -15,7 +15,7 @@ import pytest
 from bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH
 from PIL import Image
 
-from depthcli.datasets.files import depth_shape, read_image_rgb
+from depthcli.datasets.folders import depth_shape, read_image_rgb
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.images import native_log as decoder_messages
@@ -23,7 +23,7 @@ from depthcli.io.images.decode import PICTURE_SUFFIXES, can_round_trip, decoded
 from depthcli.io.images.native_log import WARNINGS, set_log_level
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import is_own_picture
-from depthcli.io.storage.regular import read_regular
+from depthcli.io.storage.paths import read_regular
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from depthcli.cli.screen.predict import picture_json, picture_text
+from depthcli.cli.screen.results import picture_json, picture_text
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.io.depth.read import read_metadata, read_stored_depth

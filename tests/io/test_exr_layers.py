@@ -11,7 +11,7 @@ import pytest
 from depthcli.errors import InputError
 from depthcli.io.exr.layers import colour_channels, depth_channel
 from depthcli.io.images.read import read_image
-from depthcli.video.frame_source import open_frames
+from depthcli.video.source import open_frames
 
 if TYPE_CHECKING:
     from pathlib import Path

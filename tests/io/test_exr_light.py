@@ -8,7 +8,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from depthcli.core.picture_options import ReadOptions
+from depthcli.core.options import ReadOptions
 from depthcli.errors import UsageError
 from depthcli.io.exr.image import primaries_matrix, read_exr_picture
 from depthcli.io.images.read import read_image

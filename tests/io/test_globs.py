@@ -10,8 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import UsageError
-from depthcli.io.listing.globs import _TOKEN, NameFilter, _compiled, _expression
-from depthcli.io.listing.skipped import EXCLUDED, NOT_INCLUDED
+from depthcli.io.listing.folder import (
+    _TOKEN,
+    EXCLUDED,
+    NOT_INCLUDED,
+    NameFilter,
+    _compiled,
+    _expression,
+)
 
 
 @pytest.mark.parametrize(

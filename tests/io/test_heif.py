@@ -17,9 +17,7 @@ from depthcli.errors import InputError
 from depthcli.io.images.decode import check, picture_size
 from depthcli.io.images.isobmff import find_box, heif_problem, is_heif
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import is_picture
-from depthcli.io.listing.heif import reads_heif
-from depthcli.io.listing.skipped import Skipped, conversion_hint, convert_to
+from depthcli.io.listing.folder import Skipped, conversion_hint, convert_to, is_picture, reads_heif
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.manifest.files import WHOLE, Shard
 from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import (
     FAILED,
@@ -26,7 +27,6 @@ from depthcli.io.manifest.row import (
     output_entry,
     parse_row,
 )
-from depthcli.io.manifest.shard import WHOLE, Shard
 from depthcli.io.parquet import write_table
 
 JOURNAL_NAME = ".depthcli-batch.jsonl"

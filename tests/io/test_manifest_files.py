@@ -13,16 +13,15 @@ from hypothesis import strategies as st
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest.files import (
     JsonRows,
+    Shard,
     belongs_to,
     is_journal,
     journal_name,
     manifest_name,
     row_files,
 )
-from depthcli.io.manifest.index import RowIndex, RowLocation
-from depthcli.io.manifest.journal import remove_path
+from depthcli.io.manifest.journal import RowIndex, RowLocation, remove_path
 from depthcli.io.manifest.row import ManifestFormat, Origin, Row
-from depthcli.io.manifest.shard import Shard
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,8 @@ from videos import NTSC
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.video.output import DepthFrame
-from depthcli.video.preview_output import preview_video
-from depthcli.video.rates import Timing
+from depthcli.video.frames import Timing
+from depthcli.video.outputs import DepthFrame, preview_video
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ import pytest
 
 from depthcli._version import __version__
 from depthcli.core.camera import CameraSource, Intrinsics
-from depthcli.core.map_camera import with_camera
-from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, with_camera
 from depthcli.errors import OutputError
 from depthcli.io.formats.ply import PlyWriter
 

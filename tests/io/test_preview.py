@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from depthcli.core.choices import Colormap, Near
+from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.formats.colormaps import colour_table

@@ -28,8 +28,7 @@ from depthcli.io.images.decode import read_bytes
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.regular import read_regular
-from depthcli.io.storage.remote import RemotePath, join, path_of, safe_name
+from depthcli.io.storage.paths import RemotePath, join, path_of, read_regular, safe_name
 from depthcli.io.storage.transfer import local_copy, object_checksum
 
 if TYPE_CHECKING:

@@ -12,15 +12,14 @@ from file_trees import contents
 from stores import remote
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.listing.folder import InputFile
-from depthcli.io.listing.skipped import Skipped
-from depthcli.io.listing.store import list_objects, walk_sort_key
+from depthcli.io.listing.folder import InputFile, Skipped
+from depthcli.io.listing.path_list import list_objects, walk_sort_key
 from depthcli.io.manifest.rows_folder import RemoteRows, RowsFolder, rows_folder
 
 if TYPE_CHECKING:
     from stores import Bucket, Faults
 
-    from depthcli.io.storage.remote import RemotePath
+    from depthcli.io.storage.paths import RemotePath
 
 PART = r"out/\.depthcli-batch\.jsonl\.\d{20}-[0-9a-f]{8}"
 JOURNAL = ".depthcli-batch.jsonl"

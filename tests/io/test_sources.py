@@ -9,9 +9,16 @@ import numpy as np
 import pytest
 
 from depthcli.io.images.png import encode_png
-from depthcli.io.listing.folder import is_media, is_video, list_folder, why_skipped
+from depthcli.io.listing.folder import (
+    Skipped,
+    conversion_hint,
+    is_media,
+    is_video,
+    list_folder,
+    skip_summary,
+    why_skipped,
+)
 from depthcli.io.listing.path_list import listed_inputs, parse_list
-from depthcli.io.listing.skipped import Skipped, conversion_hint, skip_summary
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,17 +14,19 @@ from typing import TYPE_CHECKING
 import pytest
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.storage import regular, temporaries
-from depthcli.io.storage.atomic import append_whole, atomic_path, write_text
-from depthcli.io.storage.atomic_folder import (
+from depthcli.io.storage import paths as regular
+from depthcli.io.storage import temporary as temporaries
+from depthcli.io.storage.atomic import (
+    append_whole,
     atomic_folder,
+    atomic_path,
     replace_folder,
     restore_folder,
     workspace,
+    write_text,
 )
-from depthcli.io.storage.lock import folder_lock, open_locked
-from depthcli.io.storage.regular import read_regular
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.paths import read_regular
+from depthcli.io.storage.temporary import folder_lock, open_locked, temporary_folder
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from file_trees import names
 
-from depthcli.io.storage import temporaries
-from depthcli.io.storage.temporaries import remove_stale, temporary_beside
+from depthcli.io.storage import temporary as temporaries
+from depthcli.io.storage.temporary import remove_stale, temporary_beside
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 WRITER = """
 import os, sys, threading
 from pathlib import Path
-from depthcli.io.storage.temporaries import remove_own, temporary_beside
+from depthcli.io.storage.temporary import remove_own, temporary_beside
 def write(name):
     while True:
         with temporary_beside(Path(name)) as path:
@@ -99,7 +99,7 @@ def test_links_and_folders_are_nobody_s_temporary_files(tmp_path: Path) -> None:
 def test_without_locks_what_was_written_to_today_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("depthcli.io.storage.lock.lock", lambda *_, **__: True)
+    monkeypatch.setattr("depthcli.io.storage.temporary.lock", lambda *_, **__: True)
     old, new = (tmp_path / f".depthcli-{letter * 16}.png" for letter in "ab")
     for path in (old, new):
         path.touch()

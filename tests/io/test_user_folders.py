@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from depthcli.errors import OutputError
-from depthcli.io.storage.user_folders import check_home, config_folder, data_folder
+from depthcli.io.storage.paths import check_home, config_folder, data_folder
 
 if TYPE_CHECKING:
     from pathlib import Path

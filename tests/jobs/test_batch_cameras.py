@@ -16,13 +16,11 @@ from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format
-from depthcli.io.manifest.shard import Shard
-from depthcli.jobs.batch.cameras import read_cameras
-from depthcli.jobs.batch.dry_run import dry_run
+from depthcli.io.manifest.files import Shard
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
-from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch
-from depthcli.video.depth import DepthVideo
+from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
+from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.video.depth_video import DepthVideo
 
 if TYPE_CHECKING:
     from pathlib import Path

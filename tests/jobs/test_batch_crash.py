@@ -19,8 +19,7 @@ from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.row import OK, Origin, Row
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.suspects import check_picture, check_video, mark_suspects
-from depthcli.jobs.batch.task import Task
+from depthcli.jobs.batch.tasks import Task, check_picture, check_video, mark_suspects
 
 _CRASHING = """
 import os

@@ -15,20 +15,18 @@ from tiny import write_picture
 from videos import write_mp4
 
 from depthcli.core.camera import Anchor
-from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.options import Detail, Upsampling
 from depthcli.errors import ModelError, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.listing.globs import NameFilter
+from depthcli.io.listing.folder import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row, output_entry
-from depthcli.jobs.batch.dry_run import dry_run
-from depthcli.jobs.batch.engines.threads import ThreadEngine
 from depthcli.jobs.batch.options import BatchOptions
-from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.task import Result, Task
-from depthcli.jobs.batch.worker_spec import WorkerSpec
+from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.tasks import OutputMap, Result, Task
+from depthcli.jobs.batch.threads import ThreadEngine
+from depthcli.jobs.batch.workers import WorkerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
@@ -36,8 +34,7 @@ if TYPE_CHECKING:
 
     from command_line import Cli
 
-    from depthcli.jobs.batch.pictures import PictureTask
-    from depthcli.jobs.batch.videos import VideoTask
+    from depthcli.jobs.batch.workers import PictureTask, VideoTask
 
 OPTIONS = BatchOptions(
     (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),

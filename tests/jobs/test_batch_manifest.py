@@ -11,6 +11,7 @@ from batches import NAMES, pictures, request
 from tiny import synthetic_picture, write_picture
 
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.manifest.files import Shard
 from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import (
     FAILED,
@@ -21,7 +22,6 @@ from depthcli.io.manifest.row import (
     OutputFile,
     Row,
 )
-from depthcli.io.manifest.shard import Shard
 from depthcli.io.parquet import Table, write_table
 from depthcli.jobs.batch.manifests import (
     ModelInputs,

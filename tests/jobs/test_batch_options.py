@@ -11,14 +11,13 @@ from videos import flat_frames, with_sound, write_mp4
 from watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.choices import GPU_BATCH, Detail, Upsampling
+from depthcli.core.options import GPU_BATCH, Detail, Upsampling
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
-from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 
@@ -87,7 +86,7 @@ def test_a_gpu_takes_several_pictures_at_a_time(
     session.provider = provider
     sizes: list[int] = []
     with pytest.MonkeyPatch.context() as patch:
-        from depthcli.jobs.batch.pictures import PictureWorker  # noqa: PLC0415
+        from depthcli.jobs.batch.workers import PictureWorker  # noqa: PLC0415
 
         work = PictureWorker.work
         patch.setattr(

@@ -12,7 +12,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.options import BatchOptions
-from depthcli.jobs.batch.worker_spec import WorkerSpec
+from depthcli.jobs.batch.workers import WorkerSpec
 
 if TYPE_CHECKING:
     from pathlib import Path

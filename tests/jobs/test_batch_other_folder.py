@@ -15,10 +15,9 @@ from videos import write_video
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest.journal import known_rows
-from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.plan import plan_folder
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, dry_run
 
 if TYPE_CHECKING:
     from pathlib import Path

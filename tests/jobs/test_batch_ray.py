@@ -21,21 +21,19 @@ from videos import write_mp4
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.io.manifest.row import FAILED, OK
-from depthcli.jobs.batch.cameras import CameraTable
-from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.manifests import read_rows
-from depthcli.jobs.batch.pictures import PictureWorker
-from depthcli.jobs.batch.plan import plan_folder
+from depthcli.jobs.batch.plan import CameraTable, plan_folder
+from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.worker_spec import WorkerSpec
+from depthcli.jobs.batch.workers import PictureWorker, WorkerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
 
     from depthcli.inference.session import Session
-    from depthcli.jobs.batch.engines.engine import Engine
-    from depthcli.jobs.batch.pictures import PictureTask
-    from depthcli.jobs.batch.task import Result
+    from depthcli.jobs.batch.tasks import Result
+    from depthcli.jobs.batch.threads import Engine
+    from depthcli.jobs.batch.workers import PictureTask
 
 ray = pytest.importorskip("ray")
 COUNT = 30

@@ -11,12 +11,11 @@ from tiny import synthetic_picture, write_picture
 from videos import flat_frames, write_video
 
 from depthcli.core.camera import Anchor, Intrinsics
-from depthcli.core.choices import AUTO_TILE, Detail, Upsampling
-from depthcli.core.picture_options import ReadOptions
+from depthcli.core.options import AUTO_TILE, Detail, ReadOptions, Upsampling
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.listing.globs import NameFilter
+from depthcli.io.listing.folder import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK
 from depthcli.jobs.batch.manifests import read_rows

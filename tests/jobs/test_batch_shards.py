@@ -11,11 +11,11 @@ from tiny import synthetic_picture, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
+from depthcli.io.manifest.files import Shard
 from depthcli.io.manifest.journal import known_rows
-from depthcli.io.manifest.shard import Shard
-from depthcli.jobs.batch.output_map import OutputMap
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.tasks import OutputMap
 
 if TYPE_CHECKING:
     from pathlib import Path

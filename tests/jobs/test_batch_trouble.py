@@ -19,9 +19,8 @@ from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import FAILED, OK, ManifestFormat
-from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, dry_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -208,7 +207,7 @@ def test_a_picture_beyond_the_memory_fails_alone(
             raise MemoryError
         return read_image(path, *rest, **options)
 
-    monkeypatch.setattr("depthcli.jobs.batch.pictures.read_image", read)
+    monkeypatch.setattr("depthcli.jobs.batch.workers.read_image", read)
     pictures(tmp_path)
     became = {result.row.input: result.row.error for result in Batch(request(tmp_path))}
     assert became == dict.fromkeys(NAMES) | {"z.png": "does not fit into memory; make it smaller"}

@@ -11,18 +11,14 @@ import pytest
 from plates import DISPLAY, write_plate
 from videos import NTSC, damage_frames, encode, flat_frames
 
-from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.core.windows import Window, Windows
+from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
-from depthcli.jobs.convert_video import convert_video
+from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, convert_video
 from depthcli.jobs.inspect import inspect_file
-from depthcli.video.depth import DepthVideo
-from depthcli.video.depth_frames import depth_frames
-from depthcli.video.depth_output import depth_video
-from depthcli.video.output import DepthFrame
-from depthcli.video.rates import Timing
+from depthcli.video.depth_video import DepthVideo, depth_frames
+from depthcli.video.frames import Timing
+from depthcli.video.outputs import DepthFrame, depth_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

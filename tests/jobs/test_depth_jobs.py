@@ -19,12 +19,10 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.table import Format
-from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, target_format
-from depthcli.jobs.depth_files import read_map
+from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, read_map, target_format
 from depthcli.jobs.inspect import DepthMapInfo, DepthVideoInfo, depth_at, inspect_file
-from depthcli.video.depth_output import depth_video
-from depthcli.video.output import DepthFrame
-from depthcli.video.rates import Timing
+from depthcli.video.frames import Timing
+from depthcli.video.outputs import DepthFrame, depth_video
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -16,9 +16,14 @@ from depthcli.errors import ModelError
 from depthcli.inference import providers
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.images import decode as codecs
-from depthcli.jobs.doctor import check_installation
-from depthcli.jobs.doctor_packages import Check, check_conflicts, check_modules, check_versions
-from depthcli.jobs.verify_models import verify_models
+from depthcli.jobs.doctor import (
+    Check,
+    check_conflicts,
+    check_installation,
+    check_modules,
+    check_versions,
+)
+from depthcli.jobs.models import verify_models
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,17 +14,18 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest.row import OK, Origin, Row
-from depthcli.jobs.batch import pictures as batch_pictures
-from depthcli.jobs.batch import tally, task
-from depthcli.jobs.batch import videos as batch_videos
+from depthcli.jobs.batch import options as tally
+from depthcli.jobs.batch import tasks as task
+from depthcli.jobs.batch import workers as batch_pictures
+from depthcli.jobs.batch import workers as batch_videos
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.task import Result
+from depthcli.jobs.batch.tasks import Result
 from depthcli.jobs.predict import pictures as predict_pictures
 from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
-from depthcli.jobs.video import write as video_write
-from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video import run as video_write
+from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
 
 if TYPE_CHECKING:

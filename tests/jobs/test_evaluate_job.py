@@ -11,8 +11,8 @@ import pytest
 from tiny import write_model
 from watched import Watched
 
-from depthcli.core.choices import Mask
-from depthcli.datasets.splits import SplitName
+from depthcli.core.options import Mask
+from depthcli.datasets.base import SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import EvalOptions
 from depthcli.evaluation.protocol import EvalProtocol

@@ -26,12 +26,12 @@ from depthcli.io.manifest.row import OK
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.failed import FailedInput
 from depthcli.jobs.naming import output_bases, plan_outputs
+from depthcli.jobs.outputs import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
-from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 

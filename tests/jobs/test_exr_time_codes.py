@@ -18,10 +18,10 @@ from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
-from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
-from depthcli.video.spans import Point, Span
+from depthcli.video.frames import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,18 +19,17 @@ from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
-from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
-from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
-from depthcli.video.frame_source import open_frames
-from depthcli.video.source import VideoSource
+from depthcli.video.source import VideoSource, open_frames
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from depthcli.jobs.video.result import VideoResult
+    from depthcli.jobs.video.run import VideoResult
 
 WINDOWS = pytest.mark.parametrize("data", [OVERSCAN, CROP, MIXED, DISPLAY])
 

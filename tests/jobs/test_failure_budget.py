@@ -11,10 +11,9 @@ from tiny import synthetic_picture, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.io.manifest.row import OK, Origin, Row, parse_row
-from depthcli.jobs.batch.failure_budget import FailureBudget
+from depthcli.jobs.batch.options import FailureBudget, Tally
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.tally import Tally
-from depthcli.jobs.batch.task import Result
+from depthcli.jobs.batch.tasks import Result
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,7 +18,7 @@ from depthcli.jobs.predict.run import predict
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.jobs.batch.input_plan import Plan
+    from depthcli.jobs.batch.plan import Plan
 
 
 @pytest.fixture

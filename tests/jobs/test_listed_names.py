@@ -10,12 +10,11 @@ from tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
+from depthcli.io.manifest.files import Shard
 from depthcli.io.manifest.row import FAILED, OK
-from depthcli.io.manifest.shard import Shard
-from depthcli.jobs.batch.dry_run import dry_run
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, dry_run
 
 if TYPE_CHECKING:
     from pathlib import Path

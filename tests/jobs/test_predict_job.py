@@ -23,7 +23,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
-from depthcli.jobs.failed import FailedInput
+from depthcli.jobs.outputs import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict

@@ -20,7 +20,7 @@ from videos import flat_frames, write_video
 from watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.exit_hooks import run_exit_hooks
+from depthcli.core.progress import run_exit_hooks
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -28,21 +28,19 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
+from depthcli.io.manifest.files import WHOLE, Shard
 from depthcli.io.manifest.rows_folder import rows_folder
-from depthcli.io.manifest.shard import WHOLE, Shard
-from depthcli.io.storage.remote import path_of
-from depthcli.jobs.batch.cameras import read_cameras
-from depthcli.jobs.batch.dry_run import dry_run
+from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
-from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.failed import FailedInput
-from depthcli.jobs.install_model import add_model
+from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
+from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.models import add_model
+from depthcli.jobs.outputs import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
-from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
 from depthcli.models.catalog import find_model
 from depthcli.video.formats import VideoFormat
@@ -432,7 +430,7 @@ def test_listed_objects_are_named_as_in_their_folder(
     bucket: Bucket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("depthcli.io.storage.objects._PAGE_NAMES", 2)
-    monkeypatch.setattr("depthcli.jobs.namesakes._NEAR", 2)
+    monkeypatch.setattr("depthcli.jobs.unique_names._NEAR", 2)
     names = ["a.jpg", "a.png", "a1.jpg", "a2/b.jpg", "b.jpg", "b.jpg.png", "b.png", "z.png"]
     for name in names:
         bucket.put(f"in/{name}", b"")

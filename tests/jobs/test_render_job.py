@@ -17,16 +17,16 @@ from watched import Watched
 from depthcli.cli.shell import run
 from depthcli.core.camera import Intrinsics
 from depthcli.core.types import Frame
-from depthcli.datasets.paired_folder import open_paired_folder
-from depthcli.datasets.rooms.pair import VERSION, RoomSettings, render_pair, room_focal_px
+from depthcli.datasets.folders import open_paired_folder
+from depthcli.datasets.rooms.render import VERSION, RoomSettings, render_pair, room_focal_px
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.camera import intrinsics_of, metric_scale
-from depthcli.inference.preprocess import input_layout
+from depthcli.inference.transforms import input_layout
 from depthcli.jobs.render import RenderRequest, render
 from depthcli.models.catalog import find_model
-from depthcli.training.config.schema import DataConfig
-from depthcli.training.data.pair_store import PairStore
+from depthcli.training.config import DataConfig
+from depthcli.training.data import PairStore
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = RoomSettings(seed=4, size=(32, 24))

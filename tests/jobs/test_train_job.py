@@ -11,7 +11,7 @@ import pytest
 from rooms import EFFICIENT, write_rooms
 
 from depthcli.errors import DatasetError, ModelError
-from depthcli.jobs.train.run import TrainRequest, train
+from depthcli.jobs.train import TrainRequest, train
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.methods.registry import default_config

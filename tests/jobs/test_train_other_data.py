@@ -12,7 +12,7 @@ import torch
 from rooms import EFFICIENT, write_rooms
 
 from depthcli.errors import CheckpointError
-from depthcli.jobs.train.run import TrainRequest, train
+from depthcli.jobs.train import TrainRequest, train
 from depthcli.training.callbacks import Callback
 
 if TYPE_CHECKING:

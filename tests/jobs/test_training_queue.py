@@ -19,13 +19,18 @@ from rooms import write_rooms
 
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
-from depthcli.jobs.train.queue import QueueRequest, TrainingQueue, _command
-from depthcli.jobs.train.run_status import EpochDone, RunStarted, RunStatus
-from depthcli.jobs.train.signal_forwarder import SignalForwarder
+from depthcli.jobs.train_queue import (
+    EpochDone,
+    QueueRequest,
+    RunStarted,
+    RunStatus,
+    SignalForwarder,
+    TrainingQueue,
+    _command,
+)
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.methods.registry import METHODS, default_config
-from depthcli.training.planned_runs import PlannedRun, next_share_s
-from depthcli.training.provenance import provenance_of
+from depthcli.training.provenance import PlannedRun, next_share_s, provenance_of
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -134,7 +139,7 @@ def test_those_behind_go_first_and_all_share_what_is_left(
         save(run.run, {0: 5e3, 1: 0, 2: 300e3}[run.run.config.seed])
     queue = Simulated(replace(request_of, seeds=(0, 1, 2, 3, 4), minutes=2e3))
     queue.ends = {"fastcut-seed2": 3, "fastcut-seed3": -9, "fastcut-seed1": 143}
-    monkeypatch.setattr("depthcli.jobs.train.queue.time", queue)
+    monkeypatch.setattr("depthcli.jobs.train_queue.time", queue)
     events = list(queue)
     begun = [event for event in events if isinstance(event, RunStarted)]
     spent_s, left_s = [0, 0, 0, 5e3, 300e3], [120e3 - 10.5e3 * n for n in range(5)]
@@ -163,7 +168,7 @@ def test_the_last_second_is_trained(
 ) -> None:
     queue = Simulated(replace(request_of, minutes=0.01))
     queue.ends = {}
-    monkeypatch.setattr("depthcli.jobs.train.queue.time", queue)
+    monkeypatch.setattr("depthcli.jobs.train_queue.time", queue)
     started, _, status = queue
     assert isinstance(started, RunStarted)
     assert isinstance(status, RunStatus)

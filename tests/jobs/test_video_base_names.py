@@ -8,11 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from depthcli.jobs.video.base_names import video_base
-from depthcli.jobs.video.plan import plan_video
-from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.plan import VideoRequest, plan_video, video_base
 from depthcli.video.formats import VideoFormat
-from depthcli.video.number_pattern import sequence_name
+from depthcli.video.numbering import sequence_name
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -21,28 +21,25 @@ from watched import Watched
 import depthcli
 from depthcli._version import __version__
 from depthcli.core.camera import Intrinsics
-from depthcli.core.choices import Detail
+from depthcli.core.options import Detail
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.video.output_names import video_formats
-from depthcli.jobs.video.plan import plan_video
-from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_formats
 from depthcli.jobs.video.run import video
-from depthcli.video.codecs import PreviewCodec
-from depthcli.video.depth import DepthVideo
-from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat
-from depthcli.video.number_pattern import numbered_name
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, PreviewCodec, VideoFormat
+from depthcli.video.frames import Point, Span
+from depthcli.video.numbering import numbered_name
 from depthcli.video.source import VideoSource
-from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.jobs.video.result import VideoResult
+    from depthcli.jobs.video.run import VideoResult
 
 
 @pytest.fixture

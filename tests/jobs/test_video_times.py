@@ -13,14 +13,13 @@ from tiny import write_model, write_picture
 from videos import NTSC, encode, flat_frames
 
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.convert import ConvertRequest
-from depthcli.jobs.convert_video import convert_video
-from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.convert import ConvertRequest, convert_video
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
-from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
+from depthcli.video.frames import Point, Span
 from depthcli.video.source import VideoSource
-from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,16 +14,16 @@ from videos import flat_frames, write_mp4
 from watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.parallel.background import Background
+from depthcli.core.parallel import Background
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import WriterOptions
-from depthcli.jobs.video.request import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
-from depthcli.video.depth import DepthVideo
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
-from depthcli.video.spans import Point, Span
+from depthcli.video.frames import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,7 +11,7 @@ from tiny import tiny_onnx, write_model
 
 from depthcli.errors import CheckpointError, ModelError
 from depthcli.inference.session import Session
-from depthcli.jobs.train.weights_file import weights_file
+from depthcli.jobs.train import weights_file
 from depthcli.models.catalog import find_model
 from depthcli.training.initial_weights import load_init_weights
 from depthcli.training.networks.build import build_generator

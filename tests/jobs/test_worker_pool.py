@@ -27,13 +27,18 @@ from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, Origin, Row
-from depthcli.jobs.batch.engines.pool import WorkerPool
-from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER, _Actors, _connect, _worker_capacity
-from depthcli.jobs.batch.engines.remote_worker import Call, RemoteWorker
-from depthcli.jobs.batch.output_map import OutputMap
+from depthcli.jobs.batch.ray import (
+    LOCAL_CLUSTER,
+    Call,
+    RemoteWorker,
+    WorkerPool,
+    _Actors,
+    _connect,
+    _worker_capacity,
+)
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.task import Result, Task
-from depthcli.jobs.batch.worker_spec import WorkerSpec
+from depthcli.jobs.batch.tasks import OutputMap, Result, Task
+from depthcli.jobs.batch.workers import WorkerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence

@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from depthcli.metrics import accumulate
-from depthcli.metrics.accumulate import Accumulator, PixelSums, Scores
+from depthcli.metrics import depth as accumulate
 from depthcli.metrics.choices import Averaging
-from depthcli.metrics.depth import METRICS
+from depthcli.metrics.depth import METRICS, Accumulator, PixelSums, Scores
 from depthcli.metrics.pixels import DepthPixels
 
 

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from depthcli.metrics.accumulate import PixelSums
-from depthcli.metrics.depth import METRICS
+from depthcli.metrics.depth import METRICS, PixelSums
 from depthcli.metrics.pixels import DepthPixels
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ from stores import KEYS, REGION, Bucket, Faults, s3_server
 from tiny import synthetic_picture, write_model, write_picture
 from videos import flat_frames, write_video
 
-from depthcli.jobs.batch.engines.ray import LOCAL_CLUSTER
+from depthcli.jobs.batch.ray import LOCAL_CLUSTER
 
 MANIFEST = "manifest.jsonl"
 

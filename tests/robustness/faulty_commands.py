@@ -142,9 +142,9 @@ _PICTURES = (
     "depthcli.jobs.predict.pictures",
     "depthcli.api.model",
 )
-_VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.videos")
-_MODELS = (*_PICTURES, "depthcli.jobs.install_model", "depthcli.jobs.added_models")
-_TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.jobs.train.run")
+_VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.workers")
+_MODELS = (*_PICTURES, "depthcli.jobs.models", "depthcli.jobs.models")
+_TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.jobs.train")
 _ONNX = (*_TORCH, "onnx", "onnxscript", "depthcli.export.onnx")
 COMMANDS = {
     "predict": Command(_PREDICT, _picture, _PICTURES),

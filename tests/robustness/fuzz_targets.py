@@ -26,16 +26,14 @@ from pyarrow import parquet
 from tiny import CARD, tiny_onnx, write_model
 from videos import encode, flat_frames
 
-from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance
-from depthcli.core.windows import Window, Windows
-from depthcli.datasets.files import read_depth_m, read_image_rgb
-from depthcli.datasets.nyu import PLAUSIBLE, read_index
-from depthcli.datasets.nyu_mat import open_mat
+from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance, Window, Windows
+from depthcli.datasets.folders import read_depth_m, read_image_rgb
+from depthcli.datasets.nyu import PLAUSIBLE, open_mat, read_index
 from depthcli.errors import InputError
+from depthcli.inference.measure import try_session
 from depthcli.inference.session import Session
-from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
-from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.file import write_exr
 from depthcli.io.exr.image import read_exr_picture, read_exr_rate
@@ -46,23 +44,22 @@ from depthcli.io.images.decode import find_problem, picture_size
 from depthcli.io.images.exif import read_exif
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image
-from depthcli.io.lens_table import read_lenses
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
-from depthcli.io.manifest.files import TableRows
+from depthcli.io.manifest.files import TableRows, write_rows
 from depthcli.io.manifest.row import parse_row
-from depthcli.io.manifest.table import write_rows
 from depthcli.io.parquet import column_texts
+from depthcli.io.tables import read_lenses
 from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
-from depthcli.training import metrics_log
+from depthcli.training import callbacks as metrics_log
 from depthcli.training.checkpoint import Checkpoint, TrainState
-from depthcli.training.config.overrides import apply_overrides
-from depthcli.training.config.schema import TrainConfig
-from depthcli.video.depth import DepthVideo
+from depthcli.training.config import TrainConfig
+from depthcli.training.settings import apply_overrides
+from depthcli.video.container import has_valid_slices
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frame_journal import FrameJournal
-from depthcli.video.integrity import has_valid_slices
 from depthcli.video.source import VideoSource
 
 UNEXPECTED = re.compile(r"unexpected [A-Z]\w+:|Traceback")

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from depthcli.datasets.training_data import TrainingData
-from depthcli.training.config.schema import (
+from depthcli.training.config import (
     DataConfig,
     GeneratorConfig,
     LossConfig,

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, room_data, write_rooms
 
-from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.datasets.folders import open_paired_folder
 from depthcli.training.callbacks import Callback
-from depthcli.training.config.schema import LossConfig
+from depthcli.training.config import LossConfig
 from depthcli.training.loop import Limits, fit
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.training.checkpoint import TrainState
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
 
 SUPERVISED = replace(
     EFFICIENT,

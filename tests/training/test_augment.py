@@ -10,9 +10,8 @@ import torch
 from seeded import seeded
 from torch import Tensor
 
-from depthcli.training.config.ranges import check_range
-from depthcli.training.config.schema import DataConfig, TrainConfig
-from depthcli.training.data.augment import augment, to_network_input
+from depthcli.training.augment import augment, to_network_input
+from depthcli.training.config import DataConfig, TrainConfig, check_range
 
 PLAIN = DataConfig(width=32, height=24)
 FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)

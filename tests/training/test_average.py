@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from depthcli.training.average import WeightAverage
+from depthcli.training.run import WeightAverage
 
 
 def test_follows_the_decay_and_forgets_the_first_weights_soon() -> None:

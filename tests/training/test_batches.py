@@ -10,8 +10,7 @@ import torch
 from rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 
 from depthcli.errors import DatasetError, UsageError
-from depthcli.training.data.batches import Batches, TrainingBatch
-from depthcli.training.data.pair_store import PairStore, _stored_size, whole_pictures
+from depthcli.training.data import Batches, PairStore, TrainingBatch, _stored_size, whole_pictures
 from depthcli.training.provenance import train_val_split
 
 CPU = torch.device("cpu")

@@ -12,7 +12,7 @@ import pytest
 import torch
 from rooms import EFFICIENT, PAPER
 
-from depthcli.core.choices import Weights
+from depthcli.core.options import Weights
 from depthcli.errors import CheckpointError
 from depthcli.training.checkpoint import Checkpoint, TrainState, load_generator
 from depthcli.training.networks.build import build_generator

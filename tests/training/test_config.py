@@ -18,14 +18,12 @@ import torch
 from depthcli.core.codec import DepthCodec
 from depthcli.core.validation import FieldError, validated
 from depthcli.errors import UsageError
-from depthcli.training.config import rules
-from depthcli.training.config.objective import LossConfig
-from depthcli.training.config.overrides import apply_overrides, updated
-from depthcli.training.config.presets import FOLDER, preset_file
-from depthcli.training.config.schema import OutputConfig, TrainConfig
+from depthcli.training import config as rules
+from depthcli.training.config import LossConfig, OutputConfig, TrainConfig
 from depthcli.training.methods.registry import DEFAULTS, default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.networks.build import build_generator
+from depthcli.training.settings import FOLDER, apply_overrides, preset_file, updated
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from depthcli.training.checkpoint import TrainState
-from depthcli.training.config.schema import TrainConfig
+from depthcli.training.config import TrainConfig
 from depthcli.training.provenance import data_differences, differences, source_differences
 
 CONFIG = TrainConfig()

@@ -10,11 +10,8 @@ from seeded import seeded
 from torch import Tensor
 
 from depthcli.errors import UsageError
-from depthcli.training.config.objective import OptimConfig
-from depthcli.training.config.ranges import check_range
-from depthcli.training.config.schema import DataConfig, TrainConfig
-from depthcli.training.data.augment import augment
-from depthcli.training.data.cutmix import cutmix
+from depthcli.training.augment import augment, cutmix
+from depthcli.training.config import DataConfig, OptimConfig, TrainConfig, check_range
 
 COUNT, HEIGHT, WIDTH = 50, 24, 32
 

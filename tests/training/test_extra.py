@@ -13,26 +13,22 @@ from rooms import PAPER, TRAIN, rooms
 from supervised_runs import BARE, SUPERVISED, train_two_steps, write_extra
 
 from depthcli.errors import CheckpointError, UsageError
-from depthcli.export.onnx import export_checkpoint
-from depthcli.export.options import ExportOptions
-from depthcli.training.checkpoint import Checkpoint, TrainState, load_generator
-from depthcli.training.config.overrides import updated
-from depthcli.training.config.schema import OutputConfig
-from depthcli.training.data.batches import Batches, TrainingBatch
-from depthcli.training.data.pair_store import PairStore
-from depthcli.training.folder import CHECKPOINT
-from depthcli.training.initial_coding import coding_differences
-from depthcli.training.initial_weights import load_init_weights
+from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, TrainState, load_generator
+from depthcli.training.config import OutputConfig
+from depthcli.training.data import Batches, PairStore, TrainingBatch
+from depthcli.training.initial_weights import coding_differences, load_init_weights
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
+from depthcli.training.settings import updated
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from torch import Tensor
 
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
 
 CPU = torch.device("cpu")
 

@@ -11,12 +11,10 @@ import torch
 from rooms import Rooms
 from torch import Tensor
 
-from depthcli.datasets.subset import Subset
+from depthcli.datasets.base import Subset
 from depthcli.evaluation.predictors import Sample
-from depthcli.training.config.schema import DataConfig
-from depthcli.training.data.batches import Batches
-from depthcli.training.data.field_of_view import tan_half_fov
-from depthcli.training.data.pair_store import PairStore
+from depthcli.training.config import DataConfig
+from depthcli.training.data import Batches, PairStore, tan_half_fov
 
 COUNT = 8
 NYU = math.tan(math.radians(63.3 / 2))

@@ -14,12 +14,9 @@ from hypothesis import strategies as st
 from rooms import PAPER, TRAIN, rooms
 
 from depthcli.errors import DatasetError
-from depthcli.training.data.augment import augment
-from depthcli.training.data.batches import Batches
-from depthcli.training.data.holes import downsample
-from depthcli.training.data.pair_store import PairStore
-from depthcli.training.losses.gradient import gradient_loss
-from depthcli.training.losses.regularized_l1 import regularized_l1
+from depthcli.training.augment import augment
+from depthcli.training.data import Batches, PairStore, downsample
+from depthcli.training.losses import gradient_loss, regularized_l1
 
 DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2)
 

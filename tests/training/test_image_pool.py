@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from depthcli.training.image_pool import ImagePool
+from depthcli.training.methods.cyclegan import ImagePool
 
 
 def _image(value: float) -> Tensor:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from depthcli.errors import TrainingError, UsageError
-from depthcli.training import launch
-from depthcli.training.devices import AveragingStrategy
-from depthcli.training.launch import launched, open_fabric
+from depthcli.training import devices as launch
+from depthcli.training.devices import AveragingStrategy, launched, open_fabric
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,19 +17,23 @@ from runs import same
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError
 from depthcli.metrics.depth import METRICS
-from depthcli.training.checkpoint import Checkpoint, TrainState, load_generator
-from depthcli.training.config.schema import OutputConfig
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.finite import finite_losses
-from depthcli.training.folder import CHECKPOINT, METRICS_LOG
+from depthcli.training.checkpoint import (
+    CHECKPOINT,
+    METRICS_LOG,
+    Checkpoint,
+    TrainState,
+    load_generator,
+)
+from depthcli.training.config import OutputConfig
+from depthcli.training.data import TrainingBatch
 from depthcli.training.loop import Limits, fit
-from depthcli.training.run import Run
+from depthcli.training.run import Run, finite_losses
 from depthcli.training.schedule import lr_factor
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
 
 CLIPPED = replace(PAPER, optim=replace(PAPER.optim, clip_norm=0.5, ema=0.9))
 """With discriminators, clipping and an average."""

@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 from lightning_fabric import Fabric
 from rooms import EFFICIENT, room_data
 
-from depthcli.training import metrics_log
+from depthcli.training import callbacks as metrics_log
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import TrainState
-from depthcli.training.folder import CHECKPOINT, METRICS_LOG
+from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, TrainState
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
 

@@ -15,7 +15,7 @@ from rooms import EFFICIENT, room_data
 from depthcli.errors import CheckpointError
 from depthcli.training.callbacks import Callback
 from depthcli.training.loop import Limits, fit
-from depthcli.training.planned_runs import PlannedRun, fair_shares_s, next_share_s
+from depthcli.training.provenance import PlannedRun, fair_shares_s, next_share_s
 
 if TYPE_CHECKING:
     from pathlib import Path

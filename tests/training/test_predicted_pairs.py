@@ -12,7 +12,7 @@ from rooms import room_data
 from tiny import write_model, write_picture
 
 from depthcli.cli.app import main
-from depthcli.datasets.paired_folder import open_paired_folder
+from depthcli.datasets.folders import open_paired_folder
 from depthcli.errors import DatasetError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import torch
 from rooms import EFFICIENT
 
 from depthcli.training.methods.proposed import Proposed
-from depthcli.training.process_state import load_process_state, process_state
+from depthcli.training.run import load_process_state, process_state
 
 
 @pytest.mark.parametrize("name", ["cuda", "mps"])

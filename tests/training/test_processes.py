@@ -13,7 +13,7 @@ from runs import same
 
 from depthcli.errors import CheckpointError
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, Checkpoint
 from depthcli.training.devices import (
     AveragingStrategy,
     any_process,
@@ -21,10 +21,8 @@ from depthcli.training.devices import (
     gather_states,
     rank_zero_first,
 )
-from depthcli.training.finite import finite_losses
-from depthcli.training.folder import CHECKPOINT, METRICS_LOG
 from depthcli.training.loop import Limits, fit
-from depthcli.training.run import Run
+from depthcli.training.run import Run, finite_losses
 
 if TYPE_CHECKING:
     from pathlib import Path

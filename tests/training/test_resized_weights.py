@@ -10,18 +10,16 @@ import torch
 from supervised_runs import BARE, SUPERVISED, train_two_steps
 
 from depthcli.errors import CheckpointError
-from depthcli.training.checkpoint import load_generator
-from depthcli.training.folder import CHECKPOINT
-from depthcli.training.initial_weights import load_init_weights
+from depthcli.training.checkpoint import CHECKPOINT, load_generator
+from depthcli.training.initial_weights import load_init_weights, resized_weights
 from depthcli.training.networks.build import build_generator
-from depthcli.training.resized_weights import resized_weights
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from torch import Tensor
 
-    from depthcli.training.config.schema import GeneratorConfig
+    from depthcli.training.config import GeneratorConfig
     from depthcli.training.networks.efficient import EfficientGenerator
 
 WIDE = replace(BARE.generator, decoder=(8, 8, 6, 4))

@@ -10,7 +10,7 @@ from lightning_fabric import Fabric
 from rooms import EFFICIENT
 
 from depthcli.errors import CheckpointError, UsageError
-from depthcli.training.folder import CHECKPOINT
+from depthcli.training.checkpoint import CHECKPOINT
 from depthcli.training.methods.registry import default_config
 from depthcli.training.resolve import resolve_config, saved_checkpoint
 from depthcli.training.run import Run

@@ -13,17 +13,16 @@ from lightning_fabric.plugins.precision.amp import MixedPrecision
 from rooms import EFFICIENT, PAPER, room_data
 
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.config.overrides import updated
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.folder import CHECKPOINT
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
+from depthcli.training.data import TrainingBatch
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
+from depthcli.training.settings import updated
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
 """Nothing is drawn by chance."""

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from depthcli.training.config.objective import OptimConfig
+from depthcli.training.config import OptimConfig
 from depthcli.training.schedule import cosine_factor, linear_factor, lr_factor
 
 

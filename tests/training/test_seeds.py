@@ -20,9 +20,8 @@ from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, TRAIN, Rooms
 from tiny_methods import tiny
 
-from depthcli.training.config.schema import DataConfig, TrainConfig
-from depthcli.training.data.batches import Batches, TrainingBatch
-from depthcli.training.data.pair_store import PairStore
+from depthcli.training.config import DataConfig, TrainConfig
+from depthcli.training.data import Batches, PairStore, TrainingBatch
 from depthcli.training.methods.table import METHODS
 from depthcli.training.run import Run
 

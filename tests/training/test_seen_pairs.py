@@ -10,14 +10,12 @@ import pytest
 import torch
 from supervised_runs import SUPERVISED, train_two_steps, write_extra
 
-from depthcli.datasets.splits import NYU
+from depthcli.datasets.base import NYU
 from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER
 from depthcli.errors import DatasetError
-from depthcli.export.onnx import export_checkpoint
-from depthcli.export.options import ExportOptions
+from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.export.trained import open_run
-from depthcli.training.checkpoint import TrainState
-from depthcli.training.folder import CHECKPOINT
+from depthcli.training.checkpoint import CHECKPOINT, TrainState
 from depthcli.training.initial_weights import seen_by_files, seen_ids_X
 
 if TYPE_CHECKING:

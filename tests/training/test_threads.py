@@ -10,14 +10,12 @@ import pytest
 import torch
 from lightning_fabric import Fabric
 
-from depthcli.core.parallel.cores import usable_cores
-from depthcli.training import threads
-from depthcli.training.config.objective import OptimConfig
-from depthcli.training.config.schema import DataConfig, GeneratorConfig, TrainConfig
-from depthcli.training.devices import AveragingStrategy
-from depthcli.training.folder import CHECKPOINT
-from depthcli.training.run import Run
-from depthcli.training.threads import (
+from depthcli.core.parallel import usable_cores
+from depthcli.training import devices as threads
+from depthcli.training.checkpoint import CHECKPOINT
+from depthcli.training.config import DataConfig, GeneratorConfig, OptimConfig, TrainConfig
+from depthcli.training.devices import (
+    AveragingStrategy,
     Threads,
     _measured_s,
     candidates,
@@ -25,6 +23,7 @@ from depthcli.training.threads import (
     fastest,
     set_threads,
 )
+from depthcli.training.run import Run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

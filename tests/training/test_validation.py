@@ -14,14 +14,13 @@ from lightning_fabric import Fabric
 from rooms import EFFICIENT, PAPER, Rooms, rooms
 
 from depthcli.core.types import DepthMap
-from depthcli.datasets.subset import Subset
+from depthcli.datasets.base import Subset
 from depthcli.io.formats.preview import percentiles
-from depthcli.metrics.accumulate import PixelSums
+from depthcli.metrics.depth import PixelSums
 from depthcli.metrics.pixels import DepthPixels
-from depthcli.training.config.schema import OutputConfig
+from depthcli.training.callbacks import Validation, sample_path, write_samples
+from depthcli.training.config import OutputConfig
 from depthcli.training.networks.build import build_generator
-from depthcli.training.samples import sample_path, write_samples
-from depthcli.training.validation import Validation
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,9 +10,8 @@ import torch
 from seeded import seeded
 from torch import Tensor
 
-from depthcli.training.config.schema import DataConfig
-from depthcli.training.data.augment import augment
-from depthcli.training.views import Geometry, draw_views, view_size
+from depthcli.training.augment import Geometry, augment, draw_views, view_size
+from depthcli.training.config import DataConfig
 
 DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0)
 HALF_X = math.tan(math.radians(63.3 / 2))

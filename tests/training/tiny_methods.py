@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from depthcli.training.config.overrides import updated
-from depthcli.training.data.batches import TrainingBatch
+from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
+from depthcli.training.settings import updated
 
 if TYPE_CHECKING:
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
 
 SIZES: dict[str, Any] = {
     "seed": 3,

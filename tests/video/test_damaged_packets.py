@@ -11,10 +11,9 @@ from videos import NTSC, damage_frames, encode
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
-from depthcli.video.depth import DepthVideo
-from depthcli.video.depth_output import depth_video
-from depthcli.video.output import DepthFrame
-from depthcli.video.rates import Timing
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.frames import Timing
+from depthcli.video.outputs import DepthFrame, depth_video
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:

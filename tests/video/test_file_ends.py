@@ -14,12 +14,11 @@ from videos import flat_frames, write_video
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.video.request import VideoRequest
+from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
-from depthcli.video.depth import DepthVideo
-from depthcli.video.depth_output import depth_video
-from depthcli.video.output import DepthFrame
-from depthcli.video.rates import Timing
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.frames import Timing
+from depthcli.video.outputs import DepthFrame, depth_video
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:

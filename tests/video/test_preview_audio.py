@@ -13,10 +13,9 @@ from videos import with_sound
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
-from depthcli.video.codecs import preview_codec
-from depthcli.video.output import DepthFrame
-from depthcli.video.preview_output import preview_video
-from depthcli.video.rates import Timing
+from depthcli.video.formats import preview_codec
+from depthcli.video.frames import Timing
+from depthcli.video.outputs import DepthFrame, preview_video
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import pytest
 
-from depthcli.video.timeline import Timeline
+from depthcli.video.frames import Timeline
 
 
 @pytest.mark.parametrize(

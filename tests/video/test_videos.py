@@ -23,20 +23,17 @@ from videos import (
     write_video,
 )
 
-from depthcli.core.colour import value_channel
+from depthcli.core.imageops import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.quantization import normalized
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
-from depthcli.video.codecs import Codec, preview_codec
-from depthcli.video.depth import DepthVideo
-from depthcli.video.depth_output import depth_video
-from depthcli.video.output import DepthFrame
-from depthcli.video.preview_output import preview_video
-from depthcli.video.rates import Timing, exact_rate, rate_text
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.formats import Codec, preview_codec
+from depthcli.video.frames import Point, Span, Timing, exact_rate, rate_text
+from depthcli.video.outputs import DepthFrame, depth_video, preview_video
 from depthcli.video.source import VideoSource
-from depthcli.video.spans import Point, Span
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

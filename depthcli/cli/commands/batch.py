@@ -3,22 +3,70 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from depthcli.cli.arguments import options
-from depthcli.cli.arguments.engine import EngineName, open_engine
-from depthcli.cli.arguments.numbers import not_negative
-from depthcli.core.choices import GPU_BATCH, MAX_PIXELS, Upsampling
+from depthcli.cli import options
+from depthcli.cli.options import not_negative
+from depthcli.core.options import GPU_BATCH, MAX_PIXELS, Upsampling
+from depthcli.core.progress import Progress
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest.row import ManifestFormat
+from depthcli.jobs.batch.threads import Engine
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from depthcli.jobs.batch.plan import Plan
 
-    from depthcli.jobs.batch.input_plan import Plan
+
+_RAY_OPTIONS = {
+    "ray_address": "--ray-address",
+    "cpus_per_worker": "--cpus-per-worker",
+    "gpus_per_worker": "--gpus-per-worker",
+}
+
+
+class EngineName(StrEnum):
+    """Names of the engines."""
+
+    THREADS = "threads"
+    RAY = "ray"
+
+
+@contextmanager
+def open_engine(given: Mapping[str, Any], progress: Progress) -> Iterator[Engine | None]:
+    """The engine of the options, closed after the block; None for threads.
+
+    Args:
+        given: values of the options by parameter name.
+        progress: called with 0 while a cluster works, so that it can stop the work by raising.
+
+    Raises:
+        UsageError: an option is for another engine, or Ray is not installed.
+        EngineError: there is no cluster, or it cannot be used.
+    """
+    if given["engine"] != EngineName.RAY:
+        for name, word in _RAY_OPTIONS.items():
+            if given[name] is not None:
+                raise UsageError(f"{word} is for --engine ray; add that, or leave it out")
+        yield None
+        return
+    from depthcli.jobs.batch.ray import RayEngine
+
+    engine = RayEngine(
+        given["ray_address"],
+        workers=given["workers"],
+        cpus=given["cpus_per_worker"] or 1,
+        gpus=given["gpus_per_worker"] or 0,
+        progress=progress,
+    )
+    with closing(engine):
+        yield engine
+
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -195,15 +243,17 @@ def batch(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
-    from depthcli.cli.arguments.anchors import choose_anchors
-    from depthcli.cli.arguments.camera import choose_camera, read_options
-    from depthcli.cli.arguments.detail import choose_detail
-    from depthcli.cli.arguments.picture_options import refuse_for_folder
-    from depthcli.cli.arguments.provider import session_loader
-    from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
-    from depthcli.cli.arguments.writing import writer_options
-    from depthcli.core.parallel.cores import share_cores
-    from depthcli.jobs.batch.failure_budget import FailureBudget
+    from depthcli.cli.checks import PICTURE_OPTIONS, refuse_for_folder, refuse_unused
+    from depthcli.cli.parse import (
+        choose_anchors,
+        choose_camera,
+        choose_detail,
+        read_options,
+        session_loader,
+        writer_options,
+    )
+    from depthcli.core.parallel import share_cores
+    from depthcli.jobs.batch.options import FailureBudget
 
     writing = writer_options(context.params)
     camera = choose_camera(context.params)
@@ -224,8 +274,8 @@ def batch(
     # The driver of a cluster need not have the workers' GPUs.
     here = session_loader(model, "cpu", threads, None) if engine == EngineName.RAY else loader
     loading = here.start()
-    from depthcli.cli.screen.batch import BatchScreen, StopOnSignal, print_dry_run
-    from depthcli.cli.signals import graceful_shutdown
+    from depthcli.cli.process import graceful_shutdown
+    from depthcli.cli.screen.results import BatchScreen, StopOnSignal, print_dry_run
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 
     chosen = list(dict.fromkeys(chosen))
@@ -240,7 +290,7 @@ def batch(
     )
     request = BatchRequest(plan, wanted, loader, workers, batch_size, manifest, budget)
     if dry_run:
-        from depthcli.jobs.batch.dry_run import dry_run as run_dry
+        from depthcli.jobs.batch.run import dry_run as run_dry
 
         would_fail = print_dry_run(run_dry(request, loading.result()), plan, as_json=as_json)
         return ExitCode.SOME_FAILED if would_fail else ExitCode.OK
@@ -261,11 +311,10 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     Args:
         given: values of the options by parameter name.
     """
-    from depthcli.io.listing.globs import NameFilter
+    from depthcli.io.listing.folder import NameFilter
     from depthcli.io.listing.path_list import parse_list, read_list
-    from depthcli.io.manifest.shard import WHOLE, Shard
-    from depthcli.jobs.batch.cameras import read_cameras
-    from depthcli.jobs.batch.plan import plan_files, plan_folder
+    from depthcli.io.manifest.files import WHOLE, Shard
+    from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 
     folder, out, files, column = (given[name] for name in ("folder", "output", "files", "column"))
     shard = Shard.parse(given["shard"]) if given["shard"] else WHOLE

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from pathlib import Path  # noqa: TC003 - typer reads the annotation
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli.arguments import options
-from depthcli.cli.arguments.numbers import not_negative, parse_size
-from depthcli.cli.arguments.unused import is_given
+from depthcli.cli import options
+from depthcli.cli.checks import is_given
+from depthcli.cli.options import not_negative, parse_size
 from depthcli.cli.screen import console
-from depthcli.core.choices import Upsampling
+from depthcli.core.options import Upsampling
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from depthcli.inference.latency import Latency
+    from depthcli.inference.measure import Latency
     from depthcli.jobs.bench import BenchResult
 
 app = typer.Typer(rich_markup_mode=None)
@@ -64,7 +64,7 @@ def bench(
 
     End-to-end is from the encoded file to a 16-bit PNG on disk.
     """
-    from depthcli.cli.arguments.provider import session_loader
+    from depthcli.cli.parse import session_loader
     from depthcli.jobs.bench import BenchRequest, run_bench
 
     if image is not None and is_given(context, "size"):

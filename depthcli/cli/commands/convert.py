@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from depthcli.cli.arguments import options
-from depthcli.cli.arguments.depth_file import FrameOption
-from depthcli.cli.arguments.numbers import field_of_view, focal_length, png_scale_range
+from depthcli.cli import options
+from depthcli.cli.checks import FrameOption
+from depthcli.cli.options import field_of_view, focal_length, png_scale_range
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
@@ -133,13 +133,11 @@ def convert(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
-    from depthcli.cli.arguments.camera import choose_camera, read_options, refuse_replacing
-    from depthcli.cli.arguments.conversion import USED_OPTIONS, check_arguments, folder_format
-    from depthcli.cli.arguments.unused import refuse_unused
-    from depthcli.cli.arguments.writing import writer_options
-    from depthcli.core.parallel.cores import share_cores
+    from depthcli.cli.checks import USED_OPTIONS, check_arguments, folder_format, refuse_unused
+    from depthcli.cli.parse import choose_camera, read_options, refuse_replacing, writer_options
+    from depthcli.core.parallel import share_cores
     from depthcli.jobs import convert as job
-    from depthcli.jobs.convert_video import convert_video, is_sequence_name
+    from depthcli.jobs.convert import convert_video, is_sequence_name
 
     check_arguments(context)
     chosen = folder_format(format_) if target is None else job.target_format(target, format_)
@@ -155,7 +153,7 @@ def convert(
         console.warn(warning)
     if target is None:
         return _convert_folder(context.params, chosen, camera, writing)
-    from depthcli.cli.screen.convert import print_conversion, print_frames
+    from depthcli.cli.screen.results import print_conversion, print_frames
 
     request = job.ConvertRequest(
         source=source,
@@ -179,10 +177,10 @@ def convert(
 def _convert_folder(
     given: dict[str, Any], chosen: Format, camera: Intrinsics, writing: WriterOptions
 ) -> int:
-    from depthcli.cli.screen.convert import FolderScreen
-    from depthcli.core.parallel.cores import share_cores
-    from depthcli.io.listing.globs import NameFilter
-    from depthcli.jobs.convert_folder import ConvertFolderRequest, convert_folder, plan_conversion
+    from depthcli.cli.screen.results import FolderScreen
+    from depthcli.core.parallel import share_cores
+    from depthcli.io.listing.folder import NameFilter
+    from depthcli.jobs.convert import ConvertFolderRequest, convert_folder, plan_conversion
 
     request = ConvertFolderRequest(
         root=given["source"],

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments import completion
+from depthcli.cli import completion
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode

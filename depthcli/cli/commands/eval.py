@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from depthcli.cli.arguments import completion, options
-from depthcli.cli.arguments.numbers import png_scale_range, positive
+from depthcli.cli import completion, options
+from depthcli.cli.options import png_scale_range, positive
 from depthcli.cli.screen import console
-from depthcli.core.choices import Crop, Mask, Upsampling, Weights
-from depthcli.core.extras import INSTALL_TRAIN
-from depthcli.datasets.splits import SplitName
+from depthcli.core.options import Crop, Mask, Upsampling, Weights
+from depthcli.core.text import INSTALL_TRAIN
+from depthcli.datasets.base import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 from depthcli.metrics.choices import Alignment, Averaging
 
@@ -340,8 +340,8 @@ def runs(
 
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """
-    from depthcli.cli.arguments.provider import session_loader
-    from depthcli.core.parallel.cores import usable_cores
+    from depthcli.cli.parse import session_loader
+    from depthcli.core.parallel import usable_cores
     from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.jobs.evaluate import EvalRequest
 
@@ -373,9 +373,8 @@ def _request(
     bundled: bool = True,
 ) -> "EvalRequest":
     """A request to compare models and predictions; without any, the bundled model if allowed."""
-    from depthcli.cli.arguments.detail import choose_detail
-    from depthcli.cli.arguments.provider import session_loader
-    from depthcli.core.parallel.cores import share_cores
+    from depthcli.cli.parse import choose_detail, session_loader
+    from depthcli.core.parallel import share_cores
     from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.jobs.evaluate import EvalRequest
 

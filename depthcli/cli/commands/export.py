@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003 - typer reads the annotation
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli.arguments.numbers import field_of_view, not_negative
-from depthcli.cli.arguments.options import QuietOption, WeightsOption
+from depthcli.cli.options import QuietOption, WeightsOption, field_of_view, not_negative
 from depthcli.cli.screen import console
-from depthcli.core.choices import Weights
+from depthcli.core.options import Weights
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -96,9 +95,8 @@ def export_onnx(
 
     Nothing is written if torch and onnxruntime disagree by more than the tolerance.
     """
-    from depthcli.export.onnx import export_checkpoint
-    from depthcli.export.options import ExportOptions
-    from depthcli.training.folder import CHECKPOINT
+    from depthcli.export.onnx import ExportOptions, export_checkpoint
+    from depthcli.training.checkpoint import CHECKPOINT
 
     if fp16 and int8 is not None:
         raise UsageError("--fp16 and --int8 exclude each other; give one")

@@ -4,8 +4,8 @@ from typing import Any
 
 import typer
 
-from depthcli.cli.arguments.depth_file import FileArgument, ScaleOption
-from depthcli.cli.arguments.options import JsonObjectOption
+from depthcli.cli.checks import FileArgument, ScaleOption
+from depthcli.cli.options import JsonObjectOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments.options import JsonOutputOption
+from depthcli.cli.options import JsonOutputOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
@@ -25,7 +25,7 @@ _Manifest = Annotated[
 @app.command("summary")
 def show_summary(out: _Manifest, as_json: JsonOutputOption = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
-    from depthcli.io.storage.remote import path_of
+    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.manifests import read_rows, summarize
 
     found = summarize(read_rows(path_of(out)))
@@ -44,7 +44,7 @@ def show_summary(out: _Manifest, as_json: JsonOutputOption = False) -> int:
 @app.command("failed")
 def list_failed(out: _Manifest, as_json: JsonOutputOption = False) -> int:
     """List the inputs that failed, each with the reason."""
-    from depthcli.io.storage.remote import path_of
+    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.manifests import read_rows
 
     failed = (row for row in read_rows(path_of(out)) if row.status == FAILED)
@@ -69,7 +69,7 @@ def merge_parts(
     as_json: JsonOutputOption = False,
 ) -> int:
     """Merge the manifests of all shards into one, and remove them."""
-    from depthcli.io.storage.remote import path_of
+    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.manifests import merge_manifests
 
     path = str(merge_manifests(path_of(out), form))

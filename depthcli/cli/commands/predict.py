@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments import options
+from depthcli.cli import options
 from depthcli.cli.screen import console
-from depthcli.core.choices import MAX_PIXELS, Upsampling
+from depthcli.core.options import MAX_PIXELS, Upsampling
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
@@ -73,14 +73,17 @@ def predict(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
-    from depthcli.cli.arguments.anchors import choose_anchors
-    from depthcli.cli.arguments.camera import choose_camera, read_options, refuse_replacing
-    from depthcli.cli.arguments.detail import choose_detail
-    from depthcli.cli.arguments.picture_options import refuse_for_pictures
-    from depthcli.cli.arguments.provider import session_loader
-    from depthcli.cli.arguments.unused import PICTURE_OPTIONS, refuse_unused
-    from depthcli.cli.arguments.writing import writer_options
-    from depthcli.io.storage.remote import safe_name
+    from depthcli.cli.checks import PICTURE_OPTIONS, refuse_for_pictures, refuse_unused
+    from depthcli.cli.parse import (
+        choose_anchors,
+        choose_camera,
+        choose_detail,
+        read_options,
+        refuse_replacing,
+        session_loader,
+        writer_options,
+    )
+    from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.predict import run as job
     from depthcli.jobs.predict.plan import STDIO, picture_formats, split_own_outputs
     from depthcli.jobs.predict.request import PredictRequest
@@ -119,8 +122,8 @@ def predict(
         console.warn(warning)
     for name in () if quiet else own:
         console.warn(f"{safe_name(name)} was written by depthcli; skipped")
-    from depthcli.cli.screen.predict import print_picture
-    from depthcli.jobs.failed import FailedInput
+    from depthcli.cli.screen.results import print_picture
+    from depthcli.jobs.outputs import FailedInput
 
     failed = []
     for result in results:

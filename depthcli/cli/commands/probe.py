@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments.camera import parse_pixel
-from depthcli.cli.arguments.depth_file import FileArgument, FrameOption, ScaleOption
+from depthcli.cli.checks import FileArgument, FrameOption, ScaleOption
+from depthcli.cli.parse import parse_pixel
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode
 
@@ -26,8 +26,8 @@ def probe(
     ] = False,
 ) -> int:
     """Show the depth at one or several pixels of a depth file."""
-    from depthcli.io.storage.remote import path_of
-    from depthcli.jobs.depth_files import read_map
+    from depthcli.io.storage.paths import path_of
+    from depthcli.jobs.convert import read_map
     from depthcli.jobs.inspect import depth_at
 
     places = [parse_pixel(word) for word in pixels]

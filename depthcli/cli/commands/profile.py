@@ -7,10 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from depthcli.cli import profile_files
-from depthcli.cli.arguments import completion
-from depthcli.cli.arguments.options import JsonOutputOption
-from depthcli.cli.arguments.unused import is_given
+from depthcli.cli import completion, profile_files
+from depthcli.cli.checks import is_given
+from depthcli.cli.options import JsonOutputOption
 from depthcli.cli.profile_files import Scalar, Value
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
@@ -51,7 +50,7 @@ def save(
     values: dict[str, Value] = context.meta.get(_META_KEY, {})
     if not values:
         raise UsageError("give the options to save, such as --hfov 81 --png-scale 256")
-    from depthcli.cli.profiles.check import check_together
+    from depthcli.cli.profiles import check_together
 
     check_together(values)
     path = profile_files.write_profile(name, values, force=force)
@@ -109,7 +108,7 @@ def remove_profiles(
 
 def add_options(group: Any) -> None:  # noqa: ANN401 - typer's own types
     """Add the options of every command that accepts profiles to ``save``."""
-    from depthcli.cli.profiles.values import options_of, profiled_commands
+    from depthcli.cli.profiles import options_of, profiled_commands
 
     command = group.commands["save"]
     known = {word for parameter in command.params for word in parameter.opts}
@@ -167,7 +166,7 @@ def _toml_value(key: str, value: Any) -> Value:  # noqa: ANN401 - any option val
 
 
 def _is_catalog_name(word: str) -> bool:
-    from depthcli.models.locations import list_locations
+    from depthcli.models.catalog import list_locations
 
     return word in {name for name, _ in list_locations()}
 

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.arguments.numbers import parse_hfov_range, parse_size
-from depthcli.cli.arguments.options import JsonObjectOption, QuietOption
-from depthcli.core.choices import Sensor
+from depthcli.cli.options import JsonObjectOption, QuietOption, parse_hfov_range, parse_size
+from depthcli.core.options import Sensor
 from depthcli.errors import ExitCode
 
 app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Render training data.")
@@ -55,8 +54,8 @@ def rooms(
     """
     from depthcli.cli.screen import console
     from depthcli.cli.screen.progress import show_progress
-    from depthcli.core.parallel.cores import share_cores
-    from depthcli.datasets.rooms.pair import RoomSettings
+    from depthcli.core.parallel import share_cores
+    from depthcli.datasets.rooms.render import RoomSettings
     from depthcli.jobs.render import RenderRequest, render
 
     settings = RoomSettings(seed, parse_size(size), parse_hfov_range(hfov), sensor)

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli.arguments import options
-from depthcli.cli.arguments.numbers import not_negative
+from depthcli.cli import options
+from depthcli.cli.options import not_negative
 from depthcli.cli.screen import console
-from depthcli.core.choices import MAX_PIXELS, Upsampling
+from depthcli.core.options import MAX_PIXELS, Upsampling
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
-from depthcli.video.codecs import PreviewCodec
-from depthcli.video.formats import VideoFormat
+from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
-    from depthcli.jobs.video.result import VideoResult
+    from depthcli.jobs.video.run import VideoResult
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -158,20 +157,24 @@ def video(
 
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
-    from depthcli.cli.arguments.camera import choose_camera, read_options, refuse_replacing
-    from depthcli.cli.arguments.codec import choose_codec
-    from depthcli.cli.arguments.detail import choose_detail
-    from depthcli.cli.arguments.picture_options import refuse_for_frames
-    from depthcli.cli.arguments.provider import session_loader
-    from depthcli.cli.arguments.span import parse_fps, parse_span, refuse_for_videos
-    from depthcli.cli.arguments.unused import refuse_unused
-    from depthcli.cli.arguments.writing import writer_options
+    from depthcli.cli.checks import refuse_for_frames, refuse_unused
+    from depthcli.cli.parse import (
+        choose_camera,
+        choose_codec,
+        choose_detail,
+        parse_fps,
+        parse_span,
+        read_options,
+        refuse_for_videos,
+        refuse_replacing,
+        session_loader,
+        writer_options,
+    )
     from depthcli.cli.screen.progress import show_progress
-    from depthcli.io.storage.remote import safe_name
-    from depthcli.jobs.failed import FailedInput
+    from depthcli.io.storage.paths import safe_name
+    from depthcli.jobs.outputs import FailedInput
     from depthcli.jobs.video import run as job
-    from depthcli.jobs.video.output_names import STDIO, video_formats
-    from depthcli.jobs.video.request import VideoRequest, VideoSettings
+    from depthcli.jobs.video.plan import STDIO, VideoRequest, VideoSettings, video_formats
 
     to_stdout = output == STDIO
     if as_json and to_stdout:
@@ -218,7 +221,7 @@ def video(
             result = job.video(request, progress)
     except (InputError, OutputError) as error:
         result = FailedInput(safe_name(file), error)
-    from depthcli.cli.screen.video import print_video  # its imports are loaded by now
+    from depthcli.cli.screen.results import print_video  # its imports are loaded by now
 
     print_video(result, as_json=as_json, quiet=quiet, to_stderr=to_stdout)
     is_whole = not isinstance(result, FailedInput) and result.problem is None

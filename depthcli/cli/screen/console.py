@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
-from depthcli.core.exit_hooks import exit_hook
+from depthcli.core.progress import exit_hook
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, Message
 
@@ -180,7 +180,7 @@ def _terminal_columns() -> int:
     """Width of the terminal at standard output, which is one; COLUMNS overrides it."""
     from shutil import get_terminal_size
 
-    # By itself, shutil asks the stream that depthcli.cli.streams has replaced, and says 80.
+    # By itself, shutil asks the stream that depthcli.cli.process has replaced, and says 80.
     return get_terminal_size(os.get_terminal_size(sys.stdout.fileno())).columns
 
 

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 
 from depthcli.core.camera import CameraSource
-from depthcli.core.pixel_aspect import PIXEL_ASPECTS
-from depthcli.core.types import AnchorFit, DepthKind, Provenance
+from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthKind, Provenance
 from depthcli.io.formats.table import KEY_PREFIX
 
 _LEAST, _MOST = 1e-9, 1e12

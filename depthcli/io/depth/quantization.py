@@ -5,7 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.bands import row_bands
+from depthcli.core.imageops import row_bands
 from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
 

@@ -19,7 +19,7 @@ from depthcli.io.depth.stored import StepScale, StoredDepth, step_scale
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images.decode import OPENCV_MAX_PIXELS, decode, picture_size, read_bytes
 from depthcli.io.images.png import read_text
-from depthcli.io.storage.remote import path_of
+from depthcli.io.storage.paths import path_of
 
 _DIMENSIONS = 2
 _FARTHEST = 1e12  # no depth is larger, in any unit

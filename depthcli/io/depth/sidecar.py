@@ -15,7 +15,7 @@ from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import OutputError
 from depthcli.io.depth.metadata import kind_named, number
 from depthcli.io.formats.metadata import ORIGIN_FIELDS
-from depthcli.io.storage.regular import read_regular
+from depthcli.io.storage.paths import read_regular
 
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _NUMBER = re.compile(r"[._\- ]*(\d+)", re.ASCII)

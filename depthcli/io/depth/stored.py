@@ -6,8 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from depthcli.core.overscan import displayed_depth
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame, displayed_depth
 from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.quantization import check_units_per_metre
 from depthcli.io.formats.table import MILLIMETRES

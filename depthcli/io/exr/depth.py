@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from depthcli.core.text import one_line
-from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.core.windows import Windows
+from depthcli.core.types import DepthMap, Frame, Provenance, Windows
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import kind_named, own_metadata, provenance_of
 from depthcli.io.depth.sidecar import with_sidecar

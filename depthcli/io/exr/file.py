@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 
-from depthcli.core.choices import MAX_PIXELS, check_pixel_count
-from depthcli.core.windows import Window, over_window
+from depthcli.core.options import MAX_PIXELS, check_pixel_count
+from depthcli.core.types import Window, over_window
 from depthcli.errors import InputError
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.native_log import decoder_messages
-from depthcli.io.storage.remote import RemotePath
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.paths import RemotePath
+from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.storage.transfer import local_copy
 
 OPENEXR_ERRORS = (RuntimeError, ValueError, TypeError, OSError, MemoryError, ArithmeticError)

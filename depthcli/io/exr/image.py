@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.bands import row_bands
-from depthcli.core.choices import MAX_PIXELS, check_pixel_count
-from depthcli.core.picture_options import AS_STATED, ReadOptions
-from depthcli.core.types import Frame
-from depthcli.core.windows import Window, Windows
+from depthcli.core.imageops import row_bands
+from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
+from depthcli.core.types import Frame, Window, Windows
 from depthcli.errors import InputError, OutputError
 from depthcli.io.listing.folder import is_exr
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.temporary import temporary_folder
 
 _LINEAR_UP_TO = 0.0031308
 _REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)

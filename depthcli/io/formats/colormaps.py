@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import Colormap, Near
+from depthcli.core.options import Colormap, Near
 
 _OPENCV = {
     Colormap.INFERNO: cv2.COLORMAP_INFERNO,

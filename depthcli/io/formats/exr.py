@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.core.windows import Window, over_window
+from depthcli.core.types import DepthMap, Frame, Provenance, Window, over_window
 from depthcli.io.depth.metadata import own_texts
 from depthcli.io.exr.file import write_exr
 from depthcli.io.formats.metadata import metadata_texts

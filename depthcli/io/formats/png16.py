@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.bands import row_bands
+from depthcli.core.imageops import row_bands
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.metadata import own_texts
 from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized

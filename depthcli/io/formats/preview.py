@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import Colormap, Near
+from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.formats.colormaps import colour_table

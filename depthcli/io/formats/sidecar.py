@@ -4,8 +4,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from depthcli.core.summary import DepthRange
-from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.core.types import DepthMap, DepthRange, Frame, Provenance
 from depthcli.io.formats.metadata import SOFTWARE, DepthMetadata, anchor_fields
 from depthcli.io.formats.table import MILLIMETRES
 

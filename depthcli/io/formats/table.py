@@ -14,8 +14,8 @@ from pathlib import PurePath
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
 
-from depthcli.core.choices import Colormap, Near
-from depthcli.io.storage.regular import read_regular
+from depthcli.core.options import Colormap, Near
+from depthcli.io.storage.paths import read_regular
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

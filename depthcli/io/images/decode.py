@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.bands import row_bands
-from depthcli.core.choices import MAX_PIXELS, check_pixel_count
-from depthcli.core.extras import INSTALL_HEIF
-from depthcli.core.picture_options import EXPOSURE, WHITE_LEVEL
+from depthcli.core.imageops import row_bands
+from depthcli.core.options import EXPOSURE, MAX_PIXELS, WHITE_LEVEL, check_pixel_count
+from depthcli.core.text import INSTALL_HEIF
 from depthcli.errors import InputError, UsageError, is_out_of_memory
 from depthcli.io.images.isobmff import avif_size, heif_problem, heif_size, is_heif
 from depthcli.io.images.jpeg import JPEG_START, has_jpeg_end, jpeg_segments
@@ -30,12 +29,9 @@ from depthcli.io.images.tiff import (
     with_colours_as_stored,
 )
 from depthcli.io.images.webp import riff_chunks
-from depthcli.io.listing.folder import is_video
-from depthcli.io.listing.heif import reads_heif
+from depthcli.io.listing.folder import CAMERA_RAW, convert_to, is_video, reads_heif
 from depthcli.io.listing.own_outputs import EXR_MAGIC
-from depthcli.io.listing.skipped import CAMERA_RAW, convert_to
-from depthcli.io.storage.regular import read_regular
-from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.paths import RemotePath, read_regular
 
 _JPEG_SIZES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")
 _NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.extras import INSTALL_HEIF
-from depthcli.core.transfer import transfer_warning
+from depthcli.core.imageops import transfer_warning
+from depthcli.core.options import MAX_PIXELS
+from depthcli.core.text import INSTALL_HEIF
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.images.decode import check, scaled

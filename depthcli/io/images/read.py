@@ -8,11 +8,9 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.choices import MAX_PIXELS
-from depthcli.core.picture_options import ReadOptions
-from depthcli.core.pixels import is_out_of_range
-from depthcli.core.transfer import transfer_warning
-from depthcli.core.types import Frame
+from depthcli.core.imageops import transfer_warning
+from depthcli.core.options import MAX_PIXELS, ReadOptions
+from depthcli.core.types import Frame, is_out_of_range
 from depthcli.errors import InputError, UsageError
 from depthcli.io.images.decode import (
     check_exposure,
@@ -27,7 +25,7 @@ from depthcli.io.images.isobmff import avif_transfer, is_heif
 from depthcli.io.images.libheif import read_heif_picture
 from depthcli.io.images.tiff import TIFF_STARTS
 from depthcli.io.listing.own_outputs import EXR_MAGIC, is_own_exr
-from depthcli.io.storage.remote import RemotePath, path_of
+from depthcli.io.storage.paths import RemotePath, path_of
 
 _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}

@@ -1,15 +1,85 @@
 """The pictures and videos below a folder."""
 
 import os
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import NamedTuple, TypeAlias
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from importlib.util import find_spec
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple, Self, TypeAlias
 
-from depthcli.errors import InputError
-from depthcli.io.listing.heif import HEIF_SUFFIXES, reads_heif
+from depthcli.core.text import INSTALL_HEIF
+from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.own_outputs import is_own_output
-from depthcli.io.listing.skipped import HIDDEN, OWN, Skipped
-from depthcli.io.storage.remote import path_of
+from depthcli.io.storage.paths import path_of
+
+HEIF_SUFFIXES = (".heic", ".heif", ".hif")
+
+
+@cache
+def reads_heif() -> bool:
+    """Whether pillow-heif is installed; it is not loaded."""
+    return find_spec("pillow_heif") is not None
+
+
+HIDDEN = "hidden"
+OWN = "written by depthcli"
+EXCLUDED = "excluded"
+NOT_INCLUDED = "not included"
+TWICE = "listed twice"
+CAMERA_RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf")
+_CONVERSIONS = {
+    **dict.fromkeys((*HEIF_SUFFIXES, ".jxl", ".jp2", ".psd", *CAMERA_RAW), "JPEG, PNG or TIFF"),
+    **dict.fromkeys((".dpx", ".cin", ".tga", ".hdr"), "EXR or 16-bit TIFF"),
+}
+"""What to convert pictures of other formats to, by suffix."""
+_MAX_REASONS = 6
+
+
+class Skipped(NamedTuple):
+    """A file that is not an input."""
+
+    name: str  #: path relative to the folder, with ``/`` between its parts
+    reason: str  #: one of the words above, or the file's suffix
+
+
+def convert_to(name: str) -> str | None:
+    """What to convert a picture to, by its name; None if its format is read here, or unknown."""
+    suffix = PurePosixPath(name).suffix.lower()
+    return None if suffix in HEIF_SUFFIXES and reads_heif() else _CONVERSIONS.get(suffix)
+
+
+def skip_summary(skipped: Sequence[Skipped]) -> str:
+    """How many files, and why: ``3 files skipped (2 .txt, 1 hidden)``."""
+    counts = Counter(file.reason for file in skipped).most_common()
+    shown = [f"{count} {reason}" for reason, count in counts[:_MAX_REASONS]]
+    if len(counts) > _MAX_REASONS:
+        shown.append(f"{sum(count for _, count in counts[_MAX_REASONS:])} others")
+    files = "file" if len(skipped) == 1 else "files"
+    return f"{len(skipped)} {files} skipped ({', '.join(shown)})"
+
+
+def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
+    """Advice about pictures of formats that are not read; None if there are none."""
+    found = Counter(file.reason for file in skipped if file.reason in _CONVERSIONS)
+    if not found:
+        return None
+    or_install = f", or for HEIC {INSTALL_HEIF}" if found.keys() & set(HEIF_SUFFIXES) else ""
+    pictures = "picture" if found.total() == 1 else "pictures"
+    return (
+        f"{found.total()} {pictures} of a format that is not read ({', '.join(sorted(found))}) "
+        f"skipped; convert to JPEG, PNG or TIFF{or_install}"
+    )
+
+
+def exr_hint(skipped: Sequence[Skipped]) -> str | None:
+    """What reads the EXR files that a batch skips; None if there are none."""
+    if all(file.reason != ".exr" for file in skipped):
+        return None
+    return "'depthcli video' reads a sequence of EXR, 'predict' and 'batch --files' single ones"
+
 
 PICTURE_SUFFIXES = (
     *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".avif"),
@@ -177,3 +247,92 @@ def _identity(path: str) -> _Identity:
     except OSError:
         return None
     return status.st_dev, status.st_ino
+
+
+class RealPaths:
+    """Resolves links, with a cache of folders; short-lived, as folders and links change."""
+
+    def __init__(self) -> None:
+        self._real_folder = cache(os.path.realpath)
+
+    def of(self, path: str | Path) -> str:
+        """The path with links in its folder resolved; if the file is a link, that is kept."""
+        folder, name = os.path.split(path)
+        return os.path.join(self._real_folder(folder), name)  # noqa: PTH118
+
+    def all_of(self, path: str | Path) -> set[str]:
+        """The same, and the target if the file is a link."""
+        own = self.of(path)
+        return {own, os.path.realpath(own)} if os.path.islink(own) else {own}  # noqa: PTH114
+
+
+_STARS = {"**/", "**", "*"}
+_TOKEN = re.compile(r"\*\*/|\*\*|\*|\?|\[!?\]?[^\]/]*\]|.", re.DOTALL)
+
+
+class NameFilter(NamedTuple):
+    """Patterns for paths relative to a root, with ``/`` between their parts.
+
+    A pattern without ``/`` is matched with the last part, in any folder; one with ``/`` with the
+    whole path. ``*`` and ``?`` do not match ``/``, ``**`` does.
+    """
+
+    include: tuple[re.Pattern[str], ...]  #: a file has to match one of these, if there are any
+    exclude: tuple[re.Pattern[str], ...]  #: a file or a folder must match none of these
+    include_words: tuple[str, ...]  #: ``include`` as the user gave it
+
+    @classmethod
+    def of(cls, include: Sequence[str], exclude: Sequence[str]) -> Self:
+        """From patterns as the user gives them.
+
+        Raises:
+            UsageError: one is not a valid pattern.
+        """
+        return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)), tuple(include))
+
+    def refusal(self, name: str) -> str | None:
+        """Why a file is not wanted, by its own name and its folders'; None if it is wanted."""
+        parts = name.split("/")
+        above = ("/".join(parts[:count]) for count in range(1, len(parts)))
+        if self.excludes(name) or any(map(self.excludes, above)):
+            return EXCLUDED
+        wanted = not self.include or any(p.fullmatch(name) for p in self.include)
+        return None if wanted else NOT_INCLUDED
+
+    def excludes(self, name: str) -> bool:
+        """Whether a file or folder is excluded by its own name."""
+        return any(pattern.fullmatch(name) for pattern in self.exclude)
+
+
+ANY = NameFilter((), (), ())
+"""Every name."""
+
+
+def _compiled(pattern: str) -> re.Pattern[str]:
+    trimmed = pattern.rstrip("/")
+    anywhere = "" if "/" in trimmed else "(?:.*/)?"
+    found = _TOKEN.findall(trimmed.removeprefix("/").removeprefix("./"))
+    tokens = [
+        one for at, one in enumerate(found) if one not in _STARS or found[at - 1 : at] != [one]
+    ]
+    stars = [at for at, token in enumerate(tokens) if token in _STARS]
+    parts = list(map(_expression, tokens))
+    for at, after in pairwise(stars):
+        if tokens[at] == "*" and tokens[after] != "**/":
+            # An atomic group takes the first match of what follows the star; with backtracking,
+            # each star would multiply the time that a name takes.
+            parts[at], parts[after] = f"(?>{parts[at]}?", f"){parts[after]}"
+    try:
+        return re.compile(anywhere + "".join(parts), re.DOTALL)
+    except re.error as error:
+        raise UsageError(f"{pattern!r} is not a valid pattern: {error.msg}") from error
+
+
+def _expression(token: str) -> str:
+    simple = {"**/": "(?:.*/)?", "**": ".*", "*": "[^/]*", "?": "[^/]"}
+    if token in simple:
+        return simple[token]
+    if len(token) > 1:  # a class of characters, [a-z] or [!a-z]
+        inner = token[1:-1].replace("\\", "\\\\").replace("[", "\\[")
+        return f"[^{inner[1:]}/]" if inner.startswith("!") else f"[{inner}]"
+    return re.escape(token)

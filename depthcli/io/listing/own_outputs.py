@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from depthcli.io.formats.table import Format, is_own
-from depthcli.io.storage.remote import RemotePath, path_of
+from depthcli.io.storage.paths import RemotePath, path_of
 
 EXR_MAGIC = b"v/1\x01"
 """The first bytes of every EXR."""

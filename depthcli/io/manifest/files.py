@@ -1,18 +1,111 @@
 """The files of rows in an output folder: manifests and journals, of a whole batch or a shard."""
 
+import hashlib
+import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from io import BytesIO, FileIO
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import Any, BinaryIO, Protocol, Self
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.row import ManifestFormat, Row, parse_row
-from depthcli.io.manifest.shard import Shard
-from depthcli.io.manifest.table import parsed_table_row, unescaped, write_rows
-from depthcli.io.parquet import Table
-from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.io.storage.regular import regular_size
+from depthcli.io.manifest.row import ManifestFormat, Origin, Row, parse_row, row_of
+from depthcli.io.parquet import Table, write_table
+from depthcli.io.storage.atomic import append_whole, atomic_folder, atomic_path
+from depthcli.io.storage.paths import regular_size
+
+_COLUMNS = {
+    "input": str,
+    "status": str,
+    "outputs": [{"path": str, "bytes": int, "sha256": str}],
+    "seconds": float,
+    "input_sha256": str,
+    "input_path": str,
+    "error": str,
+    "warnings": [str],
+    "camera": str,
+    "anchors": {"given": int, "used": int, "residual_m": float, "sha256": str},
+    **dict.fromkeys(Origin.__slots__, str),
+}
+_ESCAPED = re.compile(r"\\u(d[89a-f][0-9a-f]{2})")
+
+
+def write_rows(folder: Path, rows: Iterable[Row]) -> None:
+    """Write a manifest in Parquet files, in place of one that is there.
+
+    Raises:
+        OutputError: it cannot be written; what was there stays.
+    """
+    with atomic_folder(folder) as temporary:
+        write_table(temporary, _COLUMNS, (_utf8(row.as_json()) for row in rows))
+
+
+def parsed_table_row(fields: dict[str, Any]) -> Row | None:
+    """A row from the values of its columns; None if they are not those of a row."""
+    return row_of(_with_texts(fields, unescaped))
+
+
+def unescaped(text: str) -> str:
+    """A text with its escapes undone."""
+    return _ESCAPED.sub(lambda found: chr(int(found[1], 16)), text) if "\\u" in text else text
+
+
+def _utf8(value: Any) -> Any:  # noqa: ANN401 - what JSON can hold
+    """The same, with texts whose bytes are not UTF-8 escaped as in JSON."""
+    return _with_texts(value, lambda text: text.encode("utf-8", "backslashreplace").decode())
+
+
+def _with_texts(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 - what JSON can hold
+    """The same, with all texts changed."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, Mapping):
+        return {name: _with_texts(part, change) for name, part in value.items()}
+    if isinstance(value, Sequence):
+        return [_with_texts(part, change) for part in value]
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """One of ``count`` parts; every input is in exactly one of them.
+
+    The part is ``1 + H % count``, H being the first eight bytes of the SHA-256 of the input's name
+    as a big-endian number: it depends on the name alone, on any machine and in any version.
+    """
+
+    number: int = 1  #: 1 to ``count``
+    count: int = 1  #: how many parts there are; 1 for a batch that is not divided
+
+    @classmethod
+    def parse(cls, word: str) -> Self:
+        """From ``2/4``.
+
+        Raises:
+            UsageError: it is something else, or there is no such part.
+        """
+        numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", word)
+        shard = cls(*map(int, numbers.groups())) if numbers else cls(0, 0)
+        if not 1 <= shard.number <= shard.count:
+            raise UsageError(f"--shard {word} is not I/N with I from 1 to N, such as 2/4")
+        return shard
+
+    def holds(self, name: str) -> bool:
+        """Whether an input of this name, with ``/`` between its parts, is in this part."""
+        if self.count == 1:
+            return True
+        digest = hashlib.sha256(os.fsencode(name)).digest()
+        return int.from_bytes(digest[:8], "big") % self.count == self.number - 1
+
+    @property
+    def tag(self) -> str:
+        """Infix for names of files that belong to this part."""
+        return f"-{self.number}-of-{self.count}" if self.count > 1 else ""
+
+
+WHOLE = Shard()
+
 
 _PART_NAME = re.compile(r"part-\d{5}\.parquet")
 _NO_DATA = {".DS_Store", "Thumbs.db", "desktop.ini", "_SUCCESS"}

@@ -10,8 +10,7 @@ from typing import Annotated, Any, Self
 
 from depthcli.core.validation import FieldError, Rule, parsed_json, validated
 from depthcli.errors import OutputError
-from depthcli.io.storage.regular import regular_size
-from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.paths import RemotePath, regular_size
 
 OK = "ok"
 FAILED = "failed"

@@ -12,8 +12,8 @@ from pathlib import Path
 from depthcli.errors import OutputError
 from depthcli.io.manifest.files import is_row_file
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.remote import RemotePath
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.paths import RemotePath
+from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.storage.transfer import download
 
 _UPLOAD_INTERVAL_S = 5.0

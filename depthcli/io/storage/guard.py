@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self, TypeAlias
 
 from depthcli.errors import Message, OutputError
-from depthcli.io.storage.remote import RemotePath
+from depthcli.io.storage.paths import RemotePath
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

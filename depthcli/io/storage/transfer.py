@@ -9,8 +9,8 @@ from pathlib import Path
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, InputError
 from depthcli.io.storage import objects
-from depthcli.io.storage.remote import RemotePath
-from depthcli.io.storage.temporary_folder import temporary_folder
+from depthcli.io.storage.paths import RemotePath
+from depthcli.io.storage.temporary import temporary_folder
 
 SHA256_KEY = "sha256"
 

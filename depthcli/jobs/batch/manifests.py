@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.files import open_rows, row_files
+from depthcli.io.manifest.files import WHOLE, open_rows, row_files
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
 from depthcli.io.manifest.row import FAILED, ManifestFormat
 from depthcli.io.manifest.rows_folder import rows_folder
-from depthcli.io.manifest.shard import WHOLE
 
 
 @dataclass(frozen=True, slots=True)

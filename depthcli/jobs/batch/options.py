@@ -1,23 +1,117 @@
 """The request and the options of a batch."""
 
+from __future__ import annotations
+
+import re
+import time
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Self
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
-from depthcli.core.picture_options import AS_STATED, ReadOptions
-from depthcli.errors import InputError
+from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail, ReadOptions
+from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.row import ManifestFormat
 from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.remote import path_of
-from depthcli.jobs.batch.failure_budget import FailureBudget
-from depthcli.jobs.batch.input_plan import Plan
+from depthcli.io.storage.paths import path_of
+from depthcli.jobs.batch.plan import Plan
+
+if TYPE_CHECKING:
+    from depthcli.io.manifest.row import Row
+    from depthcli.jobs.batch.tasks import Result
+
+
+class Tally:
+    """Counts of results.
+
+    Attributes:
+        total: number of inputs.
+        done: inputs that were processed, including the failed ones.
+        kept: inputs whose outputs of an earlier run are still valid.
+        failures: name and reason of those that failed.
+        recent_failed: whether each of the last hundred processed inputs failed.
+    """
+
+    def __init__(self, total: int) -> None:
+        self.total = total
+        self.done = 0
+        self.kept = 0
+        self.failures: list[tuple[str, str]] = []
+        self.recent_failed: deque[bool] = deque(maxlen=100)
+        self._start_s = time.monotonic()
+
+    def add(self, result: Result) -> None:
+        """Count a result."""
+        self.kept += result.is_kept
+        self.done += not result.is_kept
+        if not result.is_kept:
+            self.recent_failed.append(result.row.error is not None)
+        if result.row.error is not None:
+            self.failures.append((result.row.input, result.row.error))
+
+    def mark_lost(self, row: Row, *, was_kept: bool) -> None:
+        """Count an input as failed that was counted as done or kept, as its outputs are gone."""
+        self.kept -= was_kept
+        self.done += was_kept
+        self.failures.append((row.input, row.error or ""))
+
+    @property
+    def completed(self) -> int:
+        """Inputs that are done or kept."""
+        return self.done + self.kept
+
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self._start_s
+
+    @property
+    def rate(self) -> float:
+        """Inputs per second, without those kept."""
+        return self.done / max(self.elapsed_s, 1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class FailureBudget:
+    """Allowed failures: among all inputs, or as a percentage of the last hundred processed ones.
+
+    The percentage is of a hundred from the first input on: missing ones count as successful. So a
+    run that fails from the start stops as soon as one that starts to fail after days.
+    """
+
+    maximum: int
+    is_percentage: bool = False
+
+    @classmethod
+    def parse(cls, word: str) -> Self:
+        """Parse ``20`` or ``20%``.
+
+        Raises:
+            UsageError: it is neither, or more than 100%.
+        """
+        found = re.fullmatch(r"([0-9]{1,9})(%?)", word)
+        if found is None or (found[2] and int(found[1]) > 100):  # noqa: PLR2004 - per cent
+            raise UsageError(
+                f"--max-failures {word} is not a number or a percentage, such as 20 or 5%"
+            )
+        return cls(int(found[1]), bool(found[2]))
+
+    def reason(self, tally: Tally) -> str | None:
+        """Why a batch has to stop; None if it may continue."""
+        if (
+            sum(tally.recent_failed) if self.is_percentage else len(tally.failures)
+        ) <= self.maximum:
+            return None
+        plain = "1 input" if self.maximum == 1 else f"{self.maximum} inputs"
+        which = f"{self.maximum}% of the last 100 inputs" if self.is_percentage else plain
+        return f"more than {which} failed"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,30 +1,288 @@
 """Planning a batch of a folder or a list."""
 
 import os
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
-from depthcli.errors import UsageError
-from depthcli.io.listing.folder import InputFile, list_folder
-from depthcli.io.listing.globs import ANY, NameFilter
-from depthcli.io.listing.own_outputs import is_own_output
-from depthcli.io.listing.path_list import listed_inputs
-from depthcli.io.listing.skipped import (
+from depthcli.core.camera import Intrinsics
+from depthcli.core.text import short_repr
+from depthcli.errors import InputError, UsageError
+from depthcli.io.listing.folder import (
+    ANY,
+    EXCLUDED,
+    NOT_INCLUDED,
     OWN,
+    TWICE,
+    InputFile,
+    NameFilter,
+    RealPaths,
     Skipped,
+    conversion_hint,
+    exr_hint,
+    is_video,
+    list_folder,
+    skip_summary,
+    why_skipped,
 )
-from depthcli.io.listing.store import list_objects, walk_sort_key
-from depthcli.io.manifest.shard import WHOLE, Shard
-from depthcli.io.storage.remote import (
+from depthcli.io.listing.own_outputs import is_own_output
+from depthcli.io.listing.path_list import list_objects, listed_inputs, walk_sort_key
+from depthcli.io.manifest.files import WHOLE, Shard
+from depthcli.io.storage.paths import (
     RemotePath,
+    check_writable,
+    join,
     path_of,
     safe_name,
     without_file_scheme,
 )
-from depthcli.jobs.batch.cameras import CameraTable
-from depthcli.jobs.batch.input_collector import InputCollector
-from depthcli.jobs.batch.input_plan import Plan
+from depthcli.io.tables import read_lenses
+from depthcli.jobs.unique_names import StemCounts, TreeNames, namesakes, stem
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All inputs of a batch."""
+
+    out: Path  #: the output folder
+    inputs: tuple[InputFile, ...]  #: in an order that depends on their names only
+    names: TreeNames  #: names of their outputs
+    skipped: tuple[Skipped, ...]  #: files that are no inputs
+    loops: tuple[str, ...] = ()  #: links to a folder above them
+    unmatched: tuple[str, ...] = ()  #: patterns of ``--include`` that no picture or video matches
+    #: paths of the inputs, of all shards, that lie in the output folder
+    inputs_in_out: frozenset[str] = frozenset()
+    shard: Shard = WHOLE  #: the part of the inputs that is planned
+    #: by input of a list: files beside it, not in the batch, whose outputs may have had its names
+    unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    #: cameras of a table, by input; the others are not in it
+    lenses: Mapping[str, Intrinsics] = field(default_factory=dict)
+    stems: StemCounts = field(default_factory=StemCounts)  #: of the pictures of all shards
+    is_part: bool = False  #: whether other files of the folder may be inputs of other batches
+    camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """Warnings before the start, one line each."""
+        yield from self.camera_warnings
+        for word in self.unmatched:
+            yield f"--include {word!r} matches no picture or video"
+        unreadable = conversion_hint(self.skipped)
+        if unreadable:
+            yield unreadable
+
+    @property
+    def pictures(self) -> Iterator[InputFile]:
+        """All inputs but videos."""
+        return (found for found in self.inputs if not is_video(found.name))
+
+    @property
+    def videos(self) -> Iterator[InputFile]:
+        """The videos."""
+        return (found for found in self.inputs if is_video(found.name))
+
+    def folders(self) -> set[Path]:
+        """The folders of the outputs."""
+        return {self.out, *((self.out / found.name).parent for found in self.inputs)}
+
+
+class CameraTable:
+    """Finds the camera of each input, and notes which rows match.
+
+    A row's id is the name of an input (``hall/a.jpg``), or the name without suffix (``hall/a``), as
+    in the ``cameras.csv`` of training folders. The whole name is looked up first.
+    """
+
+    def __init__(self, lenses: Mapping[str, Intrinsics], source: str = "the table") -> None:
+        """Begin with no input.
+
+        Args:
+            lenses: camera of each id.
+            source: name of the table in messages.
+        """
+        self._lenses, self._source = lenses, source
+        self._used: dict[str, str] = {}  # id -> the input that it matches
+
+    def lens(self, name: str) -> Intrinsics | None:
+        """The camera of an input; None if it has no row, or an empty one.
+
+        Raises:
+            UsageError: its row is also that of another input.
+        """
+        row_id = next((key for key in (name, stem(name)) if key in self._lenses), None)
+        if row_id is None:
+            return None
+        other = self._used.setdefault(row_id, name)
+        if other != name:
+            raise UsageError(
+                f"{self._source}: the row {short_repr(row_id)} is of {other} and of {name}; give "
+                "each a row with its suffix"
+            )
+        return self._lenses[row_id]
+
+    def warnings(self, inputs: int, unmatched: int) -> Iterator[str]:
+        """What did not match, one line each.
+
+        Args:
+            inputs: number of inputs of the batch.
+            unmatched: how many of them have no row, or an empty one.
+
+        Raises:
+            UsageError: there are inputs, and no row matches one.
+        """
+        unused = [row_id for row_id in self._lenses if row_id not in self._used]
+        if unused and inputs and not self._used:
+            raise UsageError(
+                f"no row of {self._source} with a camera matches an input; an id is the path of an "
+                "input from the folder, with or without its suffix, but the first is "
+                f"{short_repr(unused[0])}"
+            )
+        if unmatched:
+            yield (
+                f"{self._source} has no camera for {unmatched} of {inputs} inputs; their focal "
+                "lengths are those in EXIF, or assumed"
+            )
+        if unused:
+            yield (
+                f"{len(unused)} of {len(self._lenses)} rows of {self._source} match no input, for "
+                f"example {short_repr(unused[0])}"
+            )
+
+
+def read_cameras(source: str) -> CameraTable:
+    """The table in a CSV file, which may be a URI.
+
+    Raises:
+        UsageError: it cannot be read, or has invalid rows.
+    """
+    try:
+        return CameraTable(read_lenses(path_of(source)), os.fspath(source))
+    except InputError as error:
+        raise UsageError(f"--cameras: {error}") from error
+
+
+class InputCollector:
+    """Collects the inputs of a shard and the files that are skipped."""
+
+    def __init__(
+        self, out: str, wanted: NameFilter, shard: Shard, cameras: CameraTable | None
+    ) -> None:
+        check_writable(path_of(out))
+        self._out, self._wanted, self._shard, self._cameras = out, wanted, shard, cameras
+        self._lenses: dict[str, Intrinsics] = {}
+        self._inputs: dict[str, InputFile] = {}
+        self._skipped: dict[Skipped, None] = {}
+        self._inputs_in_out: set[str] = set()
+        self._unlisted: dict[str, list[str]] = {}
+        self._stems = StemCounts()
+        self._has_inputs = False
+        self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
+
+    def skip(self, file: Skipped) -> None:
+        """Add a skipped file."""
+        if self._shard.holds(file.name):
+            self._skipped[file] = None
+
+    def plan(
+        self,
+        media: Iterable[InputFile],
+        where: str,
+        loops: tuple[str, ...] = (),
+        *,
+        is_list: bool = False,
+    ) -> Plan:
+        """Make a plan of pictures and videos."""
+        # Output names depend on all files, not on the patterns or the list.
+        names = TreeNames(chain(self._names(media), self._neighbours() if is_list else ()))
+        plan = Plan(
+            path_of(self._out),
+            tuple(self._inputs.values()),
+            names,
+            tuple(self._skipped),
+            loops,
+            tuple(word for word, _ in self._unmatched),
+            frozenset(self._inputs_in_out),
+            self._shard,
+            self._unlisted,
+            self._lenses,
+            self._stems,
+            is_list or bool(self._wanted.include or self._wanted.exclude),
+        )
+        if not self._has_inputs:
+            _check_any(plan.skipped, where)
+        if self._cameras is None:
+            return plan
+        unmatched = len(plan.inputs) - len(plan.lenses)
+        warnings = tuple(self._cameras.warnings(len(plan.inputs), unmatched))
+        return replace(plan, camera_warnings=warnings)
+
+    def _names(self, media: Iterable[InputFile]) -> Iterator[str]:
+        places, inside = RealPaths(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
+        for found in media:
+            yield found.name
+            self._unmatched = [x for x in self._unmatched if not x[1].fullmatch(found.name)]
+            reason = None if found.problem else self._wanted.refusal(found.name)
+            if reason is not None:
+                self.skip(Skipped(found.name, reason))
+                continue
+            self._has_inputs = True
+            if not is_video(found.name):
+                self._stems.add(found.name)
+            lens = self._cameras.lens(found.name) if self._cameras else None
+            self._inputs_in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
+            if self._shard.holds(found.name):
+                self._add_input(found, places)
+                if lens is not None:
+                    self._lenses[found.name] = lens
+
+    def _neighbours(self) -> Iterator[str]:
+        """Names of the pictures and videos beside the inputs whose outputs could collide."""
+        folders: dict[tuple[str, str], list[str]] = {}
+        for found in self._inputs.values():
+            if found.problem is None:
+                above, slash, name = found.name.rpartition("/")
+                folder = os.path.dirname(found.path)  # noqa: PTH120 - may be a URI
+                folders.setdefault((folder, above + slash), []).append(name)
+        for (folder, above), own in folders.items():
+            for name, others in namesakes(path_of(folder), own).items():
+                there = [other for other in others if above + other not in self._inputs]
+                if there:
+                    self._unlisted[above + name] = [above + other for other in there]
+                for other in there:
+                    path = join(folder, other)
+                    if why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
+                        yield above + other
+
+    def _add_input(self, found: InputFile, places: RealPaths) -> None:
+        """Add an input, unless it is listed twice.
+
+        Raises:
+            UsageError: another file, outside the list's folder, has the same name.
+        """
+        first = self._inputs.setdefault(found.name, found)
+        if first is found:
+            return
+        if places.of(first.path) != places.of(found.path):
+            raise UsageError(
+                f"{first.path} and {found.path} would both become {found.name}; list them for "
+                "batches with different --out"
+            )
+        self.skip(Skipped(found.name, TWICE))
+
+
+def _check_any(skipped: Sequence[Skipped], where: str) -> None:
+    """Refuse a plan without inputs, unless there were no files at all."""
+    if not skipped:
+        return
+    if {NOT_INCLUDED, EXCLUDED} & {file.reason for file in skipped}:
+        raise UsageError(
+            f"--include and --exclude leave nothing of {where}: {skip_summary(skipped)}"
+        )
+    hints = filter(None, (conversion_hint(skipped), exr_hint(skipped)))
+    raise InputError(
+        "; ".join((f"no picture or video in {where}: {skip_summary(skipped)}", *hints))
+    )
 
 
 def plan_folder(

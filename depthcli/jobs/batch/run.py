@@ -1,30 +1,35 @@
 """Running a batch: processes all inputs with an engine and writes the manifest."""
 
 import dataclasses
+import hashlib
 import os
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
+from typing import Literal
 
-from depthcli.core.choices import GPU_BATCH
-from depthcli.core.parallel.cores import share_cores
+from depthcli.core.options import GPU_BATCH
+from depthcli.core.parallel import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.errors import InputError, OutputError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
+from depthcli.io.images.decode import check
 from depthcli.io.images.native_log import silent_opencv
-from depthcli.io.manifest.journal import Journal
+from depthcli.io.listing.folder import InputFile, is_video
+from depthcli.io.manifest.journal import Journal, Rows, known_rows
+from depthcli.io.manifest.row import Origin
 from depthcli.io.manifest.rows_folder import rows_folder
-from depthcli.io.storage.remote import RemotePath
-from depthcli.io.storage.temporaries import remove_stale
-from depthcli.jobs.batch.engines.engine import Engine
-from depthcli.jobs.batch.engines.threads import ThreadEngine
-from depthcli.jobs.batch.options import BatchRequest
-from depthcli.jobs.batch.output_map import OutputMap
-from depthcli.jobs.batch.suspects import mark_suspects
-from depthcli.jobs.batch.tally import Tally
-from depthcli.jobs.batch.task import Result
-from depthcli.jobs.batch.worker_spec import WorkerSpec
+from depthcli.io.storage.paths import RemotePath, safe_name
+from depthcli.io.storage.temporary import remove_stale
+from depthcli.io.storage.transfer import local_copy
+from depthcli.jobs.batch.options import BatchRequest, Tally
+from depthcli.jobs.batch.tasks import OutputMap, Result, mark_suspects
+from depthcli.jobs.batch.threads import Engine, ThreadEngine
+from depthcli.jobs.batch.workers import WorkerSpec, read_input, video_checksum
 
 
 class Batch(Iterator[Result]):
@@ -168,3 +173,58 @@ class Batch(Iterator[Result]):
             self.tally.mark_lost(lost, was_kept=self._was_kept[name])
         else:
             self._recorded[name] = Result(lost)
+
+
+@dataclass(frozen=True, slots=True)
+class DryRunResult:
+    """What would be done for an input."""
+
+    input: str  #: its name
+    would: Literal["do", "keep", "fail"]  #: process it, keep its valid outputs, or fail
+    outputs: tuple[Path, ...]  #: paths of its outputs
+    error: str | None = None  #: why it would fail; None if it would not
+
+
+def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
+    """What would be done for each input, in order; inputs are read and checked.
+
+    Args:
+        request: the batch.
+        session: its model.
+
+    Raises:
+        UsageError: an output would replace an input, or the output for another input.
+    """
+    plan, options = request.plan, request.options
+    outputs = OutputMap(plan, options.formats)
+    outputs.check_conflicts()
+    spec = WorkerSpec(request.model, session.model.sha256, options, plan.out)
+    origin, rows = spec.origin(session), known_rows(plan.out, plan.shard)
+    outputs.check_earlier(rows)
+    return (_dry_run_of(file, request, outputs, rows, origin) for file in plan.inputs)
+
+
+def _dry_run_of(
+    file: InputFile, request: BatchRequest, outputs: OutputMap, rows: Rows, origin: Origin
+) -> DryRunResult:
+    paths = tuple(outputs.of(file).values())
+    try:
+        if is_video(file.name):
+            video = outputs.video(file, rows)
+            with local_copy(file.readable_path()) as source:
+                sha256 = video_checksum(video, source, request.options)
+            kept = video.reusable_row(request.plan.out, sha256, origin)
+            if kept is None:
+                video.guard(overwrite=request.options.overwrite)
+        else:
+            picture = outputs.picture(file, rows)
+            data = read_input(picture.input)
+            check(data, safe_name(file.path), request.options.max_pixels)
+            sha256 = hashlib.sha256(data).hexdigest()
+            points = request.options.points_for(file, paths, shares_stem=picture.shares_stem)
+            kept = picture.reusable_row(request.plan.out, sha256, origin, points)
+            if kept is None:
+                picture.guard(overwrite=request.options.overwrite)
+    except (InputError, OutputError) as error:
+        return DryRunResult(file.name, "fail", paths, str(error))
+    return DryRunResult(file.name, "keep" if kept else "do", paths)

@@ -7,21 +7,25 @@ from pathlib import Path
 from typing import NamedTuple
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.overscan import displayed_depth
-from depthcli.core.parallel.background import Background
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.parallel import Background
+from depthcli.core.types import DepthMap, Frame, displayed_depth
 from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
+from depthcli.inference.measure import check_network
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
-from depthcli.inference.trial import check_network
-from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.guard import Guard
-from depthcli.io.storage.remote import path_of
-from depthcli.jobs.failed import FailedInput, failure_reason
-from depthcli.jobs.outputs import output_guard, write_output, write_stream
+from depthcli.io.storage.paths import path_of
+from depthcli.jobs.outputs import (
+    FailedInput,
+    failure_reason,
+    output_guard,
+    write_output,
+    write_stream,
+)
 from depthcli.jobs.predict.plan import STDIO, PicturePlan
 from depthcli.jobs.predict.request import PredictRequest
 

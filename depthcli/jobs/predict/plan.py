@@ -7,7 +7,7 @@ from typing import NamedTuple
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import FILE_SUFFIXES, FORMATS, Format, format_of
 from depthcli.io.listing.own_outputs import is_own_picture
-from depthcli.io.storage.remote import path_of, safe_name
+from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.jobs.naming import check_suffix, is_folder, plan_outputs, refuse_pattern
 
 STDIO = "-"

@@ -4,10 +4,9 @@ from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.choices import DEFAULT_DETAIL, MAX_PIXELS, Detail
-from depthcli.core.picture_options import AS_STATED, ReadOptions
+from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail, ReadOptions
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.anchor_files import AnchorFiles
+from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, WriterOptions
 
 

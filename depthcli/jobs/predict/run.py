@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 from depthcli.errors import UsageError
 from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.remote import path_of
+from depthcli.io.storage.paths import path_of
 from depthcli.jobs.predict.plan import PicturePlan, picture_formats, plan_pictures
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from depthcli.jobs.failed import FailedInput
+    from depthcli.jobs.outputs import FailedInput
     from depthcli.jobs.predict.pictures import PictureResult
     from depthcli.jobs.predict.request import PredictRequest
 

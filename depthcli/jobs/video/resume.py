@@ -9,13 +9,12 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.storage.remote import RemotePath
-from depthcli.jobs.video.plan import VideoPlan
-from depthcli.jobs.video.request import VideoSettings
+from depthcli.io.storage.paths import RemotePath
+from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_journal import FrameJournal, remove_journal
 from depthcli.video.frames import FrameSource
-from depthcli.video.number_pattern import base_name, numbered_name
+from depthcli.video.numbering import base_name, numbered_name
 
 _BEST_FIRST = (VideoFormat.NPY, VideoFormat.EXR, VideoFormat.PNG16)
 

@@ -8,24 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.overscan import masked_to_data_window
-from depthcli.core.temporal import changes as temporal
-from depthcli.core.temporal.range_lock import RangeLock
-from depthcli.core.temporal.smoothing import (
+from depthcli.core import temporal
+from depthcli.core.temporal import (
     FlickerMeter,
+    RangeLock,
     Smoother,
     ema_decay,
     from_log,
     sample_cells,
     to_log,
 )
-from depthcli.core.types import DepthMap, Frame
-from depthcli.core.windows import Windows, over_window
+from depthcli.core.types import DepthMap, Frame, Windows, masked_to_data_window, over_window
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.quantization import dequantized, quantized
 from depthcli.io.formats.preview import percentiles
-from depthcli.jobs.video.request import VideoSettings
-from depthcli.video.output import DepthFrame
+from depthcli.jobs.video.plan import VideoSettings
+from depthcli.video.outputs import DepthFrame
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The interface of a training method, and functions that the methods share."""
 
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import ClassVar, Literal, TypeVar
 
@@ -9,9 +9,10 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data.batches import TrainingBatch
+from depthcli.training.config import TrainConfig
+from depthcli.training.data import TrainingBatch
 from depthcli.training.networks.build import Generator, build_generator
+from depthcli.training.networks.patch import PatchSampler
 
 Phase = Literal["generator", "discriminator"]
 _Part = TypeVar("_Part")
@@ -113,3 +114,15 @@ def frozen(networks: Iterable[nn.Module]) -> Iterator[None]:
     finally:
         for weight in weights:
             weight.requires_grad_(True)
+
+
+def patch_heads(generator: Generator, taps: Sequence[str]) -> PatchSampler:
+    """Newly initialized heads for some taps of a generator."""
+    return PatchSampler([generator.tap_channels(tap) for tap in taps])
+
+
+def mean_over_taps(
+    loss: Callable[[Tensor, Tensor], Tensor], queries: Sequence[Tensor], keys: Sequence[Tensor]
+) -> Tensor:
+    """Mean over the taps of a contrastive loss of patch vectors (B, P, dim); a scalar."""
+    return torch.stack([loss(q, k) for q, k in zip(queries, keys, strict=True)]).mean()

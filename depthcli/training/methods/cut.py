@@ -1,16 +1,30 @@
 """CUT and FastCUT (Park et al. 2020): one-sided translation with a patch-wise contrastive loss."""
 
+from functools import partial
 from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
-from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, frozen, generate, present, required
-from depthcli.training.methods.contrast import mean_over_taps, patch_heads
+from depthcli.training.config import TrainConfig
+from depthcli.training.data import TrainingBatch
+from depthcli.training.losses import (
+    discriminator_loss,
+    generator_loss,
+    hdce,
+    patch_nce,
+    semantic_relation,
+)
+from depthcli.training.methods.base import (
+    Method,
+    Phase,
+    frozen,
+    generate,
+    mean_over_taps,
+    patch_heads,
+    present,
+    required,
+)
 from depthcli.training.networks.build import build_discriminator
 
 
@@ -88,3 +102,33 @@ class Cut(Method):
         maps = [features.flip(3) for features in maps] if flipped else maps
         queries, _ = sampler(maps, positions)
         return queries, keys
+
+
+class HnegSrc(Cut):
+    """GAN + hDCE of x and G(x) + hDCE of y and G(y) + SRC of x and G(x)."""
+
+    TERMS: ClassVar = Cut.TERMS | {"relation"}
+    SETTINGS: ClassVar = Cut.SETTINGS | {"loss.gamma_start", "loss.gamma_end"}
+
+    @property
+    def gamma(self) -> float:
+        """γ of the negatives' weights, linear over the schedule: they become harder."""
+        start, end = self.weights.gamma_start, self.weights.gamma_end
+        return start + (end - start) * self.share_done
+
+    def _contrastive_terms(
+        self, x: Tensor, y: Tensor, fake_y: Tensor, *, flipped: bool
+    ) -> dict[str, Tensor]:
+        terms, weights = {}, self.weights
+        hard = partial(hdce, gamma=self.gamma)
+        if weights.contrast_x or weights.relation:
+            vectors = self._patch_vectors(x, fake_y, flipped=flipped)
+        if weights.contrast_x:
+            terms["contrast_x"] = weights.contrast_x * mean_over_taps(hard, *vectors)
+        if weights.relation:
+            relation = mean_over_taps(semantic_relation, *vectors)
+            terms["relation"] = weights.relation * relation
+        if weights.contrast_y:
+            same_y = self._patch_vectors(y, generate(self.generator, y))
+            terms["contrast_y"] = weights.contrast_y * mean_over_taps(hard, *same_y)
+        return terms

@@ -2,13 +2,13 @@
 
 from typing import ClassVar, NamedTuple
 
+import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.image_pool import ImagePool
-from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
+from depthcli.training.config import TrainConfig
+from depthcli.training.data import TrainingBatch
+from depthcli.training.losses import discriminator_loss, generator_loss
 from depthcli.training.methods.base import (
     Method,
     Phase,
@@ -19,6 +19,37 @@ from depthcli.training.methods.base import (
     upsampled_like,
 )
 from depthcli.training.networks.build import build_discriminator, build_generator
+
+
+class ImagePool:
+    """Stores the first images; then swaps each new one with a random stored one, with p = 0.5.
+
+    With a size of 0, every image is returned unchanged. Images are swapped with others of their
+    own size only.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self.images: list[Tensor] = []
+
+    def exchange(self, images: Tensor) -> Tensor:
+        """New or past fakes (B, C, H, W), detached, for new ones (B, C, H, W)."""
+        if self.size == 0:
+            return images.detach()
+        return torch.stack([self._exchange_one(image) for image in images.detach()])
+
+    def _exchange_one(self, image: Tensor) -> Tensor:
+        if len(self.images) < self.size:
+            self.images.append(image.clone())
+            return image
+        if torch.rand(()) < 0.5:  # noqa: PLR2004
+            return image
+        alike = [i for i, past in enumerate(self.images) if past.shape == image.shape]
+        if not alike:
+            return image
+        slot = alike[int(torch.randint(len(alike), ()))]
+        past, self.images[slot] = self.images[slot], image.clone()
+        return past
 
 
 class GeneratorOutputs(NamedTuple):

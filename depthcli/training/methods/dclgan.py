@@ -5,13 +5,21 @@ from typing import ClassVar, NamedTuple
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.losses.adversarial import discriminator_loss, generator_loss
-from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.methods.base import Method, Phase, frozen, generate, present, required
-from depthcli.training.methods.contrast import mean_over_taps, patch_heads
+from depthcli.training.config import TrainConfig
+from depthcli.training.data import TrainingBatch
+from depthcli.training.losses import discriminator_loss, generator_loss, patch_nce, similarity
+from depthcli.training.methods.base import (
+    Method,
+    Phase,
+    frozen,
+    generate,
+    mean_over_taps,
+    patch_heads,
+    present,
+    required,
+)
 from depthcli.training.networks.build import build_discriminator, build_generator
+from depthcli.training.networks.patch import SimilarityMap
 
 
 class Fakes(NamedTuple):
@@ -132,3 +140,37 @@ class DclGan(Method):
         fake_y, _ = of_depth(maps.fake_y, positions_x)
         fake_x, _ = of_gray(maps.fake_x, positions_y)
         return DomainFeatures(real_x, fake_y, real_y, fake_x)
+
+
+class SimDcl(DclGan):
+    """DCLGAN + the distance between one vector per real and per fake image, in both domains."""
+
+    TERMS: ClassVar = DclGan.TERMS | {"similarity"}
+
+    def __init__(self, config: TrainConfig) -> None:
+        super().__init__(config)
+        taps, compares = len(self.taps), bool(self.weights.similarity)
+        self.map_real_x = SimilarityMap(taps) if compares else None
+        self.map_fake_y = SimilarityMap(taps) if compares else None
+        self.map_real_y = SimilarityMap(taps) if compares else None
+        self.map_fake_x = SimilarityMap(taps) if compares else None
+
+    def heads(self) -> list[nn.Module]:
+        """The patch heads and the four maps."""
+        maps = present(self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x)
+        return super().heads() + maps
+
+    def _contrastive_terms(self, maps: DomainFeatures) -> dict[str, Tensor]:
+        vectors = self._patch_vectors(maps)
+        if not self.weights.similarity:
+            return self._contrast(vectors)
+        # Fakes share no positions with the real images of their domain: sample new ones.
+        fake_x, _ = required(self.sampler_gray)(maps.fake_x)
+        fake_y, _ = required(self.sampler_depth)(maps.fake_y)
+        alike = similarity(
+            real_x=required(self.map_real_x)(vectors.real_x),
+            fake_x=required(self.map_fake_x)(fake_x),
+            real_y=required(self.map_real_y)(vectors.real_y),
+            fake_y=required(self.map_fake_y)(fake_y),
+        )
+        return self._contrast(vectors) | {"similarity": self.weights.similarity * alike}

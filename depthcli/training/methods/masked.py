@@ -7,9 +7,9 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.losses.reconstruction import reconstruction_loss
+from depthcli.training.config import TrainConfig
+from depthcli.training.data import TrainingBatch
+from depthcli.training.losses import reconstruction_loss
 from depthcli.training.methods.base import Method, Phase
 
 _BLOCKS_ACROSS = 12  # hidden blocks are a twelfth of the picture's width

@@ -6,14 +6,17 @@ from typing import ClassVar
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from depthcli.training.config.objective import PAIRED_LOSSES
-from depthcli.training.config.schema import TrainConfig
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.losses.paired import paired_losses
-from depthcli.training.losses.patchnce import cfl_nce, patch_nce
-from depthcli.training.losses.regularized_l1 import regularized_l1
-from depthcli.training.methods.base import Phase, present, required, upsampled_like
-from depthcli.training.methods.contrast import mean_over_taps, patch_heads
+from depthcli.training.config import PAIRED_LOSSES, TrainConfig
+from depthcli.training.data import TrainingBatch
+from depthcli.training.losses import cfl_nce, paired_losses, patch_nce, regularized_l1
+from depthcli.training.methods.base import (
+    Phase,
+    mean_over_taps,
+    patch_heads,
+    present,
+    required,
+    upsampled_like,
+)
 from depthcli.training.methods.cyclegan import CycleGan, GeneratorOutputs
 
 

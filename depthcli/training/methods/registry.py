@@ -5,11 +5,10 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from depthcli.errors import UsageError
-from depthcli.training.config.objective import TERMS
-from depthcli.training.config.overrides import updated
-from depthcli.training.config.schema import TrainConfig
+from depthcli.training.config import TERMS, TrainConfig
 from depthcli.training.methods.base import Method
 from depthcli.training.methods.table import METHODS, PRETRAINING
+from depthcli.training.settings import updated
 
 _ALL = METHODS | PRETRAINING
 

@@ -5,8 +5,8 @@ METHODS = {
     "cut": "cut:Cut",
     "fastcut": "cut:Cut",
     "dclgan": "dclgan:DclGan",
-    "simdcl": "simdcl:SimDcl",
-    "hnegsrc": "hnegsrc:HnegSrc",
+    "simdcl": "dclgan:SimDcl",
+    "hnegsrc": "cut:HnegSrc",
     "proposed": "proposed:Proposed",
 }
 """Name -> ``module:class``, in the order of the paper's Table I."""

@@ -1,8 +1,8 @@
 """Building networks from a configuration."""
 
-from depthcli.training.config.schema import GeneratorConfig, TrainConfig
+from depthcli.training.config import GeneratorConfig, TrainConfig
 from depthcli.training.networks.efficient import EfficientGenerator
-from depthcli.training.networks.patchgan import PatchGan
+from depthcli.training.networks.patch import PatchGan
 from depthcli.training.networks.resnet import ResnetGenerator
 
 Generator = EfficientGenerator | ResnetGenerator

@@ -6,9 +6,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from depthcli.training.networks.blur import BlurDown
-from depthcli.training.networks.instance_norm import InstanceNorm
-from depthcli.training.networks.weights import init_normal, init_xavier
+from depthcli.training.networks.layers import BlurDown, InstanceNorm, init_normal, init_xavier
 
 
 class ResnetGenerator(nn.Module):

@@ -6,17 +6,19 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from depthcli.core.choices import Sensor
-from depthcli.datasets.rooms.camera import PinholeCamera
-from depthcli.datasets.rooms.furnish import Room, make_room
+from depthcli.core.options import Sensor
 from depthcli.datasets.rooms.furniture import PIECES
-from depthcli.datasets.rooms.lighting import Light
 from depthcli.datasets.rooms.materials import Materials
-from depthcli.datasets.rooms.openings import Opening, skirting
-from depthcli.datasets.rooms.pair import RoomSettings, render_pair, room_focal_px
-from depthcli.datasets.rooms.render import Renderer, View
-from depthcli.datasets.rooms.room_types import ROOM_TYPES
-from depthcli.datasets.rooms.sensor import kinect
+from depthcli.datasets.rooms.render import (
+    PinholeCamera,
+    Renderer,
+    RoomSettings,
+    View,
+    kinect,
+    render_pair,
+    room_focal_px,
+)
+from depthcli.datasets.rooms.room import ROOM_TYPES, Light, Opening, Room, make_room, skirting
 from depthcli.datasets.rooms.solids import SPHERE, Part, Solids, box
 
 SMALL = RoomSettings(size=(64, 48))

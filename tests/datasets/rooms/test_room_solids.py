@@ -6,11 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from depthcli.datasets.rooms.camera import place_camera
-from depthcli.datasets.rooms.furnish import make_room
 from depthcli.datasets.rooms.materials import Material
-from depthcli.datasets.rooms.solids import CYLINDER_Y, SPHERE, Part, Solids, box
-from depthcli.datasets.rooms.surface import intersect
+from depthcli.datasets.rooms.render import place_camera
+from depthcli.datasets.rooms.room import make_room
+from depthcli.datasets.rooms.solids import CYLINDER_Y, SPHERE, Part, Solids, box, intersect
 
 GRAY = Material(0, (0.0, 0.0, 0.0), (0.5, 0.5, 0.5))
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from depthcli.training.losses.adversarial import (
+from depthcli.training.losses import (
     discriminator_loss,
     generator_loss,
     hinge_discriminator,

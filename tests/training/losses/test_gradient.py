@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from depthcli.training.losses.gradient import SCALES, gradient_loss
+from depthcli.training.losses import SCALES, gradient_loss
 
 
 def _looped(error: np.ndarray) -> float:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from vectors import unit_vectors
 
-from depthcli.training.losses.hdce import hdce, negative_weights
+from depthcli.training.losses import hdce, negative_weights
 
 TAU = 0.07
 

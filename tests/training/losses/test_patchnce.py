@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from vectors import unit_vectors
 
-from depthcli.training.losses.patchnce import cfl_nce, patch_nce
+from depthcli.training.losses import cfl_nce, patch_nce
 
 Loss = Callable[[Tensor, Tensor], Tensor]
 TAU = 0.07

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from depthcli.training.losses.reconstruction import reconstruction_loss
+from depthcli.training.losses import reconstruction_loss
 
 
 @pytest.mark.parametrize("shrink", [1, 2])

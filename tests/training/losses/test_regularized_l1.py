@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from depthcli.training.losses.regularized_l1 import conv_weights, regularized_l1
+from depthcli.training.losses import conv_weights, regularized_l1
 
 
 def _network() -> nn.Module:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from vectors import unit_vectors
 
-from depthcli.training.losses.semantic_relation import semantic_relation
+from depthcli.training.losses import semantic_relation
 
 
 def _relation(vectors: np.ndarray, i: int) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from vectors import unit_vectors
 
-from depthcli.training.losses.similarity import similarity
+from depthcli.training.losses import similarity
 
 
 def test_is_its_formula() -> None:

@@ -14,8 +14,7 @@ from tiny_methods import tiny
 
 from depthcli.errors import UsageError
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.folder import CHECKPOINT
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import build_method
 from depthcli.training.methods.table import METHODS
@@ -23,7 +22,7 @@ from depthcli.training.methods.table import METHODS
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
 
 
 def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:

@@ -10,9 +10,7 @@ import torch
 from lightning_fabric import Fabric
 from tiny_methods import batch, coded, tiny, tiny_method
 
-from depthcli.training.losses.hdce import hdce
-from depthcli.training.losses.patchnce import patch_nce
-from depthcli.training.losses.semantic_relation import semantic_relation
+from depthcli.training.losses import hdce, patch_nce, semantic_relation
 from depthcli.training.run import Run
 
 if TYPE_CHECKING:

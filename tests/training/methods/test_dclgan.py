@@ -8,9 +8,9 @@ import pytest
 import torch
 from tiny_methods import batch, coded, tiny, tiny_method
 
-from depthcli.training.losses.patchnce import patch_nce
+from depthcli.training.losses import patch_nce
 from depthcli.training.methods.registry import build_method
-from depthcli.training.optimizers import build_optimizer
+from depthcli.training.run import build_optimizer
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -16,22 +16,20 @@ from tiny_methods import SIZES, batch
 from depthcli.core.types import DepthMap
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import CheckpointError, DatasetError, UsageError
-from depthcli.export.onnx import export_checkpoint
-from depthcli.export.options import ExportOptions
+from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.config.overrides import updated
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.folder import CHECKPOINT
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
+from depthcli.training.data import TrainingBatch
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.masked import Masked, hidden_blocks
 from depthcli.training.methods.registry import build_method, check_terms, default_config
+from depthcli.training.settings import updated
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.config.schema import TrainConfig
+    from depthcli.training.config import TrainConfig
 
 SMALL: dict[str, Any] = SIZES | {
     "precision": "32-true",

@@ -12,15 +12,13 @@ from lightning_fabric import Fabric
 from rooms import room_data, rooms
 from tiny_methods import tiny
 
-from depthcli.core.choices import Detail, Upsampling
+from depthcli.core.options import Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
-from depthcli.export.onnx import export_checkpoint
-from depthcli.export.options import ExportOptions
+from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.inference.pipeline import load
-from depthcli.inference.preprocess import prepare
+from depthcli.inference.transforms import prepare
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import load_generator
-from depthcli.training.folder import CHECKPOINT
+from depthcli.training.checkpoint import CHECKPOINT, load_generator
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.table import METHODS
 

@@ -9,9 +9,9 @@ import torch
 from tiny_methods import batch, tiny, tiny_method
 
 from depthcli.errors import UsageError
-from depthcli.training.config.overrides import apply_overrides, updated
 from depthcli.training.methods.registry import build_method, default_config
 from depthcli.training.methods.table import METHODS
+from depthcli.training.settings import apply_overrides, updated
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -12,10 +12,9 @@ import torch.nn.functional as F  # noqa: N812
 from rooms import EFFICIENT, PAPER
 from torch import Tensor
 
-from depthcli.training.config.objective import LossConfig
-from depthcli.training.data.batches import TrainingBatch
-from depthcli.training.losses.patchnce import cfl_nce, patch_nce
-from depthcli.training.losses.regularized_l1 import conv_weights
+from depthcli.training.config import LossConfig
+from depthcli.training.data import TrainingBatch
+from depthcli.training.losses import cfl_nce, conv_weights, patch_nce
 from depthcli.training.methods.base import generate
 from depthcli.training.methods.proposed import Proposed
 

@@ -8,9 +8,7 @@ import pytest
 from tiny_methods import tiny
 
 from depthcli.errors import UsageError
-from depthcli.training.config.objective import LossConfig
-from depthcli.training.config.overrides import apply_overrides
-from depthcli.training.config.schema import TrainConfig
+from depthcli.training.config import LossConfig, TrainConfig
 from depthcli.training.methods.registry import (
     build_method,
     check_terms,
@@ -18,6 +16,7 @@ from depthcli.training.methods.registry import (
     method_class,
 )
 from depthcli.training.methods.table import METHODS
+from depthcli.training.settings import apply_overrides
 
 UNPAIRED = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc")
 WEIGHTS = {

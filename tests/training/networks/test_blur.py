@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from depthcli.training.networks.blur import BlurDown
+from depthcli.training.networks.layers import BlurDown
 from depthcli.training.networks.resnet import ResnetGenerator
 
 GROW = ResnetGenerator(2, 1, antialias=True, residual="none").up1[0]

@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
-from depthcli.training.config.schema import GeneratorConfig
+from depthcli.training.config import GeneratorConfig
 from depthcli.training.networks.build import build_generator
 from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlock
 

@@ -7,7 +7,7 @@ import itertools
 import pytest
 import torch
 
-from depthcli.training.networks.instance_norm import InstanceNorm
+from depthcli.training.networks.layers import InstanceNorm
 
 LAYOUTS = (torch.contiguous_format, torch.channels_last)
 

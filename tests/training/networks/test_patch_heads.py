@@ -7,9 +7,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from depthcli.training.networks.patch_sampler import PatchSampler
+from depthcli.training.networks.patch import PatchSampler, SimilarityMap
 from depthcli.training.networks.resnet import ResnetGenerator
-from depthcli.training.networks.similarity_map import SimilarityMap
 
 
 def _maps(*shapes: tuple[int, int, int]) -> list[Tensor]:

@@ -7,8 +7,8 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from depthcli.training.networks.blur import BlurDown
-from depthcli.training.networks.patchgan import PatchGan
+from depthcli.training.networks.layers import BlurDown
+from depthcli.training.networks.patch import PatchGan
 
 
 @pytest.mark.parametrize("antialias", [False, True])

@@ -8,8 +8,7 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 from torch.utils.flop_counter import FlopCounterMode
 
-from depthcli.training.networks.blur import BlurDown
-from depthcli.training.networks.instance_norm import InstanceNorm
+from depthcli.training.networks.layers import BlurDown, InstanceNorm
 from depthcli.training.networks.resnet import ResnetGenerator
 
 TAP_CHANNELS = {"input": 1, "down1": 128, "down2": 256, "block1": 256, "block5": 256}

@@ -1,0 +1,87 @@
+"""Shell completion of the values of options and arguments, except file names."""
+
+from collections.abc import Iterable
+
+# Importing onnxruntime is slow; a test compares these names with it.
+PROVIDERS = (
+    "auto",
+    "cpu",
+    "cuda",
+    "tensorrt",
+    "rocm",
+    "migraphx",
+    "directml",
+    "coreml",
+    "openvino",
+)
+ACCELERATORS = ("auto", "cpu", "cuda", "mps")
+
+
+def models(incomplete: str) -> list[str]:
+    """Names for ``--model``."""
+    from depthcli.models.catalog import list_locations
+
+    return _starting_with((name for name, _ in list_locations()), incomplete)
+
+
+def added_models(incomplete: str) -> list[str]:
+    """Names of models that were added."""
+    from depthcli.models.catalog import list_locations, user_root
+
+    root = user_root()
+    return _starting_with(
+        (n for n, p in list_locations() if p.path.is_relative_to(root)), incomplete
+    )
+
+
+def models_and_cards(incomplete: str) -> list[str]:
+    """Names of models, and of ready cards."""
+    return [*models(incomplete), *cards(incomplete)]
+
+
+def cards(incomplete: str) -> list[str]:
+    """Names of ready cards."""
+    from depthcli.models.catalog import ready_names
+
+    return _starting_with(ready_names(), incomplete)
+
+
+def profiles(incomplete: str) -> list[str]:
+    """Names of saved profiles."""
+    from depthcli.cli.profile_files import profile_names
+
+    return _starting_with(profile_names(), incomplete)
+
+
+def presets(incomplete: str) -> list[str]:
+    """Names for ``--preset``."""
+    from depthcli.training.settings import preset_names
+
+    return _starting_with(preset_names(), incomplete)
+
+
+def providers(incomplete: str) -> list[str]:
+    """Names for ``--provider``."""
+    return _starting_with(PROVIDERS, incomplete)
+
+
+def methods(incomplete: str) -> list[str]:
+    """The training methods."""
+    from depthcli.training.methods.table import METHODS, PRETRAINING
+
+    return _starting_with(METHODS | PRETRAINING, incomplete)
+
+
+def method_lists(incomplete: str) -> list[str]:
+    """Completions of the last method of a comma-separated list."""
+    before, comma, last = incomplete.rpartition(",")
+    return [f"{before}{comma}{name}" for name in methods(last) if name not in before.split(",")]
+
+
+def accelerators(incomplete: str) -> list[str]:
+    """Names for ``--accelerator``."""
+    return _starting_with(ACCELERATORS, incomplete)
+
+
+def _starting_with(words: Iterable[str], incomplete: str) -> list[str]:
+    return [word for word in words if word.startswith(incomplete)]

@@ -1,0 +1,164 @@
+"""Handling of SIGINT, SIGTERM and SIGHUP.
+
+An exception from a signal handler could be raised anywhere: within an import, a library's callback
+or clean-up code. So a signal removes temporary files and ends the process at once, except in
+commands that shut down gracefully.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, NoReturn
+
+from depthcli.core.progress import Interrupt, run_exit_hooks
+from depthcli.errors import SIGNAL_BASE
+from depthcli.io.storage.temporary import remove_own
+
+if TYPE_CHECKING:
+    from typing import Any
+
+
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+
+_GRACE_PERIOD_S = 0.5
+_shutdowns: list[tuple[float, Callable[[], object]]] = []
+"""Grace period and callback of each :func:`graceful_shutdown` block; the innermost last."""
+
+
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """The signals that end this process; not those that are ignored, as under nohup."""
+    known = (getattr(signal, name) for name in _NAMES if hasattr(signal, name))
+    return tuple(number for number in known if signal.getsignal(number) is not signal.SIG_IGN)
+
+
+def end_on_signals() -> None:
+    """Make these signals end the process, also while its main thread runs native code."""
+    read_end, write_end = os.pipe()
+    if sys.platform != "win32":
+        os.set_blocking(write_end, False)
+    for number in ending_signals():
+        signal.signal(number, _end)
+    signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(read_end,), daemon=True).start()
+
+
+@contextmanager
+def graceful_shutdown(
+    grace_period_s: float, on_signal: Callable[[], object]
+) -> Iterator[Interrupt]:
+    """Record a signal within the block, which has to end then; a second one ends the process.
+
+    Args:
+        grace_period_s: how long the block may take to end.
+        on_signal: called from another thread when the signal comes.
+    """
+    with Interrupt(*ending_signals()) as interrupt:
+        _shutdowns.append((grace_period_s, on_signal))
+        try:
+            yield interrupt
+        finally:
+            _shutdowns.pop()
+
+
+def _watch(read_end: int) -> None:
+    """End the process on a signal if the main thread does not do so in time."""
+    while True:
+        (number,) = os.read(read_end, 1)
+        if signal.getsignal(number) is _end:
+            grace_period_s = _GRACE_PERIOD_S
+        elif _shutdowns:
+            grace_period_s, on_signal = _shutdowns[-1]
+            on_signal()
+        else:
+            continue
+        select.select([read_end], (), (), grace_period_s)
+        _clean_up()
+        os._exit(SIGNAL_BASE + number)
+
+
+def _end(number: int, _frame: object) -> NoReturn:
+    _clean_up()
+    with suppress(Exception):  # the stream is closed, or was interrupted while writing
+        sys.stdout.flush()
+    os._exit(SIGNAL_BASE + number)
+
+
+def _clean_up() -> None:
+    run_exit_hooks()
+    remove_own()
+
+
+_SETTINGS = ("encoding", "errors", "line_buffering", "write_through")
+
+
+class Stream(io.TextIOWrapper):
+    """A standard stream that stores the first error (``problem``) instead of raising it.
+
+    A broken pipe is raised if ``needs_reader`` is set, as for standard output.
+    """
+
+    problem: OSError | None = None
+    needs_reader = False
+
+    def write(self, text: str) -> int:
+        """Write as much as possible."""
+        try:
+            return super().write(text)
+        except OSError as error:
+            self._store(error)
+            return len(text)
+
+    def flush(self) -> None:
+        """Flush as much as possible."""
+        try:
+            super().flush()
+        except OSError as error:
+            self._store(error)
+
+    def _store(self, error: OSError) -> None:
+        if self.needs_reader and isinstance(error, BrokenPipeError):
+            raise error
+        self.problem = self.problem or error
+
+
+def open_streams() -> Stream:
+    """Make closed streams raise on reading and writing, and the others store errors.
+
+    If a stream were left closed, the next file that is opened would get its number, and C libraries
+    would write warnings into that file.
+
+    Returns:
+        Standard output.
+    """
+    for number, name, flags in (
+        (0, "stdin", os.O_WRONLY),
+        (1, "stdout", os.O_RDONLY),
+        (2, "stderr", os.O_RDONLY),
+    ):
+        if getattr(sys, name) is None:
+            _open_devnull(number, flags)
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
+    sys.stderr = _wrap(sys.stderr)
+    sys.stdout = stdout = _wrap(sys.stdout)
+    stdout.needs_reader = True
+    return stdout
+
+
+def _wrap(original: Any) -> Stream:  # noqa: ANN401 - TextIO has no detach
+    settings = {name: getattr(original, name) for name in _SETTINGS}
+    return Stream(original.detach(), **settings)
+
+
+def _open_devnull(number: int, flags: int) -> None:
+    handle = os.open(os.devnull, flags)
+    if handle != number:
+        os.dup2(handle, number)
+        os.close(handle)
+    os.set_inheritable(number, True)

@@ -1,0 +1,389 @@
+"""Output of a batch: for each input, and a summary."""
+
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+
+from depthcli.cli.screen import console
+from depthcli.cli.screen.progress import show_progress
+from depthcli.core.progress import Interrupt
+from depthcli.core.text import one_line
+from depthcli.core.types import DepthRange
+from depthcli.errors import SIGNAL_BASE, Message, ModelError, UsageError
+from depthcli.io.formats.metadata import DepthMetadata, anchor_fields, camera_text
+from depthcli.io.listing.folder import skip_summary
+from depthcli.jobs.batch.options import Tally
+from depthcli.jobs.batch.plan import Plan
+from depthcli.jobs.batch.run import Batch, DryRunResult
+from depthcli.jobs.batch.tasks import Result
+from depthcli.jobs.convert import ConvertResult, FolderPlan
+from depthcli.jobs.outputs import FailedInput
+from depthcli.jobs.predict.pictures import PictureResult
+from depthcli.jobs.video.run import VideoResult
+
+
+@dataclass(frozen=True, slots=True)
+class StopOnSignal:
+    """A :class:`depthcli.core.progress.Progress` that ends the work after a signal."""
+
+    interrupt: Interrupt  #: records the signal
+
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
+        """A stage that checks for a signal after each unit."""
+        del what, total, unit
+        return lambda _count: self.check()
+
+    def check(self) -> None:
+        """Raise SystemExit if a signal came."""
+        if self.interrupt.number is not None:
+            raise SystemExit(SIGNAL_BASE + self.interrupt.number)
+
+
+@dataclass(frozen=True, slots=True)
+class BatchScreen:
+    """Prints the results of a batch."""
+
+    as_json: bool  #: print one JSON object per input
+    quiet: bool  #: print errors only
+
+    def run(self, batch: Batch, plan: Plan, stop: StopOnSignal) -> None:
+        """Run a batch, and print its results."""
+        for warning in () if self.quiet else batch.warnings:
+            console.warn(warning)
+        resumes = True
+        try:
+            with show_progress(silent=self.quiet or self.as_json) as progress, closing(batch):
+                stage = progress.begin("", batch.tally.total, "inputs")
+                for result in batch:
+                    self._print(result)
+                    failed = len(batch.tally.failures)
+                    stage.note = f"{failed} failed" if failed else ""
+                    (stage.skip if result.is_kept else stage)(1)
+                    stop.check()
+        except ModelError:
+            stop.check()  # the network was stopped
+            raise
+        except UsageError:
+            resumes = False
+            raise
+        finally:
+            for result in batch.late:
+                self._print(result)
+            self._print_summary(plan, batch, resumes=resumes)
+
+    def _print(self, result: Result) -> None:
+        if self.as_json:
+            console.out_json(result.row.as_json() | {"kept": result.is_kept})
+        elif not self.quiet and not result.is_kept:
+            for warning in result.row.warnings:
+                console.warn(f"{result.row.input}: {warning}")
+
+    def _print_summary(self, plan: Plan, batch: Batch, *, resumes: bool) -> None:
+        """Print the failures, then the counts."""
+        tally = batch.tally
+        for name, reason in tally.failures:
+            if name not in reason:
+                fact = reason if isinstance(reason, Message) else Message(reason)
+                reason = fact.about(name)  # noqa: PLW2901
+            console.error(reason)
+        if batch.stopped:
+            console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
+        if tally.failures and self.quiet:
+            console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
+        if self.quiet:
+            return
+        for loop in plan.loops:
+            console.warn(f"{loop} is a link to a folder above it; skipped")
+        say = console.note if self.as_json else console.report
+        speed = f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
+        say(f"{', '.join(_counts(plan, tally))}; {speed}")
+        if resumes and tally.completed < tally.total and not batch.stopped:
+            console.note("stopped early; run the same command again to resume")
+        if batch.manifest.exists():  # the disk may have been too full for it
+            say(one_line(f"manifest: {batch.manifest}"))
+
+
+def _counts(plan: Plan, tally: Tally) -> list[str]:
+    parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
+    if tally.kept:
+        parts.append(f"{tally.kept} already done")
+    if tally.failures:
+        parts.append(f"{len(tally.failures)} failed")
+    if plan.skipped:
+        parts.append(skip_summary(plan.skipped))
+    return parts
+
+
+def print_dry_run(results: Iterable[DryRunResult], plan: Plan, *, as_json: bool) -> int:
+    """Print what would be done for each input, and the counts; the number that would fail."""
+    for warning in plan.warnings:
+        console.warn(warning)
+    counts = {"do": 0, "keep": 0, "fail": 0}
+    for one in results:
+        counts[one.would] += 1
+        paths = [str(path) for path in one.outputs]
+        _print_dry_run_result(one.would, one.input, paths, one.error, as_json=as_json)
+    for file in plan.skipped:
+        _print_dry_run_result("skip", file.name, [], file.reason, as_json=as_json)
+    rest = f"; {skip_summary(plan.skipped)}" if plan.skipped else ""
+    console.note(
+        f"would process {counts['do']}, keep {counts['keep']} already done, fail "
+        f"{counts['fail']}{rest}"
+    )
+    return counts["fail"]
+
+
+def _print_dry_run_result(
+    what: str, name: str, outputs: Sequence[str], problem: str | None, *, as_json: bool
+) -> None:
+    if as_json:
+        console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
+    else:
+        result = f": {problem}" if problem else f" -> {', '.join(outputs)}"
+        console.out(one_line(f"{what:<4}  {name}{result}"))
+
+
+def print_picture(
+    result: PictureResult | FailedInput, *, as_json: bool, quiet: bool, to_stderr: bool
+) -> None:
+    """Print the result of an input as one JSON object or as text; with ``quiet``, only errors.
+
+    Text goes to standard error if standard output carries a depth map.
+    """
+    if isinstance(result, FailedInput):
+        print_failed(result, as_json=as_json)
+    elif as_json:
+        console.out_json(picture_json(result))
+    elif not quiet:
+        (console.note if to_stderr else console.report)(picture_text(result))
+        for warning in result.warnings:
+            console.warn(f"{result.name}: {warning}")
+
+
+def print_failed(failed: FailedInput, *, as_json: bool) -> None:
+    """Print that an input failed, and why."""
+    reason = str(failed.error)
+    if as_json:
+        console.out_json({"input": failed.name, "status": "failed", "error": reason})
+    console.error(reason if reason.startswith(failed.name) else f"{failed.name}: {reason}")
+
+
+def picture_json(done: PictureResult) -> dict[str, object]:
+    """The fields of one line of ``--json``."""
+    known = DepthMetadata.of(done.depth)
+    return {
+        "input": done.name,
+        "status": "ok",
+        "outputs": list(done.outputs),
+        "kind": known.kind,
+        "unit": known.unit,
+        **DepthRange.of(done.depth)._asdict(),
+        "width": done.depth.width,
+        "height": done.depth.height,
+        **known.origin(),
+        **anchor_fields(done.depth),
+        "provider": done.provider,
+        "seconds": round(done.seconds, 6),
+        "warnings": list(done.warnings),
+    }
+
+
+def picture_text(done: PictureResult) -> str:
+    """One line: outputs, range of depth, camera."""
+    files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
+    spread = DepthRange.of(done.depth)
+    if spread.min is None:
+        return f"{files}  no depth"
+    unit = " m" if done.depth.is_metric else f" ({done.depth.kind}, no unit)"
+    numbers = f"min {spread.min:.3f}, median {spread.median:.3f}, max {spread.max:.3f}{unit}"
+    camera = camera_text(done.depth)
+    return f"{files}  {numbers}" + (f"  camera: {camera}" if camera else "")
+
+
+def print_video(
+    result: VideoResult | FailedInput, *, as_json: bool, quiet: bool, to_stderr: bool
+) -> None:
+    """Print the result of a video as one JSON object or as text; with ``quiet``, only errors.
+
+    Text goes to standard error if standard output carries a video.
+    """
+    if isinstance(result, FailedInput):
+        print_failed(result, as_json=as_json)
+        return
+    if as_json:
+        console.out_json(video_json(result))
+    elif not quiet:
+        (console.note if to_stderr else console.report)(video_text(result))
+        for warning in result.warnings:
+            console.warn(_about(result.name, warning))
+    if result.problem:
+        console.error(_about(result.name, f"{result.problem}; frames written: {result.frames}"))
+
+
+def _about(name: str, text: str) -> str:
+    """A message that begins with the name of what it is about."""
+    return text.about(name) if isinstance(text, Message) else f"{name}: {text}"
+
+
+def video_json(done: VideoResult) -> dict[str, object]:
+    """The object of ``--json``."""
+    return {
+        "input": done.name,
+        "status": "incomplete" if done.problem else "ok",
+        "outputs": list(done.outputs),
+        **done.metadata(),
+        "provider": done.provider,
+        "seconds": round(done.seconds, 6),
+        "processed_fps": round(done.frames / done.seconds, 3),
+        "warnings": [console.worded(warning) for warning in done.warnings],
+        "error": done.problem,
+    }
+
+
+def video_text(done: VideoResult) -> str:
+    """One line: outputs, number of frames, flicker, camera."""
+    from depthcli.io.formats.metadata import camera_text
+
+    files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
+    frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"
+    flicker = "" if done.flicker is None else f", flicker {done.flicker:.2%} per frame"
+    before = done.flicker_unsmoothed
+    smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
+    camera = camera_text(done.depth)
+    seen_by = f"  camera: {camera}" if camera else ""
+    speed = f"{frames} at {done.rate} fps in {done.seconds:.1f} s"
+    return f"{files}  {speed}{flicker}{smoothed}{seen_by}"
+
+
+_NOT_READ_BACK = {"max_error": None, "mean_error": None, "lost": None}
+
+
+def print_conversion(done: ConvertResult, *, as_json: bool, quiet: bool) -> None:
+    """Print the conversion of one file: a JSON object, or a line and the warnings."""
+    if as_json:
+        console.out_json({"input": done.source, **_outcome(done)})
+    elif not quiet:
+        console.report(one_line(_conversion_text(done)))
+        for warning in done.warnings:
+            console.warn(warning)
+
+
+def print_frames(
+    results: Generator[ConvertResult, None, None], *, as_json: bool, quiet: bool
+) -> None:
+    """Print the conversions of a video's frames: a JSON object each, or a line and a warning."""
+    totals, first, warned, written = _Totals(), "", 0, list[str]()
+    with show_progress(silent=quiet or as_json) as progress, closing(results):
+        advance = progress.begin("", None, "frames")
+        for result in results:
+            totals.add(result)
+            written = [*written[:1], result.target]
+            if as_json:
+                console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
+            first = first or "; ".join(result.warnings)
+            warned += bool(result.warnings)
+            advance(1)
+    if not quiet:
+        (console.note if as_json else console.report)(
+            one_line(f"{totals.converted} frames -> {' to '.join(written)}{totals.text()}")
+        )
+        if warned and not as_json:
+            console.warn(f"{warned} frames have warnings, the first: {first}")
+
+
+@dataclass(frozen=True, slots=True)
+class FolderScreen:
+    """Prints the conversions of a folder: a JSON object each, or failures and a summary."""
+
+    as_json: bool  #: print one JSON object per input
+    quiet: bool  #: print errors only
+
+    def run(
+        self, results: Generator[ConvertResult | FailedInput, None, None], plan: FolderPlan
+    ) -> int:
+        """Print the results of a plan while they are made; return how many inputs failed."""
+        failures: list[FailedInput] = []
+        totals = _Totals()
+        for loop in () if self.quiet else plan.loops:
+            console.warn(f"{loop} is a link to a folder above it; skipped")
+        with show_progress(silent=self.quiet or self.as_json) as progress, closing(results):
+            stage = progress.begin("", len(plan.inputs), "files")
+            for result in results:
+                if isinstance(result, FailedInput):
+                    failures.append(result)
+                    stage.note = f"{len(failures)} failed"
+                else:
+                    totals.add(result)
+                self._print(result)
+                stage(1)
+        if not self.as_json:
+            for failed in failures:
+                print_failed(failed, as_json=False)
+        self._print_summary(totals, plan, len(failures))
+        return len(failures)
+
+    def _print(self, result: ConvertResult | FailedInput) -> None:
+        if isinstance(result, FailedInput):
+            if self.as_json:
+                print_failed(result, as_json=True)
+        elif self.as_json:
+            console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
+        elif not self.quiet:
+            for warning in result.warnings:
+                about = "" if warning.startswith(result.source) else f"{result.source}: "
+                console.warn(f"{about}{warning}")
+
+    def _print_summary(self, totals: "_Totals", plan: FolderPlan, failed: int) -> None:
+        parts = [f"{totals.converted} of {len(plan.inputs)} files converted"]
+        if failed:
+            parts.append(f"{failed} failed")
+        if plan.skipped:
+            parts.append(skip_summary(plan.skipped))
+        if not self.quiet:
+            (console.note if self.as_json else console.report)(", ".join(parts) + totals.text())
+
+
+@dataclass(slots=True)
+class _Totals:
+    """Counts and errors of all conversions."""
+
+    converted: int = 0
+    read_back: int = 0
+    max_error: float = 0.0
+    lost: int = 0
+    is_metric: bool = True
+
+    def add(self, done: ConvertResult) -> None:
+        self.converted += 1
+        if done.round_trip is not None:
+            self.read_back += 1
+            self.max_error = max(self.max_error, done.round_trip.max_error)
+            self.lost += done.round_trip.lost
+            self.is_metric &= done.depth.is_metric
+
+    def text(self) -> str:
+        """The largest round-trip error, if outputs were read back."""
+        if not self.read_back:
+            return ""
+        unit = " m" if self.is_metric else ""
+        return f"; round trip: max error {self.max_error:.3g}{unit}, {self.lost} pixels lost"
+
+
+def _outcome(done: ConvertResult) -> dict[str, object]:
+    return {
+        "output": done.target,
+        "unit": "m" if done.depth.is_metric else None,
+        **(asdict(done.round_trip) if done.round_trip else _NOT_READ_BACK),
+        "warnings": list(done.warnings),
+    }
+
+
+def _conversion_text(done: ConvertResult) -> str:
+    line, trip = f"{done.source} -> {done.target}", done.round_trip
+    if trip is not None:
+        unit = " m" if done.depth.is_metric else ""
+        line += (
+            f"  round trip: max error {trip.max_error:.3g}{unit}, "
+            f"mean {trip.mean_error:.3g}{unit}, {trip.lost} pixels lost"
+        )
+    return line

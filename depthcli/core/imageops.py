@@ -1,0 +1,276 @@
+"""Resizing with half-pixel centres, the same in training, inference and evaluation.
+
+Upsampling of a coarse map so that its edges follow those of a picture.
+
+Around each coarse pixel, the map is modelled as a linear function of the picture's brightness. The
+coefficients are upsampled, a few rows at a time, and applied to the picture itself. Slopes are
+multiplied by a gain first, because a network's edges are blurred.
+
+Source: He, Sun and Tang, "Guided Image Filtering", TPAMI 2013; He and Sun, "Fast Guided Filter",
+arXiv:1505.00996. The gain and the clamping to the local range are our own.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.types import Frame
+
+
+def resize_bilinear(
+    values: npt.NDArray[np.float32], width: int, height: int
+) -> npt.NDArray[np.float32]:
+    """Bilinear, half-pixel centres, edges repeated, no antialiasing: how depth is resized.
+
+    From (H, W) or (H, W, C) float32 to (height, width) or (height, width, C); a copy only if the
+    size changes.
+    """
+    if values.shape[:2] == (height, width):
+        return values
+    return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+def resize_rows(
+    values: npt.NDArray[np.float32], width: int, height: int, rows: slice
+) -> npt.NDArray[np.float32]:
+    """Some rows of what :func:`resize_bilinear` returns, up to rounding, without the others.
+
+    ``values`` are (H, W) float32; ``height`` is that of the whole result. Never a view of them.
+    """
+    last = values.shape[0] - 1
+    numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
+    place = np.clip((numbers + 0.5) * (values.shape[0] / height) - 0.5, 0, last)
+    above = place.astype(np.intp)
+    share = (place - above).astype(np.float32)[:, np.newaxis]
+    upper = values[above]
+    mixed = upper + share * (values[np.minimum(above + 1, last)] - upper)
+    return resize_bilinear(mixed, width, mixed.shape[0])
+
+
+def resize_area(
+    values: npt.NDArray[np.float32], width: int, height: int
+) -> npt.NDArray[np.float32]:
+    """Mean over each output pixel's area where it shrinks, bilinear where it grows: pictures.
+
+    Shapes and types as of :func:`resize_bilinear`.
+    """
+    if values.shape[:2] == (height, width):
+        return values
+    rows, columns = values.shape[:2]
+    if width <= columns and height <= rows:
+        return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_AREA))
+    # OpenCV's area method repeats pixels where it grows, so such an axis is stretched on its own.
+    shrunk = (min(width, columns), min(height, rows))
+    return resize_bilinear(resize_area(values, *shrunk), width, height)
+
+
+def resize_cubic(
+    values: npt.NDArray[np.float32], width: int, height: int
+) -> npt.NDArray[np.float32]:
+    """Bicubic, half-pixel centres, edges repeated, no antialiasing; it may overshoot.
+
+    Shapes and types as of :func:`resize_bilinear`.
+    """
+    if values.shape[:2] == (height, width):
+        return values
+    return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_CUBIC))
+
+
+BAND_PIXELS = 100_000
+"""Pixels of a band: its few float arrays fit a processor's L2 cache."""
+
+
+def row_bands(width: int, height: int) -> Iterator[slice]:
+    """Rows of a picture from top to bottom, about :data:`BAND_PIXELS` pixels at a time."""
+    count = max(1, BAND_PIXELS // width)
+    for top in range(0, height, count):
+        yield slice(top, min(top + count, height))
+
+
+def shrink_bands(
+    pixels: npt.NDArray[np.generic],
+    plane: Callable[[npt.NDArray[np.generic]], npt.NDArray[np.float32]],
+    width: int,
+    height: int,
+) -> npt.NDArray[np.float32]:
+    """What ``resize_area(plane(pixels), width, height)`` returns, up to rounding.
+
+    Args:
+        pixels: (H, W) or (H, W, 3), of a frame.
+        plane: a pointwise function of pixels, such as those of :mod:`depthcli.core.imageops`.
+        width: of the result.
+        height: of the result.
+
+    Returns:
+        (height, width) or (height, width, C) float32.
+    """
+    rows, columns = pixels.shape[:2]
+    narrowest = min(width, columns)  # a strip is widened once it is short
+    narrow = [
+        resize_area(plane(pixels[band]), narrowest, band.stop - band.start)
+        for band in row_bands(columns, rows)
+    ]
+    return resize_area(np.concatenate(narrow), width, height)
+
+
+_LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
+
+
+def value_channel(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """V of HSV, the largest of R, G and B, (H, W) float32 in [0, 1]; gray is its own V.
+
+    Pixels are (H, W) or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
+    """
+    if pixels.ndim == 2:  # noqa: PLR2004
+        return unit(pixels)
+    red, green, blue = cv2.split(pixels)  # type: ignore[arg-type]
+    return unit(cv2.max(cv2.max(red, green), blue))
+
+
+def luma(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """Rec. 601 luma of the coded values; arguments and result as in :func:`value_channel`."""
+    if pixels.ndim == 2:  # noqa: PLR2004
+        return unit(pixels)
+    gray = np.asarray(cv2.transform(unit(pixels), _LUMA), np.float32)
+    return gray.reshape(pixels.shape[:2])
+
+
+def brightness(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """Luma to the precision of the pixels' own type, which is much faster than :func:`luma`."""
+    if pixels.ndim == 2:  # noqa: PLR2004
+        return unit(pixels)
+    return unit(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY))  # type: ignore[arg-type]
+
+
+def rgb(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """Three channels (H, W, 3) float32 in [0, 1]; gray is repeated."""
+    values = unit(pixels)
+    return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)  # noqa: PLR2004
+
+
+def unit(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+    """Coded values of any shape as float32 in [0, 1]."""
+    if pixels.dtype == np.float32:
+        return np.clip(pixels, 0, 1)
+    top = 255 if pixels.dtype == np.uint8 else 65535
+    return pixels.astype(np.float32) * np.float32(1 / top)
+
+
+# Chosen on held-out scenes, see docs/sharpness.md: less smoothing copies texture into depth, and
+# more gain sharpens where there is no edge.
+_SMOOTHING = 1e-3  # variance of brightness in [0, 1] below which the map keeps its local mean
+_GAIN = 1.5
+
+
+def upsample_guided(
+    depth: npt.NDArray[np.float32], frame: Frame, *, in_log: bool, radius: int = 1
+) -> npt.NDArray[np.float32]:
+    """Depth at the picture's size, whose edges follow those of the picture.
+
+    It is bilinear if the picture is no larger than the map, or the map has holes.
+
+    Args:
+        depth: (h, w) float32 of the whole picture.
+        frame: the picture.
+        in_log: filter log depth, for which ``depth`` must be greater than 0: edges are then treated
+            alike near and far.
+        radius: of the filter's window, in pixels of ``depth``: the width of a pixel of the
+            network's own output.
+
+    Returns:
+        (H, W) float32 at the picture's size, within the range of ``depth`` near each pixel.
+    """
+    height, width = depth.shape
+    if frame.width <= width or frame.height <= height or not np.isfinite(depth).all():
+        return resize_bilinear(depth, frame.width, frame.height)
+    small = shrink_bands(frame.pixels, brightness, width, height)
+    fitted = GuidedMap.fit(np.log(depth) if in_log else depth, small, radius)
+    values = np.empty((frame.height, frame.width), np.float32)
+    for rows in row_bands(frame.width, frame.height):
+        band = fitted.rows(brightness(frame.pixels[rows]), rows, frame.height)
+        values[rows] = np.exp(band, out=band) if in_log else band
+    return values
+
+
+class GuidedMap(NamedTuple):
+    """Coefficients of a guided filter at a coarse size, to be applied at any larger size."""
+
+    #: (h, w) float32, change of the map with the picture's brightness
+    slope: npt.NDArray[np.float32]
+    offset: npt.NDArray[np.float32]  #: (h, w) float32, the map where brightness is 0
+    low: npt.NDArray[np.float32]  #: (h, w) float32, least value of the map within the radius
+    high: npt.NDArray[np.float32]  #: (h, w) float32, largest value of the map within the radius
+
+    @classmethod
+    def fit(
+        cls, coarse: npt.NDArray[np.float32], guide: npt.NDArray[np.float32], radius: int = 1
+    ) -> Self:
+        """Fit the coefficients.
+
+        Args:
+            coarse: (h, w) float32, finite.
+            guide: (h, w) float32 in [0, 1], brightness of the picture at the map's size.
+            radius: of the window, in coarse pixels; a larger one blurs depth.
+        """
+        mean = partial(_box_mean, radius=radius)
+        mean_guide, mean_coarse = mean(guide), mean(coarse)
+        # Differences of large numbers lose float32's digits, so the mean is subtracted first.
+        centred = np.asarray(coarse - coarse.mean(), np.float32)
+        covariance = mean(guide * centred) - mean_guide * mean(centred)
+        variance = mean(guide * guide) - mean_guide * mean_guide
+        slope = np.asarray(_GAIN * covariance / (variance.clip(0) + _SMOOTHING), np.float32)
+        offset = np.asarray(mean_coarse - slope * mean_guide, np.float32)
+        window = np.ones((2 * radius + 1,) * 2, np.uint8)
+        low, high = cv2.erode(coarse, window), cv2.dilate(coarse, window)
+        return cls(mean(slope), mean(offset), np.asarray(low), np.asarray(high))
+
+    def rows(
+        self, guide: npt.NDArray[np.float32], rows: slice, height: int
+    ) -> npt.NDArray[np.float32]:
+        """Some rows of the map at the picture's size, clamped to the coarse map's local range.
+
+        Args:
+            guide: (n, W) float32 in [0, 1], brightness of these rows of the picture.
+            rows: which rows they are.
+            height: rows of the picture.
+
+        Returns:
+            (n, W) float32.
+        """
+        width = guide.shape[1]
+        slope, offset, low, high = (
+            resize_rows(part, width, height, rows)
+            for part in (self.slope, self.offset, self.low, self.high)
+        )
+        values = cv2.multiply(slope, guide, dst=slope)
+        values = cv2.add(values, offset, dst=values)
+        return np.asarray(cv2.min(cv2.max(values, low, dst=values), high, dst=values))
+
+
+def _box_mean(values: npt.NDArray[np.float32], radius: int) -> npt.NDArray[np.float32]:
+    size = (2 * radius + 1,) * 2
+    return np.asarray(cv2.blur(values, size, borderType=cv2.BORDER_REPLICATE))
+
+
+_HDR_TRANSFERS = {16: "PQ", 18: "HLG"}  # of ITU-T H.273
+
+
+def transfer_warning(transfer: int, what: str, to: str) -> str | None:
+    """A warning about high dynamic range; None without it.
+
+    Args:
+        transfer: code of the transfer function in ITU-T H.273.
+        what: what has it.
+        to: what to convert it to.
+    """
+    name = _HDR_TRANSFERS.get(transfer)
+    if name is None:
+        return None
+    return (
+        f"the colours are high dynamic range ({name}) and are taken as they are stored; for better "
+        f"depth, convert the {what} to {to} first"
+    )

@@ -1,0 +1,143 @@
+"""Choices for options of depth maps and models; free of numpy, so that help texts can list them."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+from depthcli.core.validation import Rule
+from depthcli.errors import InputError, UsageError
+
+
+class Upsampling(StrEnum):
+    """How depth is upsampled from the network's size to the picture's."""
+
+    GUIDED = "guided"
+    """Edges follow those of the picture."""
+    BILINEAR = "bilinear"
+    """Bilinear interpolation; the picture is not used."""
+
+
+class Weights(StrEnum):
+    """Which weights of a training run make its model."""
+
+    AVERAGED = "averaged"
+    """Their moving average (``optim.ema``); those of the last step if there is no average."""
+    RAW = "raw"
+    """Those of the last step."""
+
+
+class Colormap(StrEnum):
+    """Colormaps of a preview."""
+
+    INFERNO = "inferno"
+    TURBO = "turbo"
+    MAGMA = "magma"
+    VIRIDIS = "viridis"
+    SPECTRAL = "spectral"
+    GRAY = "gray"
+
+
+class Near(StrEnum):
+    """Colour of near depth in a preview."""
+
+    WARM = "warm"
+    """The warm end of the colormap, or its bright one."""
+    WHITE = "white"
+    BLACK = "black"
+
+
+class Sensor(StrEnum):
+    """How depth of rendered rooms is measured."""
+
+    NONE = "none"
+    """It is exact."""
+    KINECT = "kinect"
+    """With the noise and the holes of a structured-light sensor."""
+
+
+class Crop(StrEnum):
+    """The part of the frame that is evaluated."""
+
+    NONE = "none"
+    """The full frame."""
+    EIGEN = "eigen"
+    """Rows 45 to 470 and columns 41 to 600 of 480×640."""
+
+
+class Mask(StrEnum):
+    """The pixels that have ground truth in an evaluation."""
+
+    FILLED = "filled"
+    """All of the in-filled depth."""
+    RAW = "raw"
+    """Only where the sensor measured: raw depth > 0."""
+
+
+AUTO_TILE = 0
+"""Tile width that stands for three quarters of the picture's width; see docs/sharpness.md."""
+GPU_BATCH = 8
+"""Batch size of the network on other providers than the CPU."""
+MAX_PIXELS = 250_000_000
+"""Larger pictures are refused, unless another limit is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detail:
+    """How the depth of a full-size picture is made from a network's output.
+
+    Attributes:
+        upsampling: how depth is upsampled to the picture's size.
+        tile_px: width of tiles in pixels of the picture; None for no tiles, 0 for 3/4 of its width.
+    """
+
+    upsampling: Upsampling = Upsampling.GUIDED
+    tile_px: int | None = None
+
+    def __post_init__(self) -> None:
+        """Accept strings for the choices.
+
+        Raises:
+            UsageError: a value is not valid.
+        """
+        if self.upsampling not in tuple(Upsampling):
+            names = " or ".join(Upsampling)
+            raise UsageError(f"upsampling is {names}, not {self.upsampling!r}")
+        object.__setattr__(self, "upsampling", Upsampling(self.upsampling))
+        if self.tile_px is not None and self.tile_px < 0:
+            raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
+
+
+DEFAULT_DETAIL = Detail()
+"""Guided upsampling, no tiles."""
+
+
+def check_pixel_count(name: str, width: int, height: int, max_pixels: int = MAX_PIXELS) -> None:
+    """Refuse an image by the size that its header claims, before any of it is decoded.
+
+    Raises:
+        InputError: it has more than ``max_pixels``.
+    """
+    if width * height > max_pixels:
+        raise InputError(
+            f"{name} claims {width}×{height} pixels, more than {max_pixels:,}",
+            "raise {max_pixels} if you trust the file",
+        )
+
+
+WHITE_LEVEL = Rule("a whole number from 1 to 65535", lambda level: 1 <= level <= 0xFFFF)  # noqa: PLR2004
+"""Values of white in 16-bit images."""
+EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 20)  # noqa: PLR2004
+"""Exposures of images of linear light."""
+
+
+class ReadOptions(NamedTuple):
+    """What the files of images do not state."""
+
+    #: value of white in 16-bit integers; None for 65535, or what the file states
+    white_level: int | None = None
+    exposure: float = 0.0  #: stops by which linear light of an EXR is brightened
+    layer: str | None = None  #: of an EXR, that is its image; None for the likeliest
+
+
+AS_STATED = ReadOptions()
+"""What the files state, or the default."""

@@ -1,0 +1,168 @@
+"""Work on a stream of items with several threads, in order and in bounded memory."""
+
+import math
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+from typing import Generic, TypeVar
+
+import cv2
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def ordered_map(
+    function: Callable[[_Item], _Result],
+    items: Iterable[_Item],
+    *,
+    workers: int,
+    ahead: int | None = None,
+) -> Generator[_Result, None, None]:
+    """``map`` by threads: results come in the order of the items, however long each takes.
+
+    Items are pulled by the thread that iterates, so an iterator over a video need not be safe for
+    threads. Stages are chained by giving one map's results to the next.
+
+    Args:
+        function: must release the interpreter lock for threads to help; OpenCV, onnxruntime and
+            zlib do.
+        items: of any length; at most ``ahead`` are in memory at a time.
+        workers: threads; 0 works in the calling thread.
+        ahead: items pulled before their results are asked for; None for two for each worker.
+
+    Yields:
+        One result for each item. What ``function`` raises is raised here, at that item's turn;
+        items not yet begun are dropped then, as they are when the iterator is closed.
+    """
+    if workers == 0:
+        yield from map(function, items)
+        return
+    ahead = 2 * workers if ahead is None else ahead
+    pending: deque[Future[_Result]] = deque()
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="depthcli")
+    try:
+        for item in items:
+            pending.append(pool.submit(function, item))
+            if len(pending) >= ahead:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def process_map(
+    function: Callable[[_Item], _Result], items: Iterable[_Item], *, workers: int
+) -> Generator[_Result, None, None]:
+    """``map`` by processes: results come in the order of the items.
+
+    Args:
+        function: can be pickled, as can its items and results.
+        items: of any length; a few for each worker are in memory at a time.
+        workers: processes; with fewer than two, the calling process does the work.
+
+    Yields:
+        One result for each item, as :func:`~depthcli.core.parallel` does.
+    """
+    if workers <= 1:
+        yield from map(function, items)
+        return
+    # A signal ends this process at once; the resource tracker then warns of the pool's semaphores.
+    sys.warnoptions.append("ignore:resource_tracker:UserWarning")
+    context = multiprocessing.get_context("spawn")  # a fork would copy locks held by threads
+    with ProcessPoolExecutor(workers, context, initializer=_start_worker) as pool:
+        yield from ordered_map(
+            lambda item: pool.submit(function, item).result(), items, workers=2 * workers
+        )
+
+
+def _start_worker() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends its workers
+    Thread(target=_exit_with_parent, daemon=True).start()
+
+
+def _exit_with_parent() -> None:
+    """Exit when the parent was killed; else the worker would wait for work forever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+class Background(Generic[_Result]):
+    """One function, started at once in its own thread.
+
+    The standard library's executors do the same, but importing them takes longer than is saved.
+    """
+
+    def __init__(self, function: Callable[[], _Result]) -> None:
+        self._function = function
+        self._result: list[_Result] = []
+        self._error: BaseException | None = None
+        # A daemon, so that Ctrl-C need not wait for a model that loads for seconds.
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def result(self) -> _Result:
+        """Wait for the function; return what it returned, or raise what it raised."""
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+        return self._result[0]
+
+    def _run(self) -> None:
+        try:
+            self._result.append(self._function())
+        except BaseException as error:  # noqa: BLE001 - raised again by result()
+            self._error = error
+
+
+_CPU_MAX = Path("/sys/fs/cgroup/cpu.max")
+
+
+def usable_cores() -> int:
+    """Cores that this process may use, which in a container can be fewer than the machine has."""
+    cores = os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    return max(1, math.ceil(min(cores, _quota(_CPU_MAX))))
+
+
+def _quota(path: Path) -> float:
+    """CPU seconds per second that a control group (version 2) may use; infinite without a limit."""
+    try:
+        quota_us, period_us = path.read_text("ascii").split()
+        return int(quota_us) / int(period_us)
+    except (OSError, ValueError, ZeroDivisionError):  # "max" stands for no limit
+        return math.inf
+
+
+def share_cores(workers: int | None = None, threads: int | None = None) -> tuple[int, int]:
+    """Number of workers, and of threads for each of them.
+
+    None stands for one worker a core, and for each worker's share of the cores.
+    """
+    cores = usable_cores()
+    workers = workers or cores
+    return workers, threads or max(1, cores // workers)
+
+
+@contextmanager
+def one_thread_each(workers: int) -> Iterator[None]:
+    """Let OpenCV use the calling thread alone while there are two workers or more."""
+    threads = cv2.getNumThreads()
+    if workers > 1:
+        cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)

@@ -1,0 +1,242 @@
+"""Making the network's input tensor from a picture, as the model's card states."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core import imageops as colour
+from depthcli.core.imageops import (
+    resize_area,
+    resize_bilinear,
+    resize_cubic,
+    shrink_bands,
+    upsample_guided,
+)
+from depthcli.core.options import Upsampling
+from depthcli.core.types import DepthKind, Frame
+from depthcli.models.card import MAX_INPUT_PIXELS, Colour, Fit, InputSpec, OutputSpec, Resize
+
+_PLANES = {Colour.VALUE: colour.value_channel, Colour.LUMA: colour.luma, Colour.RGB: colour.rgb}
+_RESIZES = {Resize.AREA: resize_area, Resize.LINEAR: resize_bilinear, Resize.CUBIC: resize_cubic}
+_LARGE_PIXELS = 4_000_000  # larger pictures are converted to float in bands
+# Times the shorter side; longer pictures are padded to that. Chosen on held-out pairs, on which a
+# longer input of the same area is worse: docs/accuracy.md.
+_MAX_ASPECT = 2
+_GRID_PX = 2  # pixels of the input for one of a smaller output
+_MAX_AREA_FACTOR = 16  # times the nominal pixel count, for a picture that is one long strip
+
+
+class Layout(NamedTuple):
+    """Position of the picture in the network's input; all in pixels of that input."""
+
+    width: int  #: columns of the whole input
+    height: int  #: rows of the whole input
+    left: int  #: first column of the picture
+    top: int  #: first row of the picture
+    inner_width: int  #: columns of the picture
+    inner_height: int  #: rows of the picture
+
+    @property
+    def is_padded(self) -> bool:
+        """Whether the picture fills less than the whole input."""
+        return (self.inner_width, self.inner_height) != (self.width, self.height)
+
+
+def input_layout(spec: InputSpec, width: float, height: float) -> Layout:
+    """The layout of a picture of ``width`` x ``height`` square pixels."""
+    if spec.fit is Fit.STRETCH:
+        return _without_padding(spec.width, spec.height)
+    if spec.fit is Fit.LOWER_BOUND or spec.fit is Fit.UPPER_BOUND:
+        return _bounded(spec, width, height)
+    if spec.dynamic:
+        return _same_area(spec, width, height)
+    return _letterboxed(spec, spec.width, spec.height, width, height)
+
+
+def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Layout]:
+    """The network's input for a picture, (1, C, H, W) float32, normalized; and its layout."""
+    layout = input_layout(spec, frame.width * frame.pixel_aspect, frame.height)
+    small = _resized_planes(spec, frame, layout)
+    small = small.reshape(layout.inner_height, layout.inner_width, spec.colour.channels)
+    if layout.is_padded:
+        small = _pad(small, layout)
+    normalized = (small - np.asarray(spec.mean, np.float32)) / np.asarray(spec.std, np.float32)
+    batch = normalized.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
+    return np.ascontiguousarray(batch), layout
+
+
+def _resized_planes(spec: InputSpec, frame: Frame, layout: Layout) -> npt.NDArray[np.float32]:
+    planes = _PLANES[spec.colour]
+    size = layout.inner_width, layout.inner_height
+    if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
+        return shrink_bands(frame.pixels, planes, *size)
+    return _RESIZES[spec.resize](planes(frame.pixels), *size)
+
+
+def _same_area(spec: InputSpec, width: float, height: float) -> Layout:
+    """The pixel count of the nominal size, so that latency does not depend on the aspect."""
+    nominal = spec.width / spec.height
+    longest = max(_MAX_ASPECT, nominal, 1 / nominal)
+    aspect = width / height / spec.pixel_aspect
+    wanted = min(max(aspect, 1 / longest), longest)
+    area = spec.width * spec.height
+    sides = math.sqrt(area * wanted), math.sqrt(area / wanted)
+    columns, rows = (_multiple(side, spec.multiple_of) for side in sides)
+    if wanted == aspect:
+        return _without_padding(columns, rows)
+    padded = _letterboxed(spec, columns, rows, width, height)
+    return _on_grid(padded) if columns % _GRID_PX == rows % _GRID_PX == 0 else padded
+
+
+def _letterboxed(spec: InputSpec, columns: int, rows: int, width: float, height: float) -> Layout:
+    """As large as possible in an input of ``columns`` x ``rows``, centred."""
+    # The scales of rows and columns differ by the network's pixel aspect.
+    scale = min(columns / width, rows / (height * spec.pixel_aspect))
+    inner_width = min(columns, max(1, round(width * scale)))
+    inner_height = min(rows, max(1, round(height * scale * spec.pixel_aspect)))
+    left, top = (columns - inner_width) // 2, (rows - inner_height) // 2
+    return Layout(columns, rows, left, top, inner_width, inner_height)
+
+
+def _on_grid(padded: Layout) -> Layout:
+    """The layout whose picture begins and ends with a pixel of an output of half the size."""
+    inner_width, inner_height = (
+        _multiple(size, _GRID_PX) for size in (padded.inner_width, padded.inner_height)
+    )
+    left, top = (
+        (whole - inner) // 2 // _GRID_PX * _GRID_PX
+        for whole, inner in ((padded.width, inner_width), (padded.height, inner_height))
+    )
+    return Layout(padded.width, padded.height, left, top, inner_width, inner_height)
+
+
+def _bounded(spec: InputSpec, width: float, height: float) -> Layout:
+    """Exactly the sizes that MiDaS and Depth Anything choose.
+
+    Source: ``Resize.get_size`` in ``util/transform.py`` of
+    https://github.com/DepthAnything/Depth-Anything-V2.
+    """
+    lower = spec.fit is Fit.LOWER_BOUND
+    scale = (max if lower else min)(spec.height / height, spec.width / width)
+    most = min(_MAX_AREA_FACTOR * spec.width * spec.height, MAX_INPUT_PIXELS)
+    if lower and scale**2 * width * height > most:
+        return _layout_of_strip(spec, width, height, most)
+    bound = _at_least if lower else _at_most
+    return _without_padding(
+        bound(scale * width, spec.multiple_of, spec.width),
+        bound(scale * height, spec.multiple_of, spec.height),
+    )
+
+
+def _layout_of_strip(spec: InputSpec, width: float, height: float, most: int) -> Layout:
+    """Layout of an extreme aspect, whose lower bound would take 100 GB for 1 x 5000 pixels."""
+    scale = math.sqrt(most / (width * height))
+    short = _multiple(scale * min(width, height), spec.multiple_of)
+    longest = max(spec.multiple_of, most // short // spec.multiple_of * spec.multiple_of)
+    long = min(_multiple(scale * max(width, height), spec.multiple_of), longest)
+    return _without_padding(long, short) if width > height else _without_padding(short, long)
+
+
+def _at_least(size: float, step: int, least: int) -> int:
+    nearest = _multiple(size, step)
+    return nearest if nearest >= least else math.ceil(size / step) * step
+
+
+def _at_most(size: float, step: int, most: int) -> int:
+    nearest = _multiple(size, step)
+    return nearest if nearest <= most else max(step, math.floor(size / step) * step)
+
+
+def _without_padding(width: int, height: int) -> Layout:
+    return Layout(width, height, 0, 0, width, height)
+
+
+def _multiple(size: float, step: int) -> int:
+    return max(step, round(size / step) * step)
+
+
+def _pad(picture: npt.NDArray[np.float32], layout: Layout) -> npt.NDArray[np.float32]:
+    """Pad by repeating the edges: the network would take a dark border for a surface."""
+    bottom = layout.height - layout.top - layout.inner_height
+    right = layout.width - layout.left - layout.inner_width
+    return np.pad(picture, ((layout.top, bottom), (layout.left, right), (0, 0)), mode="edge")
+
+
+def coarse_depth(
+    spec: OutputSpec, raw: npt.NDArray[np.float32], layout: Layout
+) -> npt.NDArray[np.float32]:
+    """Depth of one picture from the network's raw output (h, w), (h, w) float32 of the card's kind.
+
+    Infinities are replaced, because resizing would turn them into NaN.
+    """
+    depth = _finite(spec, spec.codec.decode(raw))
+    return _crop(depth, layout) if layout.is_padded else depth
+
+
+def full_size(
+    spec: OutputSpec,
+    coarse: npt.NDArray[np.float32],
+    frame: Frame,
+    upsampling: Upsampling,
+    radius: int = 1,
+) -> npt.NDArray[np.float32]:
+    """Depth at the picture's size.
+
+    Args:
+        spec: the card's output.
+        coarse: (h, w) float32 of the whole picture.
+        frame: the picture.
+        upsampling: how depth is upsampled.
+        radius: of the guided filter, in pixels of ``coarse``.
+
+    Returns:
+        (H, W) float32 of the card's kind: metres within the card's range if metric; NaN at 0 m.
+    """
+    if upsampling is Upsampling.BILINEAR:
+        depth = in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
+    else:
+        coarse, in_log = in_range(spec, coarse), blends_in_log(spec)
+        depth = in_range(spec, upsample_guided(coarse, frame, in_log=in_log, radius=radius))
+    if spec.kind is DepthKind.METRIC and not blends_in_log(spec):
+        depth[depth == 0] = np.nan
+    return depth
+
+
+def blends_in_log(spec: OutputSpec) -> bool:
+    """Whether depth of this kind is always above 0, so that its logarithm can be blended."""
+    return spec.kind is DepthKind.METRIC and bool(np.float32(spec.min_m or 0) > 0)
+
+
+def in_range(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Clip metres to the card's range, in place; other kinds have none."""
+    if spec.kind is not DepthKind.METRIC:
+        return depth
+    # In place, because a copy of a large picture's depth takes much memory.
+    return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m), out=depth)
+
+
+def _finite(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Replace infinities, which a weight of zero in the resize would turn into NaN."""
+    if not np.isinf(depth).any():
+        return depth
+    if spec.kind is DepthKind.METRIC:
+        return in_range(spec, depth)
+    return np.where(np.isinf(depth), np.float32(np.nan), depth)
+
+
+def _crop(depth: npt.NDArray[np.float32], layout: Layout) -> npt.NDArray[np.float32]:
+    """Crop the picture from a letterbox.
+
+    A smaller output in which the picture does not begin and end with a pixel is first resized to
+    the input's size.
+    """
+    stride = max(1, layout.width // depth.shape[1])
+    is_smaller = depth.shape == (layout.height // stride, layout.width // stride)
+    if not is_smaller or any(length % stride for length in layout):
+        depth, stride = resize_bilinear(depth, layout.width, layout.height), 1
+    top, left = layout.top // stride, layout.left // stride
+    rows = slice(top, top + layout.inner_height // stride)
+    columns = slice(left, left + layout.inner_width // stride)
+    return np.ascontiguousarray(depth[rows, columns])

@@ -1,0 +1,139 @@
+"""The files of known depth; free of numpy until they are read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import DEPTH_M
+from depthcli.core.validation import Rule
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.images.decode import read_bytes
+from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.paths import path_of, safe_name
+from depthcli.io.tables import CsvTable
+
+SUFFIXES = (".csv", ".png", ".exr", ".npy")
+"""Suffixes of files with known depth."""
+_OUTPUT = ".depth"
+"""What the outputs of ``convert`` have before their suffix."""
+_ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorFiles:
+    """A file with known depth, or a folder with one for each picture."""
+
+    path: str  #: the file or the folder
+    #: units per metre of PNG and of integers in NPY; None for what the file states, or millimetres
+    scale: float | None = None
+
+    def read(self) -> AnchorPoints:
+        """Read the file.
+
+        Raises:
+            InputError: it cannot be read, or holds no known depth, or there is a scale and its
+                format has none.
+        """
+        path = path_of(self.path)
+        if path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"{path} holds no known depth; give a file with {_ALTERNATIVES}")
+        return self.read_file(path)
+
+    def read_file(self, path: Path) -> AnchorPoints:
+        """Read one of the folder's files; raises the errors of :meth:`read`."""
+        return read_known_depth(path, self.scale)
+
+    def file_for(
+        self, name: str, *, shares_stem: bool = False, picture: Path | None = None
+    ) -> Path:
+        """The folder's file for a picture.
+
+        For ``a.jpg``, that is ``a.jpg.npy``, else ``a.jpg.depth.npy``, ``a.npy`` or
+        ``a.depth.npy``.
+
+        Args:
+            name: the picture, relative to its own folder, with ``/`` between the parts.
+            shares_stem: whether ``a.npy`` could be that of another picture, such as ``a.png``.
+            picture: its file, which is not its known depth, whatever its suffix.
+
+        Raises:
+            InputError: there is none, or several, or only one that could be that of another
+                picture.
+        """
+        folder = path_of(self.path)
+        above, slash, own = name.rpartition("/")
+        base = above + slash + (own.rpartition(".")[0] or own)
+        found = _files(folder, name) or _files(folder, name + _OUTPUT)
+        if not found:
+            found = _files(folder, base, picture) or _files(folder, base + _OUTPUT)
+            if found and shares_stem:
+                raise InputError(
+                    f"{found[0]} may be the known depth of this or of another picture "
+                    f"{safe_name(base)}; name it {safe_name(name)}{found[0].suffix}"
+                )
+        if not found:
+            raise InputError(
+                f"{folder} has no known depth for it: {safe_name(base)} with {_ALTERNATIVES}"
+            )
+        if len(found) > 1:
+            raise InputError(f"{found[0]} and {found[1]} are both its known depth; remove one")
+        return found[0]
+
+
+def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:
+    files = [file for suffix in SUFFIXES if (file := folder / (stem + suffix)).is_file()]
+    return [file for file in files if picture is None or not is_same_file(file, picture)]
+
+
+_WITHOUT_SCALE = (".csv", ".exr")
+_PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: -0.5 <= px < 1e9)  # noqa: PLR2004
+_COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}
+
+
+def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
+    """The points of a CSV table, or of a sparse depth map in PNG, EXR or NPY.
+
+    Args:
+        path: the file.
+        scale: units per metre of PNG and of integers in NPY; None for what the file states, or
+            millimetres.
+
+    Raises:
+        InputError: it cannot be read, or holds no known depth, or there is a scale and its format
+            has none.
+    """
+    suffix = path.suffix.lower()
+    if scale is not None and suffix in _WITHOUT_SCALE:
+        raise InputError(f"{path} is in metres; --anchors-scale is for PNG and NPY")
+    if suffix == ".csv":
+        return _table(read_bytes(path), str(path))
+    try:
+        stored = read_stored_depth(path, png_scale=scale)
+    except UsageError as error:  # of this file, not of all that the scale is given for
+        raise InputError(f"--anchors-scale: {error}") from error
+    depth = stored.displayed
+    if not depth.is_metric:
+        raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
+    points = AnchorPoints.of_map(depth.values)
+    if not len(points):
+        raise InputError(f"{path} has no pixel with depth")
+    return replace(points, warnings=stored.warnings_with_scale("--anchors-scale"))
+
+
+def _table(data: bytes, name: str) -> AnchorPoints:
+    """The points of a CSV table with the columns x, y and depth_m."""
+    table = CsvTable(data, name)
+    for column in _COLUMNS:
+        if column not in table.columns:
+            raise InputError(
+                f"{name} has no column {column}; its first line has to name x, y and depth_m"
+            )
+    points = [[row.number(column, rule) for column, rule in _COLUMNS.items()] for row in table]
+    if not points:
+        raise InputError(f"{name} has no points")
+    return AnchorPoints.of_table(np.array(points, np.float64))

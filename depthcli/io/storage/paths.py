@@ -1,0 +1,343 @@
+"""Paths of objects in a store and of files behind HTTP."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import re
+import stat
+import sys
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote, urlsplit
+
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.storage import objects
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+SCHEMES = ("s3", "gs", "az", "http", "https")
+_HTTP = ("http", "https")
+_SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
+
+
+def without_file_scheme(name: str | os.PathLike[str]) -> str:
+    """A ``file://`` URI as a path; any other name as text, unchanged.
+
+    Raises:
+        UsageError: the URI names a host.
+    """
+    text = os.fspath(name)
+    return os.fspath(path_of(text)) if text.lower().startswith("file://") else text
+
+
+def path_of(name: str | os.PathLike[str]) -> Path:
+    """The local or remote path of a name.
+
+    Args:
+        name: a plain path, or a URI: ``s3://``, ``gs://``, ``az://``, ``http://``, ``https://`` or
+            ``file://``. A path is returned as it is.
+
+    Raises:
+        UsageError: it is a URI of another kind, has no bucket or host, or has a key that no path
+            can hold.
+    """
+    if isinstance(name, Path):
+        return name
+    text = os.fspath(name)
+    found = _SCHEME.match(text)
+    if found is None:
+        return Path(text)
+    scheme = found[1].lower()
+    if scheme == "file":
+        parts = urlsplit(text)
+        if parts.netloc not in {"", "localhost"}:
+            raise UsageError(f"{text} names a host; write file:///folder/name")
+        return Path(unquote(parts.path))
+    if scheme not in SCHEMES:
+        raise UsageError(
+            f"{objects.masked(text)}: unknown scheme {found[1]}://; use "
+            f"{'://, '.join(SCHEMES)}:// or file://, or copy it to a local folder"
+        )
+    rest, _, query = text[found.end() :].partition("?" if scheme in _HTTP else "\0")
+    if rest.startswith("/") or not rest:
+        where = "host" if scheme in _HTTP else "bucket"
+        raise UsageError(f"{objects.masked(text)} has no {where}; write {scheme}://{where}/name")
+    # A path would leave out these parts, and so name another object.
+    if scheme not in _HTTP and {"", ".", ".."} & {*rest.removesuffix("/").split("/")}:
+        raise UsageError(f"{text}: a key with an empty, '.' or '..' part cannot be used")
+    path = RemotePath(f"{scheme}://{rest}")
+    path.query = query
+    return path
+
+
+def is_remote(name: str | os.PathLike[str]) -> bool:
+    """Whether a name is the URI of a remote file."""
+    return isinstance(path_of(name), RemotePath)
+
+
+def join(folder: str, name: str) -> str:
+    """A name joined to a folder, which may be remote; an absolute or remote name unchanged."""
+    if _SCHEME.match(name):
+        return name
+    if _SCHEME.match(folder) and not os.path.isabs(name):  # noqa: PTH117 - any string
+        return f"{folder.rstrip('/')}/{name.removeprefix('./')}"
+    return os.path.join(folder, name)  # noqa: PTH118 - keeps "./" and names with any byte
+
+
+def safe_name(name: str) -> str:
+    """A name for messages and reports: a URI without its password and its signature."""
+    return str(path_of(name)) if _SCHEME.match(name) else name
+
+
+def check_writable(path: Path) -> None:
+    """Check that an output path can be written to, before any work is done.
+
+    Raises:
+        UsageError: it is behind HTTP.
+    """
+    if isinstance(path, RemotePath) and path.is_http:
+        raise UsageError(f"{path} is behind HTTP, where nothing is written; give another -o")
+
+
+class RemotePath(Path, PurePosixPath):
+    """An object, or a prefix as a folder, with the methods of a path that are used here.
+
+    ``str`` gives the URI without its password and its query, for messages; no local file has such
+    a name.
+
+    Attributes:
+        query: of an HTTP address, such as a signature; paths derived from this one have none.
+    """
+
+    query = ""
+
+    @property
+    def base(self) -> str:
+        """Scheme and bucket or host, as ``s3://bucket``; with the password, if there is one."""
+        return "//".join(self.parts[:2])
+
+    @property
+    def key(self) -> str:
+        """The name inside the bucket."""
+        return "/".join(self.parts[2:])
+
+    @property
+    def address(self) -> objects.Address:
+        """The address for requests."""
+        return objects.Address(self.base, self.key, self.query, str(self))
+
+    @property
+    def is_http(self) -> bool:
+        """Whether it is behind HTTP, where files cannot be written or listed."""
+        return self.parts[0].startswith("http")
+
+    def __str__(self) -> str:
+        if not self.parts or not self.parts[0].endswith(":"):  # relative to a folder
+            return "/".join(self.parts) or "."
+        host = self.base.rpartition("@")
+        base = f"{self.parts[0]}//{host[2]}" if self.is_http and host[1] else self.base
+        return f"{base}/{self.key}".rstrip("/")
+
+    def __fspath__(self) -> str:
+        return str(self)
+
+    def __reduce__(self) -> Any:  # noqa: ANN401 - what pickle asks for
+        query = f"?{self.query}" if self.query else ""
+        return path_of, (f"{self.base}/{self.key}{query}",)
+
+    def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
+        """Size and time of the object; a prefix with objects below it is a folder.
+
+        Raises:
+            OSError: there is neither, or the request failed.
+        """
+        try:
+            known = objects.object_info(self.address)
+        except FileNotFoundError:
+            if not self.is_dir():
+                raise
+            return os.stat_result((stat.S_IFDIR, *bytes(9)))
+        times_s = (known.time_s,) * 3
+        return os.stat_result((stat.S_IFREG, *bytes(5), known.size, *times_s))
+
+    def exists(self, **_: Any) -> bool:  # noqa: ANN401 - as a path has it
+        """Whether there is such an object or folder."""
+        try:
+            self.stat()
+        except FileNotFoundError:
+            return False
+        return True
+
+    def is_file(self, **_: Any) -> bool:  # noqa: ANN401
+        """Whether there is such an object."""
+        try:
+            # A signed address allows reading only; without the right to list, S3 answers 403 for
+            # missing objects.
+            return bool(self.query or objects.object_info(self.address))
+        except (FileNotFoundError, PermissionError):
+            return False
+
+    def is_dir(self, **_: Any) -> bool:  # noqa: ANN401
+        """Whether there are objects below it; False behind HTTP."""
+        try:
+            return not self.is_http and next(self.walk_names(), None) is not None
+        except FileNotFoundError:  # the bucket itself
+            return False
+
+    def is_symlink(self) -> bool:
+        """No: stores have no links."""
+        return False
+
+    def samefile(self, other_path: str | os.PathLike[str]) -> bool:
+        """Whether both are one object."""
+        return self == path_of(other_path)
+
+    def absolute(self) -> RemotePath:
+        """The same."""
+        return self
+
+    def resolve(self, *_: Any, **__: Any) -> RemotePath:  # noqa: ANN401
+        """The same."""
+        return self
+
+    def mkdir(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
+        """Do nothing: stores have no folders to make."""
+
+    def unlink(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
+        """Delete the object."""
+        objects.delete(self.address)
+
+    def read_bytes(self) -> bytes:
+        """The whole object.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        return self.read_some()
+
+    def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
+        """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes.
+
+        Raises:
+            OSError: it cannot be read, or is too large.
+        """
+        if first < 0:
+            return objects.read(self.address, max_bytes)
+        return objects.read_first(self.address, first)
+
+    def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
+        """Open the content for reading.
+
+        Raises:
+            OSError: it cannot be read, or the mode is not ``rb``.
+        """
+        if mode != "rb":
+            raise io.UnsupportedOperation(f"{self} is written as a whole, not opened as {mode!r}")
+        return io.BytesIO(self.read_bytes())
+
+    def names(self) -> Iterator[str]:
+        """Names of the objects directly in this folder, in the order of their bytes.
+
+        Raises:
+            OSError: the request failed.
+        """
+        found = () if self.is_http else self.walk_names()
+        return (name for name in found if "/" not in name)
+
+    def walk_names(self, after: str = "") -> Iterator[str]:
+        """Names of all objects below this folder, in the order of their bytes.
+
+        They come page by page: memory does not grow with their number.
+
+        Args:
+            after: begin after this name.
+
+        Raises:
+            OSError: the request failed.
+        """
+        return objects.list_names(self.address, after)
+
+
+def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
+    """Content of a regular file, or its ``first`` bytes.
+
+    Raises:
+        OSError: it cannot be read, is not a regular file, is larger than ``max_bytes``, or grows.
+    """
+    if isinstance(path, RemotePath):
+        return path.read_some(max_bytes, first=first)
+    size = regular_size(path)
+    if size > max_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
+    if not size:
+        return b""
+    # Python allocates as many bytes as are requested, so ``max_bytes`` are not.
+    with path.open("rb") as file:
+        content = file.read(size + 1 if first < 0 else min(first, size))
+    if len(content) > size:
+        raise OSError(errno.EAGAIN, "it grew while it was read; try again", path)
+    return content
+
+
+def regular_size(path: Path) -> int:
+    """Size of a regular file in bytes.
+
+    Pipes and devices may never end, nor may some special files such as ``/proc/kmsg``, whose size
+    is 0.
+
+    Raises:
+        OSError: it is missing, or is not a regular file.
+    """
+    try:
+        status = path.stat()
+    except ValueError as error:  # a NUL byte, or what no file system can hold
+        raise OSError(errno.EINVAL, f"no file has such a name ({error})", path) from None
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder", path)
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "it is a pipe or a device; copy it to a file", path)
+    return status.st_size
+
+
+_PROGRAM = "depthcli"
+_NO_HOME = Path(os.path.abspath(os.devnull))  # noqa: PTH100 - Windows has it everywhere
+"""Stands for the home of a user without one: it has no files, and none can be written."""
+
+
+def data_folder() -> Path:
+    """Models: ``XDG_DATA_HOME``, else the platform's folder for an application's data."""
+    return _base_folder("XDG_DATA_HOME", "LOCALAPPDATA", ".local/share")
+
+
+def config_folder() -> Path:
+    """Profiles: ``XDG_CONFIG_HOME``, else the platform's folder for an application's settings."""
+    return _base_folder("XDG_CONFIG_HOME", "APPDATA", ".config")
+
+
+def _base_folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
+    stated = os.environ.get(variable, "")
+    if os.path.isabs(stated):  # noqa: PTH117 - the XDG specification has relative ones ignored
+        return Path(stated) / _PROGRAM
+    home = Path(os.path.expanduser("~"))  # noqa: PTH111 - Path.home() raises where there is none
+    if not home.is_absolute():
+        home = _NO_HOME
+    if sys.platform == "win32":
+        base = os.environ.get(windows_variable)
+        return (Path(base) if base else home) / _PROGRAM
+    if sys.platform == "darwin":
+        return home / "Library" / "Application Support" / _PROGRAM
+    return home / elsewhere / _PROGRAM
+
+
+def check_home(path: Path) -> None:
+    """Check, before a file is written, that it is not below a missing home folder.
+
+    Raises:
+        OutputError: it is.
+    """
+    if path.is_relative_to(_NO_HOME):
+        raise OutputError("there is no home folder to write to; set HOME")

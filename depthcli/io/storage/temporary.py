@@ -1,0 +1,227 @@
+"""Temporary files of this process, and stale ones that killed processes left.
+
+A process locks its own, so that another one can tell stale files from those that are being written.
+"""
+
+import errno
+import hashlib
+import os
+import re
+import stat
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+
+from depthcli.core.progress import exit_hook
+from depthcli.errors import OutputError
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder in the system's temporary one, removed when the block or the process ends.
+
+    Raises:
+        OutputError: it cannot be created.
+    """
+    from tempfile import TemporaryDirectory  # noqa: PLC0415 - 2 ms, and seldom used
+
+    try:
+        folder = TemporaryDirectory(prefix="depthcli-")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"cannot write a temporary file: {reason}; set TMPDIR") from error
+    with exit_hook(folder.cleanup), folder as name:
+        yield Path(name)
+
+
+_FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND
+# No link is followed and no pipe waited for; Windows has neither, but changes line ends.
+for _name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):
+    _FLAGS |= getattr(os, _name, 0)
+
+
+def lock(handle: int, *, shared: bool = False) -> bool:
+    """Lock an open file, exclusively or shared.
+
+    Returns:
+        Whether it was free; True as well where locks are not supported, such as on some network
+        file systems.
+    """
+    try:
+        import fcntl  # noqa: PLC0415 - not on Windows
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+@contextmanager
+def folder_lock(folder: Path, *, shared: bool = False) -> Iterator[bool]:
+    """Lock a folder for the block, exclusively or shared; yields whether it was free."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except PermissionError:  # Windows opens no folders
+        yield True
+        return
+    try:
+        yield lock(handle, shared=shared)
+    finally:
+        os.close(handle)
+
+
+def open_locked(path: Path) -> int | None:
+    """Open or create a file to read and append to, and lock it; None if it is locked already.
+
+    Raises:
+        OSError: it cannot be opened, or is a link, a pipe, a device or a folder.
+    """
+    while True:
+        handle = _opened(path)
+        is_ours = lock(handle)
+        if is_ours and _is_at(path, handle):
+            return handle
+        os.close(handle)
+        if not is_ours:
+            return None  # else the process that had it replaced or removed it: try again
+
+
+def _opened(path: Path) -> int:
+    try:
+        handle = os.open(path, _FLAGS, 0o666)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise OSError(errno.ELOOP, "it is a link; remove it", path) from error
+        raise
+    if stat.S_ISREG(os.fstat(handle).st_mode):
+        return handle
+    os.close(handle)
+    raise OSError(errno.EINVAL, "it is a pipe or a device; remove it", path)
+
+
+def _is_at(path: Path, handle: int) -> bool:
+    try:
+        return os.path.samestat(path.lstat(), os.fstat(handle))
+    except FileNotFoundError:
+        return False
+
+
+_NAME = r"(?s)\.depthcli-[0-9a-f]{16}(?:\..*)?"
+_STALE_AGE_S = 86_400.0
+"""Where locks are not supported, files of this age are taken for stale."""
+_MAX_ENTRIES = 10_000
+"""Limit of the entries of a folder that are searched for stale files, which takes time."""
+_SETTLE_S = 0.02
+"""By then, threads that were about to open a temporary file have done so."""
+_LOCK_TIMEOUT_S = 1.0
+"""For a thread that keeps the lock because it waits for a disk, or for the reader of its output
+while it ends the process."""
+
+_lock = threading.RLock()  # a signal handler may need it while its own thread holds it
+_own: set[Path] = set()
+_searched: set[Path] = set()
+
+
+@contextmanager
+def temporary_beside(path: Path) -> Iterator[Path]:
+    """A temporary path in the same folder; its file is removed if the block or the process fails.
+
+    The name depends on the path's, so that the next process overwrites the file of a killed one;
+    the file is locked, so that a second process with the same output takes a random name. Other
+    stale files in the folder are removed first.
+    """
+    with _lock:
+        is_new = path.parent not in _searched
+        _searched.add(path.parent)
+    if is_new:
+        remove_stale(path.parent, most=_MAX_ENTRIES)
+    usual, other = hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16], os.urandom(8).hex()
+    temporary = path.with_name(f".depthcli-{usual}{path.suffix}")
+    handle = _locked(temporary)
+    if handle is None:
+        temporary = path.with_name(f".depthcli-{other}{path.suffix}")
+        handle = _locked(temporary)
+    with _lock:
+        _own.add(temporary)
+    try:
+        yield temporary
+    except BaseException:
+        _remove(temporary)
+        raise
+    finally:
+        if handle is not None:
+            os.close(handle)
+        with _lock:
+            _own.discard(temporary)
+
+
+def _locked(temporary: Path) -> int | None:
+    """A handle of a temporary file, locked by this process; None if it cannot be locked."""
+    if sys.platform == "win32":  # which does not rename what is open
+        return None
+    handle = None
+    with _lock:
+        is_new = not os.path.lexists(temporary)
+        if is_new:
+            _own.add(temporary)  # a signal may arrive as soon as it exists, even in this thread
+        with suppress(OSError):  # another user's, or the folder is not writable
+            handle = open_locked(temporary)
+        if handle is not None:
+            _own.add(temporary)
+        elif is_new:
+            _own.discard(temporary)
+    return handle
+
+
+def remove_own() -> None:
+    """Remove this process's temporary files, and keep other threads from creating more.
+
+    The process must end now: those threads wait forever.
+    """
+    _lock.acquire(timeout=_LOCK_TIMEOUT_S)
+    for path in tuple(_own):
+        _remove(path)
+    time.sleep(_SETTLE_S)
+    for path in tuple(_own):
+        _remove(path)
+
+
+def remove_stale(folder: Path, most: int | None = None) -> None:
+    """Remove the temporary files of killed processes in a folder.
+
+    Args:
+        folder: is searched without its subfolders.
+        most: limit of the entries that are searched; None for all.
+    """
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in islice(entries, most):
+            if re.fullmatch(_NAME, entry.name):
+                with suppress(OSError):  # a link, a folder, or another user's
+                    _remove_stale(Path(entry.path))
+
+
+def _remove_stale(path: Path) -> None:
+    handle = open_locked(path)
+    if handle is None:
+        return
+    try:
+        second = open_locked(path)
+        if second is not None:  # locks are not supported here
+            os.close(second)
+        if second is None or time.time() - path.stat().st_mtime > _STALE_AGE_S:
+            _remove(path)
+    finally:
+        os.close(handle)
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):  # the folder is gone or read-only: there is nothing to remove
+        path.unlink(missing_ok=True)

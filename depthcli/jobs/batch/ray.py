@@ -1,0 +1,410 @@
+"""Running a batch on a Ray cluster; each worker is a process that loads the model once.
+
+Plain actors rather than Ray Data: a dead worker must cost only its own pictures, a picture that
+kills its worker must fail alone, and results must reach the journal call by call.
+
+A pool of workers on a cluster of any kind.
+
+When a worker dies, the inputs of its calls are retried one by one, each on a worker that has no
+other call, so that an input that kills its worker is identified and no other one is blamed.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain, islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import cv2
+
+from depthcli._version import __version__
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.text import INSTALL_RAY, one_line
+from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
+from depthcli.io.images.native_log import silent_opencv
+from depthcli.io.manifest.row import Origin
+from depthcli.io.storage.paths import RemotePath
+from depthcli.jobs.batch.tasks import Result
+from depthcli.jobs.batch.workers import PictureTask, VideoTask, VideoWorker, WorkerSpec
+
+if TYPE_CHECKING:
+    from depthcli.jobs.batch.tasks import Task
+    from depthcli.jobs.batch.workers import PictureWorker
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One request to a worker: chunks of pictures, or a video."""
+
+    chunks: tuple[Sequence[PictureTask], ...] = ()
+    video: VideoTask | None = None
+    lost_workers: int = 0  #: workers that died with it
+
+    def split(self) -> Iterator[Call]:
+        """One call for each input, after its worker was lost."""
+        if self.video is not None:
+            yield Call(video=self.video, lost_workers=self.lost_workers + 1)
+        for chunk in self.chunks:
+            for task in chunk:
+                yield Call(chunks=((task,),), lost_workers=self.lost_workers + 1)
+
+    @property
+    def task(self) -> Task[Any]:
+        """The first input."""
+        return self.video or self.chunks[0][0]
+
+
+class RemoteWorker:
+    """A worker process on a cluster."""
+
+    def __init__(self, spec: WorkerSpec, folder: str, cpus: float) -> None:
+        """Store the arguments; nothing is loaded yet, so that errors come with the first call."""
+        self._spec, self._folder, self._cpus = spec, folder, max(1, int(cpus))
+        self._worker: PictureWorker | None = None
+
+    def start(self, version: str) -> Origin:
+        """Load the model.
+
+        Raises:
+            EngineError: this machine has another version, or no access to the output folder.
+            ModelError: the model cannot be loaded here, or is another one.
+        """
+        here = socket.gethostname()
+        if version != __version__:
+            raise EngineError(f"{here} has depthcli {__version__}; install {version} there")
+        if Path(self._folder).is_dir():
+            os.chdir(self._folder)  # so that relative paths mean the same as for the driver
+        out = self._spec.out
+        if not isinstance(out, RemotePath) and not out.is_dir():
+            raise EngineError(
+                f"{here} cannot see {out}; put inputs and --out where all machines can"
+            )
+        cv2.setNumThreads(self._cpus)
+        self._worker = self._spec.build()
+        return self._worker.origin
+
+    def work(self, call: Call) -> list[Result]:
+        """Process the inputs of a call.
+
+        Raises:
+            ModelError: the network fails on any picture.
+        """
+        if self._worker is None:
+            raise TypeError(self._worker)
+        with silent_opencv():
+            if call.video is not None:
+                return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.video)]
+            return [result for chunk in call.chunks for result in self._worker.work(chunk)]
+
+
+_LOSSES = 3
+_CALLS_PER_WORKER = 2  # one running and one queued
+
+
+class Cluster(Protocol):
+    """Where the workers run. Workers and futures are any hashable objects."""
+
+    def start_worker(self) -> tuple[Hashable, Hashable]:
+        """Start a worker; returns it, and a future whose result is its ``Origin``."""
+
+    def submit(self, worker: Hashable, call: Call) -> Hashable:
+        """Submit a call to a worker; returns a future whose result is a list of results."""
+
+    def wait_any(self, futures: Sequence[Hashable]) -> Hashable:
+        """Wait until one of the futures is done, and return it."""
+
+    def result(self, future: Hashable) -> object:
+        """The result of a future that is done, or the error by which its worker was lost.
+
+        Raises:
+            DepthcliError: raised by the worker.
+        """
+
+    def kill(self, worker: Hashable) -> None:
+        """Kill a worker."""
+
+    def wait_all(self, futures: Sequence[Hashable]) -> None:
+        """Wait until all of these are done, or for a few seconds."""
+
+
+class WorkerPool:
+    """Distributes calls to workers, and replaces workers that die."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        self._cluster = cluster
+        self._futures: dict[
+            Hashable, tuple[Hashable, Call | None]
+        ] = {}  # None: a worker that starts
+        self._assigned: dict[Hashable, list[Call]] = {}  # of the workers that have started
+        self._suspects: deque[Call] = deque()  # calls whose workers died
+        self._origin: Origin | None = None
+        self._failed_starts = 0
+
+    def results(self, calls: Iterator[Call], workers: int) -> Iterator[Sequence[Result]]:
+        """The results of each call, in any order."""
+        following = deque(islice(calls, 1))
+        for _ in range(workers if following else 0):
+            self._start_worker()
+        # A call of a lost worker is pending, too, until its error is received.
+        while following or self._suspects or any(call for _, call in self._futures.values()):
+            self._assign(following, calls)
+            future = self._cluster.wait_any(list(self._futures))
+            worker, call = self._futures.pop(future)
+            found = self._cluster.result(future)
+            if isinstance(found, Origin):
+                self._origin, self._assigned[worker] = found, []
+            elif call is None:
+                self._handle_failed_start(found)
+            elif isinstance(found, list):
+                self._assigned[worker].remove(call)
+                yield found
+            else:
+                yield from self._handle_lost_worker(worker, call)
+
+    def close(self) -> None:
+        """Kill all workers, and wait for their calls to end."""
+        for worker in {*self._assigned, *(worker for worker, _ in self._futures.values())}:
+            self._cluster.kill(worker)
+        self._cluster.wait_all([future for future, (_, call) in self._futures.items() if call])
+
+    def _start_worker(self) -> None:
+        worker, future = self._cluster.start_worker()
+        self._futures[future] = (worker, None)
+
+    def _assign(self, following: deque[Call], calls: Iterator[Call]) -> None:
+        """Submit calls; a call that has lost a worker gets the next one for itself."""
+        for worker, load in self._assigned.items():
+            if self._suspects:
+                if not load:
+                    self._submit(worker, self._suspects.popleft())
+            elif not any(call.lost_workers for call in load):
+                while following and len(load) < _CALLS_PER_WORKER:
+                    self._submit(worker, following.popleft())
+                    following.extend(islice(calls, 1))
+
+    def _submit(self, worker: Hashable, call: Call) -> None:
+        self._futures[self._cluster.submit(worker, call)] = (worker, call)
+        self._assigned[worker].append(call)
+
+    def _handle_failed_start(self, error: object) -> None:
+        """Start another worker, unless none can start."""
+        self._failed_starts += 1
+        if self._origin is None and self._failed_starts >= _LOSSES:
+            lines = str(error).strip().splitlines() or [""]
+            raise EngineError(
+                f"workers exit before they start ({one_line(lines[-1])}); is depthcli "
+                f"{__version__} installed on every machine of the cluster?"
+            )
+        self._start_worker()
+
+    def _handle_lost_worker(self, worker: Hashable, call: Call) -> Iterator[Sequence[Result]]:
+        """Retry a call whose worker died, or give it up."""
+        if self._assigned.pop(worker, None) is not None:
+            self._start_worker()
+        if call.lost_workers + 1 < _LOSSES:
+            self._suspects.extend(call.split())
+        elif self._origin is not None:
+            error = InputError(
+                f"{call.task.input.path}: {_LOSSES} worker processes ended while it was processed; "
+                "it may need more memory than a worker has"
+            )
+            yield [call.task.failed_result(error, self._origin, time.perf_counter(), None)]
+
+
+_CHUNKS_PER_CALL = 8
+_CONNECT_TIMEOUT_S = 5.0
+_SHUTDOWN_TIMEOUT_S = 5.0
+_POLL_INTERVAL_S = 0.5
+_SPECIAL_ADDRESSES = ("auto", "local")
+LOCAL_CLUSTER: dict[str, Any] = {
+    "include_dashboard": False,
+    "object_store_memory": 100_000_000,  # pictures go through files
+    "_node_ip_address": "127.0.0.1",
+}
+"""Options of ``ray.init`` for a cluster of this machine only, which no other can reach."""
+
+
+class RayEngine:
+    """An :class:`depthcli.jobs.batch.threads.Engine`, connected to a cluster."""
+
+    def __init__(
+        self,
+        address: str | None = None,
+        *,
+        workers: int | None = None,
+        cpus: float = 1,
+        gpus: float = 0,
+        progress: Progress = NO_PROGRESS,
+    ) -> None:
+        """Connect.
+
+        Args:
+            address: ``host:port``, ``ray://host:port``, or ``local`` to start a cluster on this
+                machine; None for ``RAY_ADDRESS``, or the cluster that this machine belongs to.
+            workers: number of workers; None for as many as the cluster has free resources for.
+            cpus: per worker.
+            gpus: per worker.
+            progress: called with 0 while waiting, so that it can stop the work by raising.
+
+        Raises:
+            UsageError: Ray is not installed.
+            EngineError: there is no such cluster, it has another version of Ray or Python, or no
+                machine of it has room for a worker.
+        """
+        try:
+            import ray  # noqa: PLC0415 - an extra
+        except ImportError:
+            raise UsageError(f"--engine ray needs Ray; {INSTALL_RAY}") from None
+        address = address or os.environ.get("RAY_ADDRESS") or "auto"
+        if address not in _SPECIAL_ADDRESSES:
+            _check_reachable(address)
+        self._ray, self._is_own = ray, not ray.is_initialized()
+        if self._is_own:
+            _connect(ray, address)
+        self._cpus, self._gpus = cpus, gpus
+        self._poll = progress.begin("", None)
+        self._workers = workers or _worker_capacity(ray, cpus, gpus)
+        if not self._workers:
+            self.close()
+            raise EngineError(
+                f"no machine of the Ray cluster has {cpus:g} CPUs and {gpus:g} GPUs; change "
+                "--cpus-per-worker or --gpus-per-worker, or give --workers to wait for more"
+            )
+
+    def close(self) -> None:
+        """Disconnect, unless Ray was initialized by the caller."""
+        if self._is_own:
+            self._ray.shutdown()
+
+    def run(
+        self,
+        spec: WorkerSpec,
+        chunks: Iterable[Sequence[PictureTask]],
+        videos: Iterable[VideoTask],
+        record: Callable[[Sequence[Result]], None],
+    ) -> Generator[Result, None, None]:
+        """Process pictures and videos, as every engine does.
+
+        Raises:
+            EngineError: workers die at start, or a machine lacks the version or files they need.
+            ModelError: the network fails on any picture.
+        """
+        own = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)
+        kind = own(RemoteWorker)
+        here = os.getcwd()  # noqa: PTH109
+        pool = WorkerPool(
+            _Actors(self._ray, lambda: kind.remote(spec, here, self._cpus), self._poll)
+        )
+        rest = iter(chunks)
+        groups = iter(lambda: tuple(islice(rest, _CHUNKS_PER_CALL)), ())
+        calls = chain(map(Call, groups), (Call(video=video) for video in videos))
+        try:
+            for results in pool.results(calls, self._workers):
+                record(results)
+                yield from results
+        finally:
+            pool.close()
+
+
+@dataclass(frozen=True, slots=True)
+class _Actors:
+    """Ray actors as a :class:`depthcli.jobs.batch.ray.Cluster`."""
+
+    ray: Any
+    make: Callable[[], Any]
+    poll: Callable[[int], object]
+
+    def start_worker(self) -> tuple[Any, Any]:
+        worker = self.make()
+        return worker, worker.start.remote(__version__)
+
+    def submit(self, worker: Any, call: Call) -> Any:  # noqa: ANN401 - Ray's own
+        return worker.work.remote(call)
+
+    def wait_any(self, futures: Sequence[Any]) -> Any:  # noqa: ANN401
+        while not (landed := self.ray.wait(futures, num_returns=1, timeout=_POLL_INTERVAL_S)[0]):
+            self.poll(0)
+        return landed[0]
+
+    def result(self, future: Any) -> object:  # noqa: ANN401
+        try:
+            return self.ray.get(future)
+        except self.ray.exceptions.RayTaskError as error:
+            cause = error.cause
+            if isinstance(cause, DepthcliError):
+                raise cause from None
+            raise EngineError(
+                one_line(f"a worker of the Ray cluster failed: {type(cause).__name__}: {cause}")
+            ) from error
+        except self.ray.exceptions.RayError as error:
+            return error
+
+    def kill(self, worker: Any) -> None:  # noqa: ANN401
+        self.ray.kill(worker)
+
+    def wait_all(self, futures: Sequence[Any]) -> None:
+        if futures:
+            self.ray.wait(futures, num_returns=len(futures), timeout=_SHUTDOWN_TIMEOUT_S)
+
+
+def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
+    how = {"log_to_driver": False, "logging_level": logging.ERROR}
+    if address == "local":
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no telemetry
+        how |= LOCAL_CLUSTER
+    with _preserve_sigterm_handler():
+        try:
+            ray.init(address, **how)
+        except ConnectionError as error:
+            where = "on this machine" if address == "auto" else f"at {address}"
+            raise EngineError(
+                f"no Ray cluster {where}; start one with 'ray start --head', name one with "
+                "--ray-address HOST:PORT, or let --ray-address local start one for this batch"
+            ) from error
+        except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
+            said = " ".join(str(error).split())
+            raise EngineError(one_line(f"cannot join the Ray cluster {address}: {said}")) from error
+
+
+def _check_reachable(address: str) -> None:
+    """Try to connect first; Ray itself would retry for a minute, then end the process."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if not host or not port.isdecimal():
+        raise UsageError(f"--ray-address {address} is not HOST:PORT, ray://HOST:PORT or local")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT_S).close()
+    except (OSError, OverflowError) as error:
+        raise EngineError(
+            f"no Ray cluster at {address}: {error}; see --ray-address, and 'ray status' there"
+        ) from error
+
+
+@contextmanager
+def _preserve_sigterm_handler() -> Iterator[None]:
+    """Restore the SIGTERM handler, which removes temporary files and which Ray replaces."""
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, before)
+
+
+def _worker_capacity(ray: Any, cpus: float, gpus: float) -> int:  # noqa: ANN401 - a module
+    """Number of workers that the cluster has resources for."""
+    count = 0
+    for node in ray.nodes():
+        has = node["Resources"] if node["Alive"] else {}
+        rooms = [has.get(name, 0) // each for name, each in (("CPU", cpus), ("GPU", gpus)) if each]
+        count += int(min(rooms, default=0))
+    return count

@@ -1,0 +1,332 @@
+"""Processing pictures in a worker, from their files to their outputs."""
+
+import hashlib
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from depthcli._version import __version__
+from depthcli.core.anchors import AnchorPoints
+from depthcli.core.fingerprint import fingerprint
+from depthcli.core.progress import Progress
+from depthcli.core.types import DepthMap, Frame, displayed_depth
+from depthcli.errors import InputError, ModelError, UsageError
+from depthcli.inference.loading import SessionLoader
+from depthcli.inference.measure import check_network
+from depthcli.inference.pipeline import Pipeline, Prediction
+from depthcli.inference.session import Session
+from depthcli.io.formats.metadata import camera_text
+from depthcli.io.formats.table import Format
+from depthcli.io.images.decode import read_bytes
+from depthcli.io.images.read import read_image
+from depthcli.io.listing.folder import InputFile
+from depthcli.io.manifest.row import FAILED, OK, AnchorEntry, Origin, Row, output_entry
+from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.paths import path_of
+from depthcli.io.storage.transfer import local_copy
+from depthcli.jobs.batch.options import BatchOptions
+from depthcli.jobs.batch.tasks import Result, Task, check_picture, check_video
+from depthcli.jobs.outputs import write_output
+from depthcli.jobs.video.plan import VideoPlan, VideoSettings
+from depthcli.jobs.video.run import write_video
+from depthcli.video.formats import SEQUENCES, VideoFormat
+
+PictureTask: TypeAlias = Task[Format]
+
+
+@dataclass(frozen=True, slots=True)
+class _OpenedPicture:
+    """A picture that was read."""
+
+    task: PictureTask
+    frame: Frame
+    guard: Guard
+    points: AnchorPoints | None
+    sha256: str
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class PictureWorker:
+    """Processes pictures; thread-safe."""
+
+    options: BatchOptions  #: how each picture is processed
+    out: Path  #: the output folder
+    origin: Origin  #: model and options of the batch
+    pipeline: Pipeline  #: the model
+
+    def work(self, tasks: Sequence[PictureTask]) -> list[Result]:
+        """Process some pictures; the network runs on them as one batch.
+
+        Raises:
+            ModelError: the network fails on any picture.
+            UsageError: the options do not fit the model, or outputs are those of other inputs.
+        """
+        opened = [self._open(task) for task in tasks]
+        readable = [one for one in opened if isinstance(one, _OpenedPicture)]
+        start_s = time.perf_counter()
+        predictions = iter(self._predictions(readable))
+        share_s = (time.perf_counter() - start_s) / max(1, len(readable))
+        return [
+            self._finish(one, next(predictions), share_s)
+            if isinstance(one, _OpenedPicture)
+            else one
+            for one in opened
+        ]
+
+    def _open(self, task: PictureTask) -> _OpenedPicture | Result:
+        start_s = time.perf_counter()
+        sha256 = None
+        try:
+            data = read_input(task.input)
+            sha256 = hashlib.sha256(data).hexdigest()
+            points = self.options.points_for(
+                task.input, task.outputs.values(), shares_stem=task.shares_stem
+            )
+            row = task.reusable_row(self.out, sha256, self.origin, points)
+            if row is not None:
+                return Result(row, is_kept=True)
+            guard = task.guard(overwrite=self.options.overwrite)
+            if task.is_suspect:
+                check_picture(task.input.path, data)
+            frame = read_image(
+                path_of(task.input.path),
+                data,
+                max_pixels=self.options.max_pixels,
+                **self.options.reading._asdict(),
+            )
+        except Exception as error:  # noqa: BLE001 - no file may stop the others
+            return self._failed(task, error, start_s, sha256)
+        seconds = time.perf_counter() - start_s
+        return _OpenedPicture(task, frame, guard, points, sha256, seconds)
+
+    def _predictions(self, opened: Sequence[_OpenedPicture]) -> list[Prediction | Exception]:
+        return self.pipeline.predict_many(
+            [one.frame for one in opened],
+            [self.options.camera.of_image(one.task.lens) for one in opened],
+            [one.points for one in opened],
+        )
+
+    def _finish(
+        self, opened: _OpenedPicture, found: Prediction | Exception, share_s: float
+    ) -> Result:
+        task = opened.task
+        start_s = time.perf_counter() - opened.seconds - share_s
+        if isinstance(found, Exception):
+            check_network(found, self.pipeline.session)
+            return self._failed(task, found, start_s, opened.sha256)
+        depth = found.depth
+        try:
+            frame, points = opened.frame, opened.points
+            warnings = [*frame.warnings, *found.warnings]
+            for which, path in task.outputs.items():
+                warnings += write_output(
+                    self.options.writing, which, depth, frame, path, opened.guard
+                )
+            files = tuple(output_entry(self.out, path) for path in task.outputs.values())
+        except Exception as error:  # noqa: BLE001 - no file may stop the others
+            return self._failed(task, error, start_s, opened.sha256)
+        row = Row(
+            input=task.input.name,
+            status=OK,
+            origin=task.origin(self.origin),
+            outputs=files,
+            seconds=time.perf_counter() - start_s,
+            input_sha256=opened.sha256,
+            input_path=task.input_path,
+            warnings=tuple(warnings),
+            camera=camera_text(displayed_depth(depth, frame.windows)),
+            anchors=anchor_entry(depth, points),
+        )
+        return Result(row)
+
+    def _failed(
+        self, task: PictureTask, error: Exception, start_s: float, sha256: str | None
+    ) -> Result:
+        if isinstance(error, UsageError):
+            raise error
+        return task.failed_result(error, self.origin, start_s, sha256)
+
+
+def anchor_entry(depth: DepthMap, points: AnchorPoints | None) -> AnchorEntry | None:
+    """The entry of the known points that a map was fitted to; None if it was not."""
+    fit = depth.provenance.anchor_fit if depth.provenance else None
+    if fit is None or points is None:
+        return None
+    return AnchorEntry(fit.given, fit.used, round(fit.residual_m, 6), points.sha256())
+
+
+def read_input(file: InputFile) -> bytes:
+    """Content of an input.
+
+    Raises:
+        InputError: it cannot be read, or is no file.
+    """
+    return read_bytes(file.readable_path())
+
+
+VideoTask: TypeAlias = Task[VideoFormat]
+
+
+@dataclass(frozen=True, slots=True)
+class VideoWorker:
+    """Processes videos."""
+
+    pictures: PictureWorker  #: the worker for pictures, with the same model and options
+    workers: int  #: frames processed in parallel
+    progress: Progress  #: advanced for each frame
+
+    def work(self, task: VideoTask) -> Result:
+        """Process one video.
+
+        Raises:
+            ModelError: the network fails on any picture.
+            UsageError: outputs are those of another video.
+        """
+        start_s = time.perf_counter()
+        sha256 = None
+        origin = self.pictures.origin
+        try:
+            with local_copy(task.input.readable_path()) as source:
+                before = _file_identity(source)
+                sha256 = video_checksum(task, source, self.pictures.options)
+                row = task.reusable_row(self.pictures.out, sha256, origin)
+                if row is not None:
+                    return Result(row, is_kept=True)
+                task.guard(overwrite=self.pictures.options.overwrite)
+                if task.is_suspect:
+                    check_video(task.input.path, source)
+                done = self._row(task, source, sha256)
+                _check_unchanged(source, before)
+                return Result(done)
+        except UsageError:
+            raise
+        except Exception as error:  # noqa: BLE001 - no file may stop the others
+            check_network(error, self.pictures.pipeline.session)
+            return task.failed_result(error, origin, start_s, sha256)
+
+    def _row(self, task: VideoTask, source: Path, sha256: str) -> Row:
+        options, out = self.pictures.options, self.pictures.out
+        name = task.input.name
+        names = {which: path.name for which, path in task.outputs.items()}
+        overwrite = options.overwrite or task.is_listed
+        folder = (out / name).parent
+        plan = VideoPlan(name, source, folder, names, overwrite=overwrite, sha256=sha256)
+        settings = VideoSettings(
+            writing=options.writing,
+            camera=options.camera.of_image(task.lens),
+            reading=options.reading,
+            detail=options.detail,
+            max_pixels=options.max_pixels,
+        )
+        done = write_video(plan, self.pictures.pipeline, settings, self.workers, self.progress)
+        return Row(
+            input=name,
+            status=FAILED if done.problem else OK,
+            origin=task.origin(self.pictures.origin),
+            outputs=tuple(
+                output_entry(out, path) for path in _output_files(task.outputs, done.numbers)
+            ),
+            seconds=done.seconds,
+            input_sha256=sha256,
+            input_path=task.input_path,
+            error=done.problem,
+            warnings=done.warnings,
+            camera=camera_text(done.depth),
+        )
+
+
+def _file_identity(path: Path) -> tuple[int, int, int] | None:
+    """Inode, size and modification time of a file; None if it cannot be read."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _check_unchanged(path: Path, before: tuple[int, int, int] | None) -> None:
+    if _file_identity(path) != before:
+        raise InputError(f"{path} changed while it was read; run the batch again")
+
+
+def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
+    for which, path in outputs.items():
+        if which not in SEQUENCES:
+            yield path
+            continue
+        start, _, end = path.name.rpartition("%06d")
+        for number in numbers:
+            yield path.with_name(f"{start}{number:06d}{end}")
+
+
+def video_checksum(task: VideoTask, path: Path, options: BatchOptions) -> str:
+    """SHA-256 of a video, in constant memory.
+
+    Raises:
+        InputError: it cannot be processed, or the options do not apply to videos.
+    """
+    if not set(task.outputs) - {VideoFormat.JSON}:
+        raise InputError(
+            f"{path} is a video, and no format in --format holds one; add --format png16"
+        )
+    if options.anchors:
+        word = "--anchor" if isinstance(options.anchors, tuple) else "--anchors"
+        raise InputError(f"{path} is a video, to which {word} does not apply")
+    if not path.is_file():
+        raise InputError(f"{path} is missing, or no file")
+    try:
+        if not path.stat().st_size:  # also of /proc/kmsg, which could be read without end
+            raise InputError(f"{path} is empty")
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerSpec:
+    """What a worker is built from: plain values that can be pickled."""
+
+    model: SessionLoader  #: model, provider and threads
+    model_sha256: str  #: checksum of the model's file, 64 hex digits; another one is refused
+    options: BatchOptions  #: how each input is processed
+    out: Path  #: the output folder
+
+    def build(self, session: Session | None = None) -> PictureWorker:
+        """Build the worker in this process.
+
+        Args:
+            session: the model, if it is loaded already.
+
+        Raises:
+            ModelError: the model cannot be loaded here, or it is another one.
+            ProviderError: the requested provider is not available.
+        """
+        session = session or self.model.load()
+        if session.model.sha256 != self.model_sha256:
+            raise ModelError(
+                f"{session.model.path} is not the model that this batch began with "
+                f"(sha256 {self.model_sha256}); copy that one here"
+            )
+        pipeline = Pipeline(session, self.options.detail)
+        return PictureWorker(self.options, self.out, self.origin(session), pipeline)
+
+    def origin(self, session: Session) -> Origin:
+        """Fingerprint of the options, model and version that outputs are made with."""
+        loaded, options = session.model, self.options
+        # Providers differ in the last digits; threads, workers and batch sizes do not. The card
+        # matters as much as the weights, and is not part of their file.
+        checksum = fingerprint(
+            sorted(set(options.formats)),
+            options.writing,
+            options.camera,
+            options.reading,
+            options.detail,
+            session.provider,
+            self.model.provider_options,
+            (loaded.card.input, loaded.card.output, loaded.card.camera),
+        )
+        return Origin(checksum, loaded.card.name, loaded.sha256, __version__)

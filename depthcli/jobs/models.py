@@ -1,0 +1,294 @@
+"""Adding models to the user's folder."""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.validation import FieldError, parsed_json, validated
+from depthcli.errors import DepthcliError, InputError, ModelError, OutputError, UsageError
+from depthcli.inference.measure import try_other_size, try_session
+from depthcli.inference.session import Session
+from depthcli.io.storage.atomic import replace_folder, workspace
+from depthcli.io.storage.paths import check_home, path_of, safe_name
+from depthcli.io.storage.transfer import local_copy
+from depthcli.models import catalog, onnx_file
+from depthcli.models import catalog as locations
+from depthcli.models.card import METADATA_KEY, ModelCard
+from depthcli.models.catalog import (
+    Model,
+    ModelLocation,
+    file_of_card,
+    find_model,
+    list_locations,
+    ready_fields,
+)
+from depthcli.models.graph_fit import fit_to_graph
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_ADDED_FILE = re.compile(r"model-[0-9a-f]{12}\.onnx")
+_LITTER = (".DS_Store", "._", ".depthcli-")  # of file managers, and of runs that were killed
+
+
+def valid_name(name: str) -> str:
+    """A name that a model may have.
+
+    Raises:
+        UsageError: it cannot be the name of a folder, or would be taken for a path.
+    """
+    if not _NAME.fullmatch(name) or name.endswith(".onnx"):
+        raise UsageError(
+            f"{name!r} is not a valid model name; use letters, digits, '.', '_' and "
+            "'-', beginning with a letter or digit"
+        )
+    return name
+
+
+def folder_to_add(name: str, *, force: bool) -> Path:
+    """The folder of a new model.
+
+    Raises:
+        UsageError: a model has the name and ``force`` is not given, the folder is a link, or it
+            holds other files than those of a model.
+        OutputError: the folder cannot be read.
+    """
+    target = locations.user_root() / name
+    check_home(target)
+    taken = next((p for n, p in locations.list_locations() if n == name), None)
+    if taken is not None and not force:
+        raise UsageError(
+            f"a model named {name!r} already exists ({taken.path}); give another --name, or --force"
+        )
+    if target.is_symlink():
+        raise UsageError(f"{target} is a link; remove it first: depthcli models remove {name}")
+    if target.is_dir():
+        _check_only_model(target, "give another --name")
+    return target
+
+
+def added_model(name: str) -> tuple[Path, ModelLocation]:
+    """Folder and files of a model that was added.
+
+    Raises:
+        UsageError: it is not in the user's folder, or its folder holds other files, too.
+    """
+    folder = locations.user_root() / valid_name(name)
+    location = locations.location_at(folder) or locations.location_at(
+        folder.with_name(f"{folder.name}.onnx")
+    )
+    if location is None:
+        raise UsageError(
+            f"{name!r} is not among the models in {locations.user_root()}; only those are removed"
+        )
+    if location.onnx is None and not folder.is_symlink():
+        _check_only_model(folder, "move them away, or delete the folder yourself")
+    return folder, location
+
+
+def remove_model(name: str) -> Path:
+    """Delete a model that was added.
+
+    Args:
+        name: as in the list of models.
+
+    Returns:
+        The path that was removed.
+
+    Raises:
+        UsageError: it is not in the user's folder, or its folder holds other files, too.
+        OutputError: it cannot be deleted.
+    """
+    folder, location = added_model(name)
+    try:
+        if location.onnx is not None:  # a file, beside which a folder may have the same name
+            for file in filter(None, location):
+                file.unlink()
+        elif folder.is_symlink():
+            folder.unlink()
+        else:
+            with workspace(folder.parent) as work:
+                folder.rename(work / folder.name)
+    except OSError as error:
+        raise OutputError(f"cannot remove {folder}: {error.strerror}") from error
+    return location.onnx or folder
+
+
+def _check_only_model(folder: Path, advice: str) -> None:
+    """Check that replacing or removing a folder loses nothing but a model, such as a checkpoint."""
+    of_model = {locations.CARD_NAME, file_of_card(folder / locations.CARD_NAME)}
+    try:
+        names = sorted(path.name for path in folder.iterdir())
+    except OSError as error:
+        raise OutputError(f"cannot read {folder}: {error.strerror}") from error
+    others = [
+        name
+        for name in names
+        if not (name in of_model or _ADDED_FILE.fullmatch(name) or name.startswith(_LITTER))
+    ]
+    if others:
+        raise UsageError(f"{folder} also holds {', '.join(others[:3])}; {advice}")
+
+
+_FILE_NAME = "model.onnx"
+_SHA256 = re.compile(r"[0-9a-fA-F]{64}")
+
+
+class CardDraft(NamedTuple):
+    """A card's JSON object before the facts of the model file are added."""
+
+    fields: dict[str, Any]  #: the object
+    where: str  #: name of its source in messages
+    is_ready: bool  #: whether it is a ready card, whose input size may differ from the model's
+
+
+def add_model(
+    path: Path,
+    card: str | None = None,
+    *,
+    name: str | None = None,
+    force: bool = False,
+    sha256: str | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> Model:
+    """Copy a model into the user's folder with its completed card, after running it once.
+
+    Args:
+        path: an ONNX file; a remote one is downloaded.
+        card: a ``card.json`` or the name of a ready card; None if the card is inside the ONNX
+            file, or beside it on this machine.
+        name: name for ``--model``; None for the card's own name.
+        force: replace a model of this name, or override a bundled one.
+        sha256: checksum that the file must have, 64 hex digits; None for any.
+        progress: advanced by downloaded bytes.
+
+    Returns:
+        The model in the user's folder.
+
+    Raises:
+        UsageError: the name is invalid or taken, its folder holds other files, or there is no
+            such card.
+        ModelError: the file is not a model that matches the card, or fails to run.
+        OutputError: the folder cannot be written.
+    """
+    if sha256 is not None and not _SHA256.fullmatch(sha256):
+        raise UsageError(f"{sha256!r} is not a SHA-256 checksum (64 hex digits)")
+    if name is not None:
+        folder_to_add(valid_name(name), force=force)  # before anything is downloaded
+    try:
+        with local_copy(path, progress, max_bytes=catalog.MAX_BYTES) as file:
+            return _install(file, card, name=name, force=force, sha256=sha256)
+    except InputError as error:
+        raise ModelError(str(error)) from error
+
+
+def _install(
+    path: Path, card: str | None, *, name: str | None, force: bool, sha256: str | None
+) -> Model:
+    data = catalog.read_onnx(path)
+    found = hashlib.sha256(data).hexdigest()
+    if sha256 is not None and found != sha256.lower():
+        raise ModelError(f"{path} is another file: its sha256 is {found}; it is not added")
+    draft = _card_draft(path, data, card)
+    complete = _complete_card(draft, path, data, found, name)
+    target = folder_to_add(complete.name, force=force)
+    if target.is_dir():  # the old one is kept until the new card is in place
+        complete = replace(complete, file=f"model-{found[:12]}.onnx")
+    with workspace(target.parent) as work:
+        temporary = work / target.name
+        temporary.mkdir()
+        (temporary / (complete.file or _FILE_NAME)).write_bytes(data)
+        (temporary / locations.CARD_NAME).write_text(complete.to_json(), "utf-8")
+        model = replace(catalog.find_model(temporary), path=path)  # the name in messages
+        session = Session(model, provider="cpu")
+        fitted = fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
+        session.model = replace(model, card=fitted)
+        try_session(session)
+        try:
+            try_other_size(session)
+        except ModelError:
+            if not draft.is_ready:
+                raise
+            only = fitted.input.height, fitted.input.width
+            fitted = fit_to_graph(fitted, only, path, adapt=True)
+            session.model = replace(model, card=fitted)
+            try_session(session)
+        (temporary / locations.CARD_NAME).write_text(fitted.to_json(), "utf-8")
+        replace_folder(temporary, target, last=locations.CARD_NAME)
+    return catalog.find_model(target)
+
+
+def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
+    if card is None:
+        location = locations.location_at(path)
+        card = str(location.card) if location and location.card else None
+    if card is None:
+        embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
+        beside = path.with_name(locations.CARD_NAME)
+        if embedded is None and catalog.file_of_card(beside) == path.name:
+            return _card_draft(path, data, str(beside))
+        if embedded is None:
+            raise UsageError(
+                f"{path} has no card inside or beside it; give --card, "
+                "and see 'depthcli models cards' for ready ones"
+            )
+        return CardDraft(
+            _json_object(embedded, f"card inside {path}"), f"card inside {path}", False
+        )
+    if card.endswith(".json") or path_of(card).is_file():
+        return CardDraft(
+            _json_object(catalog.read_card(path_of(card)), safe_name(card)), card, False
+        )
+    return CardDraft(ready_fields(card), f"card {card}", True)
+
+
+def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
+    try:
+        return validated(dict[str, Any], parsed_json(text))
+    except FieldError as refused:
+        raise ModelError(f"{where}: {refused}; correct it") from None
+
+
+def _complete_card(
+    draft: CardDraft, path: Path, data: bytes, sha256: str, name: str | None
+) -> ModelCard:
+    """The card, completed with name, size, checksum and versions of the file."""
+    opset, ir = onnx_file.versions(data, str(path))
+    stated = draft.fields.get("onnx")
+    output = {"output": stated["output"]} if isinstance(stated, dict) and "output" in stated else {}
+    fields = draft.fields | {"onnx": {"opset": opset, "ir": ir, **output}, "file": _FILE_NAME}
+    if name is not None:
+        fields["name"] = name
+    card = ModelCard.from_json(json.dumps(fields), where=draft.where)
+    valid_name(card.name)
+    catalog.check_file(card, path, len(data), sha256)
+    return replace(card, sha256=sha256, size_bytes=len(data))
+
+
+@dataclass(frozen=True, slots=True)
+class ModelCheck:
+    """The result of verifying one model."""
+
+    name: str  #: as requested
+    found: Model | DepthcliError  #: the model, or what is wrong with it
+
+
+def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:
+    """Check size, checksum and card of each model, and run it on gray pictures.
+
+    Args:
+        names: names or paths; all models that have a name, if empty.
+    """
+    for name in names or [name for name, _ in list_locations()]:
+        try:
+            model = find_model(name)
+            session = Session(model)
+            try_session(session)
+            try_other_size(session)
+        except DepthcliError as error:
+            yield ModelCheck(name, error)
+        else:
+            yield ModelCheck(name, model)

@@ -1,0 +1,170 @@
+"""Unique output names for a folder tree, independent of the order of the inputs."""
+
+import hashlib
+import os
+import unicodedata
+from array import array
+from collections.abc import Callable, Collection, Iterable, Iterator
+from itertools import chain, islice
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from depthcli.io.listing.folder import is_media
+from depthcli.io.storage.paths import RemotePath
+
+_NEAR = 1000  # names of a store that are skipped rather than asked for again
+
+
+def stem(name: str) -> str:
+    """A name without its suffix."""
+    return os.path.splitext(name)[0]  # noqa: PTH122 - a name with "/" on any system
+
+
+def comparable(name: str) -> str:
+    """The name in the form that case- or Unicode-insensitive file systems compare."""
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def namesakes(folder: Path, own: Collection[str]) -> dict[str, list[str]]:
+    """For each input of a folder, the other names there that differ from it in suffixes only.
+
+    Case is ignored, except in a store. There are none if the folder cannot be listed.
+
+    Args:
+        folder: is listed once; a store, which may have millions of names, near the inputs only.
+        own: names of the inputs.
+    """
+    owners: dict[str, list[str]] = {}
+    for name in own:
+        for key in _keys(name):
+            owners.setdefault(key, []).append(name)
+    found: dict[str, list[str]] = {}
+    try:
+        for other in names_near(folder, own):
+            for name in {name for key in _keys(other) for name in owners.get(key, ())} - {other}:
+                found.setdefault(name, []).append(other)
+    except OSError:
+        return {}
+    return found
+
+
+def _keys(name: str) -> set[str]:
+    # The output of a.jpg.png is named like that of a.jpg beside another picture a.
+    return {comparable(name), comparable(stem(name))}
+
+
+def names_near(folder: Path, own: Iterable[str]) -> Iterable[str]:
+    """Names in a folder; in a store, those that begin with the stem of an own name and a dot.
+
+    Raises:
+        OSError: the folder cannot be listed.
+    """
+    if not isinstance(folder, RemotePath):
+        return os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
+    stems = map(stem, own)
+    return _names_starting(folder, {(stem(s) if is_media(s) else s) + "." for s in stems})
+
+
+def _names_starting(folder: RemotePath, starts: Iterable[str]) -> Iterator[str]:
+    """Names in a folder of a store with one of these beginnings."""
+    names: Iterator[str] = iter(())
+    name = ""
+    for start in () if folder.is_http else sorted(starts):
+        ahead = (one for one in chain([name], islice(names, _NEAR)) if one >= start)
+        name = next(ahead, "")
+        if not name:
+            names = folder.walk_names(start)
+            name = next(names, "")
+        while name.startswith(start):
+            if "/" not in name:
+                yield name
+            name = next(names, "")
+
+
+_Hashes: TypeAlias = NDArray[np.uint64]
+_FIELDS = np.dtype([("name", np.uint64), ("whole", np.uint64), ("stem", np.uint64)])
+
+
+class TreeNames:
+    """The names of outputs, without suffix.
+
+    That is the input's name without suffix (``a`` for ``a.jpg``). If another input in its folder
+    has the same, it is the full name (``a.jpg``); if names differ only in ways that some file
+    systems ignore (``A.jpg``, ``a.jpg``), the full name and a checksum of it.
+
+    A name takes 24 bytes of memory, for hashes. A hash collision makes a name longer than
+    necessary, in the same way each time.
+    """
+
+    def __init__(self, names: Iterable[str], stem: Callable[[str], str] = stem) -> None:
+        """Hash the names of all inputs.
+
+        Args:
+            names: paths from the root, with ``/`` between their parts.
+            stem: an input's name without suffix.
+        """
+        self._stem = stem
+        found = np.fromiter(
+            (
+                (_hash(name), _hash(comparable(name)), _hash(comparable(stem(name))))
+                for name in names
+            ),
+            _FIELDS,
+        )
+        _, first = np.unique(found["name"], return_index=True)
+        self._alike = _repeated(found["whole"][first])
+        stems = found["stem"][first]
+        # np.intersect1d and np.isin would load numpy.ma, at 15 ms.
+        whole = np.sort(found["whole"])
+        both = stems[np.take(whole, np.searchsorted(whole, stems), mode="clip") == stems]
+        self._shared = np.sort(np.concatenate([_repeated(stems), both]))
+
+    def base(self, name: str) -> str:
+        """Path of an input's outputs from the output folder, without a suffix."""
+        if _is_in(self._alike, comparable(name)):
+            return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
+        short = self._stem(name)
+        return name if _is_in(self._shared, comparable(short)) else short
+
+
+class StemCounts:
+    """Counts names without suffix; a name takes 16 bytes of memory, for hashes."""
+
+    def __init__(self) -> None:
+        self._hashes = array("Q")
+        self._repeated: _Hashes | None = None
+
+    def add(self, name: str) -> None:
+        """Count a name; one that was added already is not counted again."""
+        self._hashes.extend((_hash(stem(name)), _hash(name)))
+        self._repeated = None
+
+    def is_shared(self, name: str) -> bool:
+        """Whether another name has the same stem."""
+        if self._repeated is None:
+            stems, names = np.array(self._hashes, np.uint64).reshape(-1, 2).T
+            self._repeated = _repeated(stems[np.unique(names, return_index=True)[1]])
+        return _is_in(self._repeated, stem(name))
+
+
+def _hash(name: str) -> int:
+    data = name.encode("utf-8", "surrogatepass")
+    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "big")
+
+
+def _repeated(hashes: _Hashes) -> _Hashes:
+    """Hashes that occur more than once, sorted."""
+    found, counts = np.unique(hashes, return_counts=True)
+    return found[counts > 1]
+
+
+def _is_in(hashes: _Hashes, name: str) -> bool:
+    """Whether a name's hash is among sorted ones."""
+    if not len(hashes):
+        return False
+    wanted = np.uint64(_hash(name))
+    place = int(np.searchsorted(hashes, wanted))
+    return place < len(hashes) and bool(hashes[place] == wanted)

@@ -1,0 +1,299 @@
+"""Batches of network inputs and metric depth, from pairs in memory.
+
+A batch depends on (seed, step) only, so a resumed run gets the same ones as an unbroken one.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from depthcli.core.camera import focal_px_of_hfov
+from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
+from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
+from depthcli.errors import DatasetError, UsageError
+from depthcli.training.augment import Views, augment, to_network_input, view_size
+from depthcli.training.config import DataConfig
+
+# One half, less a margin for rounding.
+_LEAST_SHARE = 0.5 - 1e-5
+
+
+class FilledDepth(NamedTuple):
+    """Depth with its holes filled, and the mask of valid pixels."""
+
+    #: (H, W) float32 metres; in a hole, that of the nearest pixel with a measurement
+    depth_m: npt.NDArray[np.float32]
+    valid_mask: (
+        npt.NDArray[np.bool_] | None
+    )  #: (H, W) bool, False in a hole; None if there is no hole
+
+
+def downsample(depth_m: npt.NDArray[np.float32], size: tuple[int, int]) -> FilledDepth | None:
+    """Downsample depth by the mean of the measured part of each new pixel's area.
+
+    Takes (H, W) float32 metres, with 0, NaN or infinity in holes, and the new width and height in
+    px. A new pixel is valid if at least half of its area is; returns None if no pixel is.
+    """
+    valid_mask = np.isfinite(depth_m) & (depth_m > 0)
+    if valid_mask.all():
+        return FilledDepth(_area(depth_m, size), None)
+    share = _area(valid_mask.astype(np.float32), size)
+    total_m = _area(np.where(valid_mask, depth_m, np.float32(0)), size)
+    measured = share >= _LEAST_SHARE
+    if not measured.any():
+        return None
+    mean_m = np.divide(total_m, share, out=total_m, where=measured)
+    return FilledDepth(_nearest_valid(mean_m, measured), None if measured.all() else measured)
+
+
+def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray[np.float32]:
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _nearest_valid(
+    depth_m: npt.NDArray[np.float32], valid_mask: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    """Fill invalid pixels with the value of the nearest valid one."""
+    if valid_mask.all():
+        return depth_m
+    _, labels = cv2.distanceTransformWithLabels(
+        (~valid_mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    value_of = np.zeros(int(labels.max()) + 1, np.float32)
+    value_of[labels[valid_mask]] = depth_m[valid_mask]
+    return np.where(valid_mask, depth_m, value_of[labels])
+
+
+def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple[float, float]:
+    """Tangents of half the angles of view of picture ``i``, across and down, for square pixels.
+
+    If its camera is not known, it is taken for the largest crop of one of NYU's pictures, in
+    landscape or portrait, as predictions do (docs/cameras.md).
+
+    Args:
+        dataset: may know its camera, or the focal length of each picture.
+        i: position of the picture.
+        shape: height and width of the picture, or of its depth; further numbers are ignored.
+    """
+    height, width = shape[:2]
+    long_px = max(width, height, NYU_ASPECT * min(width, height))
+    focal_px = long_px * focal_px_of_hfov(NYU_HFOV_DEG, 1)
+    if isinstance(dataset, HasFocalLengths) and dataset.focal_px:
+        focal_px = dataset.focal_px[i]
+    elif isinstance(dataset, HasCamera) and dataset.hfov_deg is not None:
+        focal_px = focal_px_of_hfov(dataset.hfov_deg, width)
+    return width / 2 / focal_px, height / 2 / focal_px
+
+
+_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
+
+
+class PairStore:
+    """Pairs of a data set, downsampled once and kept in memory.
+
+    Args:
+        dataset: read once.
+        positions: of the pairs in the data set.
+        data: gives the network's input size.
+
+    Attributes:
+        rgb: (N, 3, h, w) uint8.
+        depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
+        valid_mask: (N, 1, h, w) bool, False in the holes; None if no pair has one.
+        tan_half_fov: (N, 2, 2) float64, of each picture and of its depth, which differ only in
+            unpaired data: the tangent of half the angle of view, across and down.
+
+    Raises:
+        DatasetError: there is no pair, or one without depth.
+    """
+
+    def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:
+        if not positions:
+            raise DatasetError(
+                "no pair to train on: check the data folder, data.holdout_every and "
+                "data.holdout_offset"
+            )
+        size = _stored_size(dataset.image(positions[0]).shape, data)
+        shape = (len(positions), 3, size[1], size[0])
+        self.rgb = torch.empty(shape, dtype=torch.uint8)
+        self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
+        self.valid_mask: Tensor | None = None
+        self.tan_half_fov = torch.empty((len(positions), 2, 2), dtype=torch.float64)
+        for row, position in enumerate(positions):
+            image, depth_m = dataset.image(position), dataset.depth_m(position)
+            views = [tan_half_fov(dataset, position, pixels.shape) for pixels in (image, depth_m)]
+            self.tan_half_fov[row] = torch.tensor(views, dtype=torch.float64)
+            rgb = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+            self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
+            measured = downsample(depth_m, size)
+            if measured is None:
+                raise DatasetError(
+                    f"pair {dataset.ids[position]} has almost no depth: remove or repair it"
+                )
+            self.depth_m[row, 0] = torch.from_numpy(measured.depth_m)
+            if measured.valid_mask is not None:
+                self._mark_holes(row, torch.from_numpy(measured.valid_mask))
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+    def _mark_holes(self, row: int, valid_mask: Tensor) -> None:
+        if self.valid_mask is None:
+            self.valid_mask = torch.ones(self.depth_m.shape, dtype=torch.bool)
+        self.valid_mask[row, 0] = valid_mask
+
+
+def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
+    """Width and height in memory: up to twice the network's size, at most about the picture's."""
+    most = min(_STORED_PER_NETWORK_PX, max(1.0, shape[1] / data.width, shape[0] / data.height))
+    return round(data.width * most), round(data.height * most)
+
+
+def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
+    """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs (B,) int64, without augmentation."""
+    rgb = store.rgb[rows].float() / 255
+    size = (data.height, data.width)
+    gray = to_network_input(rgb, data)  # before resampling, as at inference
+    return torch.nn.functional.interpolate(gray, size=size, mode="area")
+
+
+class TrainingBatch(NamedTuple):
+    """The input of one training step."""
+
+    network_input: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
+    #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
+    depth_m: Tensor
+    valid_mask: Tensor | None = (
+        None  #: (B, 1, H, W) bool, False in the holes; None if there are none
+    )
+    #: (B,) bool, True for pseudo labels; None if there are none
+    is_pseudo_label: Tensor | None = None
+
+
+class Batches:
+    """The batches of a run, by step.
+
+    Args:
+        store: the training pairs.
+        data: size, pairing and augmentation.
+        batch_size: pairs per batch, of all processes together; the last incomplete batch of an
+            epoch is dropped.
+        seed: of order and augmentation.
+        device: the batch is moved to it before augmentation.
+        process: rank of this process; each gets its own part of every batch.
+        processes: number of processes.
+        pseudo_labels: pairs with less reliable depth, ``data.pseudo_label_share`` of each batch; an
+            epoch is a pass through ``store``.
+
+    Raises:
+        UsageError: the batch cannot be divided among the processes or between both stores.
+    """
+
+    def __init__(
+        self,
+        store: PairStore,
+        data: DataConfig,
+        batch_size: int,
+        seed: int,
+        device: torch.device,
+        process: int = 0,
+        processes: int = 1,
+        pseudo_labels: PairStore | None = None,
+    ) -> None:
+        self.store, self.data, self.seed, self.device = store, data, seed, device
+        if batch_size % processes or len(store) < processes:
+            raise UsageError(
+                f"optim.batch_size={batch_size} of {len(store)} pairs is shared by {processes} "
+                f"devices: set it to a multiple of {processes}"
+            )
+        if pseudo_labels and processes > 1:
+            raise UsageError("pseudo labels are for one device", "remove {devices}")
+        self.pseudo_labels = pseudo_labels
+        self._pseudo_label_count = (
+            round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
+        )
+        if pseudo_labels and not 0 < self._pseudo_label_count < min(
+            batch_size, len(pseudo_labels) + 1
+        ):
+            raise UsageError(
+                f"data.pseudo_label_share={data.pseudo_label_share} of a batch of {batch_size} is "
+                f"{self._pseudo_label_count} of the {len(pseudo_labels)} pseudo labels in each "
+                "batch: it has to be at least 1, less than the batch, and not more than there are"
+            )
+        own = batch_size - self._pseudo_label_count
+        self.batch_size = min(own, len(store) // processes * processes)
+        self.steps_per_epoch = len(store) // self.batch_size
+        self.own_size = (self.batch_size + self._pseudo_label_count) // processes
+        self._own = slice(process * self.own_size, (process + 1) * self.own_size)
+
+    def __getitem__(self, step: int) -> TrainingBatch:
+        """Batch of a step, counted from 0 over the whole run."""
+        random = torch.Generator().manual_seed(_stream_seed(self.seed, step, 1))
+        size = view_size(self.data, random)
+        rows = self._rows(self.store, step, self.batch_size, stream=2)
+        views = self._augmented(self.store, rows, size, random)
+        if not self.data.paired:
+            rows = self._rows(self.store, step, self.batch_size, stream=3)
+            others = self._augmented(self.store, rows, size, random, part=1)
+            views = Views(views.network_input, others.depth_m, others.valid_mask)
+        if self.pseudo_labels is None:
+            return self._part(TrainingBatch(*views))
+        pseudo_label_rows = self._rows(self.pseudo_labels, step, self._pseudo_label_count, stream=4)
+        more = self._augmented(self.pseudo_labels, pseudo_label_rows, size, random)
+        return _concatenated(views, more)
+
+    def _part(self, whole: TrainingBatch) -> TrainingBatch:
+        """This process's part of a batch."""
+        valid_mask = None if whole.valid_mask is None else whole.valid_mask[self._own]
+        return TrainingBatch(whole.network_input[self._own], whole.depth_m[self._own], valid_mask)
+
+    def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
+        """Rows (``size``,) int64 of a step; the store is shuffled anew for each epoch."""
+        epoch, index = divmod(step, len(store) // size)
+        random = torch.Generator().manual_seed(_stream_seed(self.seed, epoch, stream))
+        order = torch.randperm(len(store), generator=random)
+        return order[index * size : (index + 1) * size]
+
+    def _augmented(
+        self,
+        store: PairStore,
+        rows: Tensor,
+        size: tuple[int, int],
+        random: torch.Generator,
+        part: int = 0,
+    ) -> Views:
+        """Views with the geometry of the pictures (``part`` 0) or of the depth (1)."""
+        rgb = store.rgb.index_select(0, rows).to(self.device).float().div_(255)
+        depth_m = store.depth_m.index_select(0, rows).to(self.device).float()
+        valid_mask = None if store.valid_mask is None else store.valid_mask[rows].to(self.device)
+        halves = store.tan_half_fov[rows, part]
+        return augment(rgb, depth_m, self.data, random, valid_mask, size, halves)
+
+
+def _concatenated(views: Views, more: Views) -> TrainingBatch:
+    """One batch of the training pairs and the pseudo labels."""
+    valid_mask = None
+    if views.valid_mask is not None or more.valid_mask is not None:
+        valid_mask = torch.cat([_valid_mask_of(views), _valid_mask_of(more)])
+    own, labels = len(views.network_input), len(more.network_input)
+    is_pseudo_label = torch.arange(own + labels) >= own
+    return TrainingBatch(
+        torch.cat([views.network_input, more.network_input]),
+        torch.cat([views.depth_m, more.depth_m]),
+        valid_mask,
+        is_pseudo_label.to(views.network_input.device),
+    )
+
+
+def _valid_mask_of(views: Views) -> Tensor:
+    everywhere = torch.ones_like(views.depth_m, dtype=torch.bool)
+    return everywhere if views.valid_mask is None else views.valid_mask
+
+
+def _stream_seed(seed: int, count: int, stream: int) -> int:
+    return int(np.random.SeedSequence((seed, count, stream)).generate_state(1, np.uint64)[0] >> 1)

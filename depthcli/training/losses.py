@@ -1,0 +1,281 @@
+"""Adversarial losses: LSGAN, hinge and relativistic average LSGAN."""
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+from depthcli.training.config import PAIRED_LOSSES, LossConfig
+
+
+def generator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
+    """The generator's adversarial loss; a scalar.
+
+    Args:
+        gan: ``lsgan``, ``hinge`` or ``ralsgan``.
+        discriminator: discriminator, images (B, 1, H, W) to outputs (B, 1, h, w).
+        real: (B, 1, H, W) in [-1, 1]; used by the relativistic form only.
+        fake: (B, 1, H, W), with gradient.
+    """
+    if gan == "ralsgan":
+        return ralsgan_generator(discriminator(real).float(), discriminator(fake).float())
+    return (lsgan_generator if gan == "lsgan" else hinge_generator)(discriminator(fake).float())
+
+
+def discriminator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
+    """The discriminator's adversarial loss; a scalar. Arguments as above."""
+    forms = {
+        "lsgan": lsgan_discriminator,
+        "hinge": hinge_discriminator,
+        "ralsgan": ralsgan_discriminator,
+    }
+    return forms[gan](discriminator(real).float(), discriminator(fake).float())
+
+
+# Least squares (eq. 5 and 6; Mao et al. 2017). All are of outputs (B, 1, h, w), to a scalar.
+
+
+def lsgan_discriminator(real: Tensor, fake: Tensor) -> Tensor:
+    """½(mean (D(real) − 1)² + mean D(fake)²)."""
+    return 0.5 * (((real - 1) ** 2).mean() + (fake**2).mean())
+
+
+def lsgan_generator(fake: Tensor) -> Tensor:
+    """Mean (D(fake) − 1)²."""
+    return ((fake - 1) ** 2).mean()
+
+
+# Hinge, with the generator's margin of the DCLGAN family.
+
+
+def hinge_discriminator(real: Tensor, fake: Tensor) -> Tensor:
+    """½(mean max(0, 1 − D(real)) + mean max(0, 1 + D(fake)))."""
+    return 0.5 * (F.relu(1 - real).mean() + F.relu(1 + fake).mean())
+
+
+def hinge_generator(fake: Tensor) -> Tensor:
+    """Mean max(0, 1 − D(fake))."""
+    return F.relu(1 - fake).mean()
+
+
+# Relativistic average least squares (Jolicoeur-Martineau 2018).
+
+
+def ralsgan_discriminator(real: Tensor, fake: Tensor) -> Tensor:
+    """½(mean (D(real) − mean D(fake) − 1)² + mean (D(fake) − mean D(real) + 1)²)."""
+    return 0.5 * (((real - fake.mean() - 1) ** 2).mean() + ((fake - real.mean() + 1) ** 2).mean())
+
+
+def ralsgan_generator(real: Tensor, fake: Tensor) -> Tensor:
+    """The discriminator's loss with real and fake exchanged."""
+    return ralsgan_discriminator(fake, real)
+
+
+def full_precision(like: Tensor) -> torch.autocast:
+    """A context that disables autocast on a tensor's device.
+
+    Casting the arguments to float32 is not enough: autocast casts them back for each product.
+    """
+    return torch.autocast(like.device.type, enabled=False)
+
+
+TEMPERATURE = 0.07
+"""τ of eq. 4."""
+
+
+def patch_nce(query: Tensor, key: Tensor) -> Tensor:
+    """Cross-entropy of finding each query's own key among its image's keys (Park et al. 2020).
+
+    Chance level is ln P.
+
+    Args:
+        query: (B, P, C), unit vectors from the prediction.
+        key: (B, P, C), unit vectors from the input, detached here.
+
+    Returns:
+        Mean over all patches, a scalar, fp32.
+    """
+    with full_precision(query):
+        logits = torch.bmm(query.float(), key.detach().float().transpose(1, 2)) / TEMPERATURE
+        return _patch_cross_entropy(logits)
+
+
+def cfl_nce(query: Tensor, key: Tensor) -> Tensor:
+    """The paired form (Andonian et al. 2021): negatives from both prediction and ground truth.
+
+    Chance level is ln(2P − 1). Arguments and result as of :func:`patch_nce`, with keys from the
+    paired ground truth.
+    """
+    with full_precision(query):
+        query, key = query.float(), key.detach().float()
+        to_truth = torch.bmm(query, key.transpose(1, 2)) / TEMPERATURE
+        to_prediction = torch.bmm(query, query.detach().transpose(1, 2)) / TEMPERATURE
+        itself = torch.eye(query.shape[1], dtype=torch.bool, device=query.device)
+        to_prediction = to_prediction.masked_fill(itself, -torch.inf)
+        return _patch_cross_entropy(torch.cat([to_truth, to_prediction], 2))
+
+
+def _patch_cross_entropy(logits: Tensor) -> Tensor:
+    """Cross-entropy with patch i as the target of row i; logits (B, P, at least P)."""
+    batch, patches, _ = logits.shape
+    target = torch.arange(patches, device=logits.device).repeat(batch)
+    return F.cross_entropy(logits.flatten(0, 1), target)
+
+
+def hdce(query: Tensor, key: Tensor, gamma: float) -> Tensor:
+    """Mean over i of log Σ_{j≠i} exp((w_ij q_i·k_j − q_i·k_i)/τ) (Jung et al. 2022).
+
+    Decoupled: the positive is not in the sum, so the loss has no lower bound at zero. At chance
+    (q orthogonal to every key) it is ln(P − 1).
+
+    Args:
+        query: (B, P, C), unit vectors from the prediction; P at least 2.
+        key: (B, P, C), unit vectors from the input, detached here.
+        gamma: γ, temperature of the negatives' weights; see :func:`negative_weights`.
+
+    Returns:
+        A scalar, fp32.
+    """
+    with full_precision(query):
+        query, key = query.float(), key.detach().float()
+        products = torch.bmm(query, key.transpose(1, 2))
+        own = products.diagonal(dim1=1, dim2=2).unsqueeze(2)
+        logits = (negative_weights(key, gamma) * products - own) / TEMPERATURE
+        return logits.masked_fill(_diagonal_mask(key), -torch.inf).logsumexp(2).mean()
+
+
+def negative_weights(key: Tensor, gamma: float) -> Tensor:
+    """w_ij: softmax over j ≠ i of k_i·k_j/γ, divided by its row's maximum, detached.
+
+    Takes unit vectors (B, P, C), fp32; returns (B, P, P) in [0, 1] with a zero diagonal. A larger γ
+    gives more uniform weights.
+    """
+    key = key.detach()
+    relations = torch.bmm(key, key.transpose(1, 2)) / gamma
+    weights = relations.masked_fill(_diagonal_mask(key), -torch.inf).softmax(2)
+    return weights / weights.amax(2, keepdim=True)
+
+
+def _diagonal_mask(key: Tensor) -> Tensor:
+    return torch.eye(key.shape[1], dtype=torch.bool, device=key.device)
+
+
+def reconstruction_loss(output: Tensor, picture: Tensor, hidden: Tensor) -> Tensor:
+    """Mean |output − picture| over hidden pixels; a scalar, 0 if none is hidden.
+
+    Args:
+        output: (B, 1, h, w), at most as large as the picture.
+        picture: (B, 1, H, W) in [-1, 1]; compared at the output's size, by area.
+        hidden: (B, 1, H, W) bool; a pixel of the output counts by the share of it that is hidden.
+    """
+    size = output.shape[2:]
+    weight = F.interpolate(hidden.float(), size=size, mode="area")
+    distance = (output - F.interpolate(picture, size=size, mode="area")).abs()
+    return (distance * weight).sum() / weight.sum().clamp(min=1)
+
+
+def regularized_l1(
+    prediction: Tensor,
+    truth: Tensor,
+    generator: nn.Module,
+    penalty: float,
+    valid_mask: Tensor | None = None,
+) -> Tensor:
+    """Mean |prediction − truth| + penalty · Σ‖convolution weights‖²; a scalar.
+
+    Args:
+        prediction: (B, 1, H, W), coded depth.
+        truth: (B, 1, H, W), coded depth.
+        generator: whose convolution weights are penalized.
+        penalty: λ of eq. 1; zero leaves the sum out.
+        valid_mask: (B, 1, H, W) bool, the pixels that the mean is of; None for all.
+    """
+    if valid_mask is None:
+        distance = F.l1_loss(prediction, truth)
+    else:
+        distance = masked_mean((prediction - truth).abs(), valid_mask)
+    if not penalty:
+        return distance
+    return distance + penalty * torch.stack([(w**2).sum() for w in conv_weights(generator)]).sum()
+
+
+def masked_mean(values: Tensor, valid_mask: Tensor) -> Tensor:
+    """Mean of the values (B, 1, H, W) where ``valid_mask`` (bool, the same shape); 0 for none."""
+    return (values * valid_mask).sum() / valid_mask.sum().clamp(min=1)
+
+
+def conv_weights(network: nn.Module) -> list[Tensor]:
+    """Kernels of every convolution, plain or transposed."""
+    kinds = (nn.Conv2d, nn.ConvTranspose2d)
+    return [layer.weight for layer in network.modules() if isinstance(layer, kinds)]
+
+
+SCALES = 4
+
+
+def gradient_loss(prediction: Tensor, truth: Tensor, valid_mask: Tensor | None = None) -> Tensor:
+    """Mean over scales of mean |∂x e| + mean |∂y e|, with e = prediction − truth; a scalar.
+
+    Args:
+        prediction: (B, 1, H, W), coded depth; H and W at least 16, so that every scale has a
+            difference.
+        truth: (B, 1, H, W), coded depth.
+        valid_mask: (B, 1, H, W) bool; the means are of differences between valid pixels, and a
+            pixel of a coarser scale is valid if all that it covers are. None for all.
+    """
+    error, terms = prediction - truth, []
+    for _ in range(SCALES):
+        along_x = (error[..., 1:] - error[..., :-1]).abs()
+        along_y = (error[..., 1:, :] - error[..., :-1, :]).abs()
+        if valid_mask is None:
+            terms.append(along_x.mean() + along_y.mean())
+        else:
+            both_x = valid_mask[..., 1:] & valid_mask[..., :-1]
+            both_y = valid_mask[..., 1:, :] & valid_mask[..., :-1, :]
+            terms.append(masked_mean(along_x, both_x) + masked_mean(along_y, both_y))
+            valid_mask = F.avg_pool2d(valid_mask.float(), 2) == 1
+        error = F.avg_pool2d(error, 2)
+    return torch.stack(terms).mean()
+
+
+def semantic_relation(query: Tensor, key: Tensor) -> Tensor:
+    """Σ_i JSD(softmax(QQᵀ)_i ‖ softmax(KKᵀ)_i), mean over images (Jung et al. 2022).
+
+    A scalar, fp32: zero if and only if all relations agree, at most P ln 2. Queries of the
+    prediction and keys of the input, which are detached here, are unit vectors (B, P, C).
+    """
+    with full_precision(query):
+        ours, theirs = _log_relations(query.float()), _log_relations(key.detach().float())
+        middle = torch.logaddexp(ours, theirs) - math.log(2)
+        divergence = ours.exp() * (ours - middle) + theirs.exp() * (theirs - middle)
+        return 0.5 * divergence.sum((1, 2)).mean()
+
+
+def _log_relations(vectors: Tensor) -> Tensor:
+    """Log of each patch's softmax over all patches; (B, P, C) to (B, P, P)."""
+    return torch.bmm(vectors, vectors.transpose(1, 2)).log_softmax(2)
+
+
+def similarity(*, real_x: Tensor, fake_x: Tensor, real_y: Tensor, fake_y: Tensor) -> Tensor:
+    """Mean |m(real x) − m(fake x)| + mean |m(real y) − m(fake y)| (Han et al. 2021, SimDCL).
+
+    All are (B, D), one unit vector per image, of a ``SimilarityMap``. Returns a scalar, fp32; zero
+    if real and fake vectors are equal.
+    """
+    x = F.l1_loss(fake_x.float(), real_x.float())
+    return x + F.l1_loss(fake_y.float(), real_y.float())
+
+
+PairedLoss: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
+"""Prediction and truth (B, 1, H, W), coded depth, and which pixels are valid (B, 1, H, W) bool,
+None for all; to a scalar."""
+
+
+def paired_losses(weights: LossConfig) -> dict[str, PairedLoss]:
+    """The losses with a weight above zero, by the weight's name."""
+    return {
+        name: globals()[place] for name, place in PAIRED_LOSSES.items() if getattr(weights, name)
+    }

@@ -1,0 +1,66 @@
+"""Antialiased downsampling (Zhang 2019), as in the CUT family."""
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+
+class BlurDown(nn.Module):
+    """Depthwise [1, 2, 1]² filter with stride 2 and reflection padding."""
+
+    kernel: Tensor
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.register_buffer("kernel", _kernel([1.0, 2.0, 1.0], channels), persistent=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) to (B, C, ceil(H/2), ceil(W/2))."""
+        x = F.pad(x, (1, 1, 1, 1), mode="reflect")
+        return F.conv2d(x, self.kernel.to(x.dtype), stride=2, groups=x.shape[1])
+
+
+def _kernel(taps: list[float], channels: int) -> Tensor:
+    line = torch.tensor(taps)
+    square = torch.outer(line, line) / line.sum() ** 2
+    return square.expand(channels, 1, -1, -1).clone()
+
+
+class InstanceNorm(nn.InstanceNorm2d):
+    """Instance norm without affine parameters (Ulyanov et al. 2016).
+
+    The gradients of torch's own (2.13 still) are wrong for one picture in channels-last memory. The
+    batch norm of one picture, which is the same, is used instead, unless no gradients are needed,
+    as for the export.
+    """
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) to (B, C, H, W), each map with mean 0 and variance 1."""
+        if len(x) == 1 and (self.training or x.requires_grad):
+            return F.batch_norm(x, None, None, training=True, eps=self.eps)
+        return super().forward(x)
+
+
+_STD = 0.02
+_CONVOLUTIONS = (nn.Conv2d, nn.ConvTranspose2d)
+
+
+def init_normal(network: nn.Module) -> None:
+    """Kernels from N(0, 0.02²) and zero biases (CycleGAN)."""
+    for layer in network.modules():
+        if isinstance(layer, _CONVOLUTIONS):
+            nn.init.normal_(layer.weight, 0.0, _STD)
+            _zero_bias(layer)
+
+
+def init_xavier(network: nn.Module) -> None:
+    """Xavier-normal kernels and matrices of gain 0.02 and zero biases (CUT)."""
+    for layer in network.modules():
+        if isinstance(layer, (*_CONVOLUTIONS, nn.Linear)):
+            nn.init.xavier_normal_(layer.weight, _STD)
+            _zero_bias(layer)
+
+
+def _zero_bias(layer: nn.Module) -> None:
+    if layer.bias is not None:
+        nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
