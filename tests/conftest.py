@@ -10,9 +10,9 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import ROOT, Cli, InProcess
+from helpers.command_line import ROOT, Cli, InProcess
+from helpers.tiny import write_model, write_picture
 from hypothesis import HealthCheck, settings
-from tiny import write_model, write_picture
 
 from depthcli.io.listing.folder import reads_heif
 from depthcli.io.storage import objects
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from stores import Bucket, Faults
+    from helpers.stores import Bucket, Faults
 
 WORKER = os.environ.get("PYTEST_XDIST_WORKER")
 """Name of this one of several test processes; None where there is one."""
@@ -120,7 +120,7 @@ def without_heif(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def s3_endpoint() -> Iterator[str]:
     """Address of an S3 server on this machine."""
-    from stores import s3_server  # noqa: PLC0415 - it takes a second to load
+    from helpers.stores import s3_server  # noqa: PLC0415 - it takes a second to load
 
     with s3_server() as endpoint:
         yield endpoint
@@ -129,7 +129,7 @@ def s3_endpoint() -> Iterator[str]:
 @pytest.fixture
 def bucket(s3_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> Bucket:
     """An empty bucket, which this process and those that it starts can use."""
-    from stores import KEYS, REGION, Bucket  # noqa: PLC0415
+    from helpers.stores import KEYS, REGION, Bucket  # noqa: PLC0415
 
     for name, value in {**KEYS, "AWS_DEFAULT_REGION": REGION, "DEPTHCLI_RETRIES": "4"}.items():
         monkeypatch.setenv(name, value)
@@ -141,7 +141,7 @@ def bucket(s3_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> Bucket:
 @pytest.fixture
 def faults(bucket: Bucket, monkeypatch: pytest.MonkeyPatch) -> Iterator[Faults]:
     """A way to the bucket's server that can be made to fail; it is the one that is used."""
-    from stores import Faults  # noqa: PLC0415
+    from helpers.stores import Faults  # noqa: PLC0415
 
     proxy = Faults(bucket.endpoint)
     monkeypatch.setenv("AWS_ENDPOINT_URL", proxy.endpoint)

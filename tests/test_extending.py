@@ -14,7 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import pytest
-from rooms import Rooms, rooms, write_rooms
+from helpers.rooms import Rooms, rooms, write_rooms
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = re.compile(

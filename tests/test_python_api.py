@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.videos import encode, write_video
 from PIL import Image
-from tiny import synthetic_picture, write_model, write_picture
-from videos import encode, write_video
 
 import depthcli
 from depthcli.io.depth.read import read_metadata

@@ -7,8 +7,8 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tiny import synthetic_picture, write_picture
-from videos import write_mp4
+from helpers.tiny import synthetic_picture, write_picture
+from helpers.videos import write_mp4
 
 if TYPE_CHECKING:
     import pytest

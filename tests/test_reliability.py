@@ -27,4 +27,4 @@ def test_every_promise_has_a_test() -> None:
 
 def test_the_long_commands_are_there() -> None:
     assert COMMANDS
-    assert all((TESTS / "robustness" / name).is_file() for name in COMMANDS)
+    assert all((TESTS.parent / "robustness" / name).is_file() for name in COMMANDS)

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import onnx
 import pytest
-from render_room import render
 
 import depthcli
 from depthcli.core.anchors import fit_anchors
@@ -21,6 +20,7 @@ from depthcli.core.camera import Anchor
 from depthcli.core.types import Frame
 from depthcli.datasets import base as id_ranges
 from depthcli.models.card import ModelCard
+from docs.render_room import render
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = Path(__file__).parent / "reference"

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from folders import printed, rows, tree
-from tiny import synthetic_picture, write_model, write_picture
+from helpers.folders import printed, rows, tree
+from helpers.tiny import synthetic_picture, write_model, write_picture
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 def sparse_twice(cli: Cli, name: str) -> np.ndarray:

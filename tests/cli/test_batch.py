@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from folders import contents, picture, printed, rows, tree
-from tiny import fixed_inside, synthetic_picture, write_model, write_picture
-from videos import flat_frames, write_mp4, write_video
+from helpers.folders import contents, picture, printed, rows, tree
+from helpers.tiny import fixed_inside, synthetic_picture, write_model, write_picture
+from helpers.videos import flat_frames, write_mp4, write_video
 
 from depthcli.cli.app import main
 from depthcli.inference.pipeline import Pipeline, Prediction
@@ -23,7 +23,7 @@ from depthcli.io.listing.folder import list_folder
 from depthcli.video.depth_video import DepthVideo
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
     from depthcli.core.types import Frame
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from folders import contents, picture, printed, rows, tree
-from tiny import write_model
+from helpers.folders import contents, picture, printed, rows, tree
+from helpers.tiny import write_model
 
 if TYPE_CHECKING:
     import subprocess
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 JOURNAL = ".depthcli-batch.jsonl"
 COUNT = 120

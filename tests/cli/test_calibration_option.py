@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from folders import rows
-from tiny import synthetic_picture, write_model, write_picture
-from videos import flat_frames, write_video
+from helpers.folders import rows
+from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.videos import flat_frames, write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 CALIBRATION = """image_width: 64
 image_height: 48

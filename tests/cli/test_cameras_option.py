@@ -6,13 +6,13 @@ import csv
 from typing import TYPE_CHECKING
 
 import pytest
-from folders import contents, printed, rows, tree
-from tiny import write_model
+from helpers.folders import contents, printed, rows, tree
+from helpers.tiny import write_model
 
 from depthcli.io.depth.read import read_metadata
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 @pytest.fixture

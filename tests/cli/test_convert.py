@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import typer
-from tiny import write_picture
+from helpers.tiny import write_picture
 
 from depthcli.cli.shell import load_command
 from depthcli.core.camera import CameraSource, Intrinsics
@@ -25,7 +25,7 @@ from depthcli.io.formats.sidecar import SidecarWriter
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 DEPTH = DepthMap(np.full((6, 8), 2, np.float32), provenance=Provenance("m", "0" * 64, (4, 3), 16.0))
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from folders import contents, printed
-from tiny import write_picture
+from helpers.folders import contents, printed
+from helpers.tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.io.depth.read import read_stored_depth
@@ -30,8 +30,8 @@ from depthcli.jobs.outputs import FailedInput
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
-    from stores import Bucket
+    from helpers.command_line import Cli
+    from helpers.stores import Bucket
 
 TO_EXR = ("convert", "in", "--out", "out", "--format", "exr")
 

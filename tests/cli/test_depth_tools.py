@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_stored_depth
@@ -21,7 +21,7 @@ from depthcli.video.outputs import DepthFrame, depth_video
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from tiny import write_picture
+from helpers.tiny import write_picture
 
 from depthcli.cli import shell
 from depthcli.cli.parse import choose_detail
@@ -15,7 +15,7 @@ from depthcli.core.options import Upsampling
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 HEIGHT, WIDTH = 2400, 3200

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from helpers.rooms import Rooms, rooms, write_rooms
+from helpers.watched import Watched
 from lightning_fabric import Fabric
-from rooms import Rooms, rooms, write_rooms
-from watched import Watched
 
 from depthcli.cli.app import main
 from depthcli.core.options import Detail, Upsampling

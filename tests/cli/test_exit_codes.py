@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import typer
-from command_line import unmeasured
-from tiny import write_picture
+from helpers.command_line import unmeasured
+from helpers.tiny import write_picture
 
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
@@ -24,13 +24,13 @@ from depthcli.jobs.outputs import failure_reason
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 # A picture of zeros, 8000 pixels square, read with 40 MB of address space to spare.
 LITTLE_MEMORY = """
 import resource, sys, zlib
 from pathlib import Path
-from made import chunk, png
+from helpers.made import chunk, png
 from depthcli.cli.shell import run
 side = 8000
 small = png([b"\\0\\0"], 1, 8, 0)
@@ -126,7 +126,7 @@ def test_an_input_of_a_batch_says_what_was_lacking(error: Exception, said: str) 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux how much memory is in use")
 def test_a_picture_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) -> None:
     words = ("predict", "large.png", "small.png", "-o", "out/", "--format", "png16")
-    tests = os.path.join(os.path.dirname(__file__), "..", "io")  # noqa: PTH118, PTH120
+    tests = os.path.join(os.path.dirname(__file__), "..")  # noqa: PTH118, PTH120
     done = subprocess.run(
         [sys.executable, "-c", LITTLE_MEMORY, *words],
         cwd=cli.folder,

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import OpenEXR
 import pytest
-from tiny import write_picture
-from videos import flat_frames, write_video
+from helpers.tiny import write_picture
+from helpers.videos import flat_frames, write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 LIGHT = np.random.default_rng(0).uniform(0, 1, (48, 64)).astype(np.float32)
 DARK = LIGHT / 8

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from folders import contents, printed, rows, tree
-from heifs import heic, pillow_heif
+from helpers.folders import contents, printed, rows, tree
+from helpers.heifs import heic, pillow_heif
+from helpers.tiny import synthetic_picture
 from PIL import Image
-from tiny import synthetic_picture
 
 from depthcli.io.listing.folder import reads_heif
 
 if TYPE_CHECKING:
-    from command_line import Cli
-    from stores import Bucket
+    from helpers.command_line import Cli
+    from helpers.stores import Bucket
 
 PICTURE = synthetic_picture(48, 64)
 HEIC = heic(PICTURE)

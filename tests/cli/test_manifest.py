@@ -6,10 +6,10 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from folders import contents, printed, tree
+from helpers.folders import contents, printed, tree
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 @pytest.mark.parametrize("form", ["jsonl", "parquet"])

@@ -7,11 +7,11 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import ROOT
-from tiny import write_model, write_picture
+from helpers.command_line import ROOT
+from helpers.tiny import write_model, write_picture
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 def spoil(cli: Cli, name: str) -> None:

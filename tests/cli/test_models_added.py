@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import tiny_onnx, write_model, write_picture
+from helpers.tiny import tiny_onnx, write_model, write_picture
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 FORMATS = ("png16", "exr", "npy", "preview", "json")
 

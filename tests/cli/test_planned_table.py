@@ -8,13 +8,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import write_methods
 
 from depthcli.cli.app import main
 from depthcli.training.methods.registry import default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.schedule import lr_factor
 from depthcli.training.settings import apply_overrides, preset_file
+from docs import write_methods
 
 PAGE = (Path(__file__).parents[2] / "docs" / "methods.md").read_text("utf-8")
 CHOSEN = {"W": "50", "N": "80"}

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from command_line import unmeasured
-from folders import here
-from tiny import fixed_inside, synthetic_picture, write_model, write_picture
+from helpers.command_line import unmeasured
+from helpers.folders import here
+from helpers.tiny import fixed_inside, synthetic_picture, write_model, write_picture
 
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import FORMATS, Format
@@ -24,7 +24,7 @@ from depthcli.io.formats.table import FORMATS, Format
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 EXPECTED_M = 1 + 8 / 255 * synthetic_picture().max(axis=-1).astype(np.float32)
 

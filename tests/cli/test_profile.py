@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import av
 import numpy as np
 import pytest
+from helpers.tiny import write_model
+from helpers.videos import flat_frames, write_video
 from hypothesis import given
 from hypothesis import strategies as st
-from tiny import write_model
-from videos import flat_frames, write_video
 
 from depthcli.cli import shell
 from depthcli.cli.profile_files import _toml, write_profile
@@ -21,7 +21,7 @@ from depthcli.cli.table import COMMANDS, PROFILE_COMMANDS
 from depthcli.errors import OutputError
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 class Home:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from folders import tree
-from tiny import write_model
-from videos import write_mp4
+from helpers.folders import tree
+from helpers.tiny import write_model
+from helpers.videos import write_mp4
 
 from depthcli.cli.screen import console, progress, training
 from depthcli.cli.screen.training import JsonCallback, TextCallback
@@ -20,7 +20,7 @@ from depthcli.training.checkpoint import TrainState
 from depthcli.training.devices import Threads
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 def test_a_batch_has_a_bar_on_a_terminal(cli: Cli) -> None:

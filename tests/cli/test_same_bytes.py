@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import pytest
-from command_line import ROOT, Cli
-from folders import contents, picture
-from videos import write_mp4
+from helpers.command_line import ROOT, Cli
+from helpers.folders import contents, picture
+from helpers.videos import write_mp4
 
 NAMES = ("a.png", "b.png", "c.png")
 """Of two sizes, so that pictures of one can be given to the network together."""

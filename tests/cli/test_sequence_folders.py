@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 def write_pictures(folder: Path, numbers: Iterable[int]) -> None:

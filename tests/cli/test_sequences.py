@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from file_trees import contents
-from videos import flat_frames, write_video
+from helpers.file_trees import contents
+from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.parse import parse_fps
 from depthcli.errors import InputError, UsageError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import subprocess
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 FILM = Fraction(24000, 1001)
 

@@ -7,7 +7,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 import depthcli
 from depthcli.cli.app import main
@@ -16,7 +16,7 @@ from depthcli.cli.table import COMMANDS
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 HEAVY = {"av", "numpy", "cv2", "onnxruntime", "torch", "rich", "OpenEXR", "importlib.metadata"}
 

@@ -8,13 +8,13 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-import killed
 import pytest
-from command_line import ROOT, Cli, unmeasured
+from helpers.command_line import ROOT, Cli, unmeasured
+from helpers.tiny import write_model, write_picture
 from onnx import TensorProto, helper
-from tiny import write_model, write_picture
 
 from depthcli.cli.process import ending_signals, graceful_shutdown
+from robustness import killed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -125,7 +125,7 @@ def test_signals_that_the_caller_ignores_stay_ignored() -> None:
 def test_at_some_moments_nothing_is_left_and_the_next_run_gives_the_same_bytes(
     tmp_path: Path,
 ) -> None:
-    """A sample of the long command tests/robustness/killed.py."""
+    """A sample of the long command robustness/killed.py."""
     names = ("batch", "frames")
     killed.room(tmp_path, names)
     cli = Cli(ROOT, tmp_path, tmp_path / "models")

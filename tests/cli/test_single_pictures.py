@@ -12,7 +12,7 @@ import pytest
 from depthcli.video.numbering import number_in, pattern_of
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 @pytest.mark.parametrize(

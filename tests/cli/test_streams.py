@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from tiny import write_picture
+from helpers.tiny import write_picture
 
 from depthcli.cli.screen import console
 
 if TYPE_CHECKING:
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 FULL, CLOSED = "No space left on device", "it is closed"
 needs_full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")

@@ -9,8 +9,8 @@ import tomllib
 from typing import TYPE_CHECKING
 
 import pytest
-from rooms import write_rooms
-from runs import finished, inside
+from helpers.rooms import write_rooms
+from helpers.runs import finished, inside
 
 from depthcli.cli.app import main
 from depthcli.training.checkpoint import Checkpoint

@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
-from command_line import unmeasured
-from rooms import write_rooms
-from runs import ENVIRONMENT, inside
+from helpers.command_line import unmeasured
+from helpers.rooms import write_rooms
+from helpers.runs import ENVIRONMENT, inside
 
 from depthcli.cli.app import main
 from depthcli.cli.commands.train import _forwarded_options, _queue_request

@@ -8,8 +8,8 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from rooms import write_rooms
-from runs import ENVIRONMENT, inside, same, saved
+from helpers.rooms import write_rooms
+from helpers.runs import ENVIRONMENT, inside, same, saved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from command_line import unmeasured
-from rooms import write_rooms
-from runs import ENVIRONMENT, finished, inside, same, saved
+from helpers.command_line import unmeasured
+from helpers.rooms import write_rooms
+from helpers.runs import ENVIRONMENT, finished, inside, same, saved
 
 from depthcli.training.callbacks import Callback
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import write_model, write_picture
-from videos import flat_frames, write_video
+from helpers.tiny import write_model, write_picture
+from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.parse import writer_options
 from depthcli.cli.shell import load_command
@@ -18,7 +18,7 @@ from depthcli.errors import UsageError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 def run(*words: str) -> None:

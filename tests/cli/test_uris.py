@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from rooms import Rooms, rooms, write_rooms
-from stores import KEYS, credentials_checked
-from tiny import card_with, tiny_onnx, write_model, write_picture
-from videos import flat_frames, write_mp4
+from helpers.rooms import Rooms, rooms, write_rooms
+from helpers.stores import KEYS, credentials_checked
+from helpers.tiny import card_with, tiny_onnx, write_model, write_picture
+from helpers.videos import flat_frames, write_mp4
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
-    from stores import Bucket, Faults
+    from helpers.command_line import Cli
+    from helpers.stores import Bucket, Faults
 
 WATCHED = """
 import sys

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from command_line import unmeasured
-from folders import here
-from tiny import write_model
-from videos import NTSC, encode, flat_frames, write_mp4, write_video
+from helpers.command_line import unmeasured
+from helpers.folders import here
+from helpers.tiny import write_model
+from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
 
 from depthcli.cli.parse import parse_point, parse_span
 from depthcli.errors import UsageError
@@ -27,7 +27,7 @@ from depthcli.video.frames import Point, Span
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 CAMERA = {"hfov_deg": 60.0}

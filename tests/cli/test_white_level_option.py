@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from tiny import write_picture
-from videos import flat_frames, write_video
+from helpers.tiny import write_picture
+from helpers.videos import flat_frames, write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 RNG = np.random.default_rng(0)
 SENSOR = RNG.integers(0, 4096, (48, 64, 3), dtype=np.uint16)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
+from helpers.small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
 
 from depthcli.datasets.base import SplitName
 from depthcli.errors import UsageError

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 from depthcli.cli.app import main
 from depthcli.datasets.base import SplitName, split_nyu

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 from depthcli.cli.app import main
 from depthcli.core.camera import focal_px_of_hfov

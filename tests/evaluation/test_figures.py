@@ -7,8 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from small_set import Playback, SmallSet, noisy, small_set
-from watched import Watched
+from helpers.small_set import Playback, SmallSet, noisy, small_set
+from helpers.watched import Watched
 
 from depthcli._version import __version__
 from depthcli.core.types import DepthKind, DepthMap

@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import plain_evaluator as plain
 import pytest
-from small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
-from tiny import write_model
-from watched import Watched
+from helpers import plain_evaluator as plain
+from helpers.small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
+from helpers.tiny import write_model
+from helpers.watched import Watched
 
 from depthcli.core.options import Mask
 from depthcli.core.types import DepthKind

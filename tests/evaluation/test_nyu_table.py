@@ -6,8 +6,8 @@ import json
 import math
 
 import pytest
-from small_set import HEIGHT, WIDTH, Playback, noisy, small_set
-from watched import Watched
+from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
+from helpers.watched import Watched
 
 from depthcli.datasets.base import SplitName
 from depthcli.evaluation.evaluate import EvalOptions, evaluate

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from small_set import small_set
+from helpers.small_set import small_set
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError

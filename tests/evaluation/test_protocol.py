@@ -1,9 +1,9 @@
 from __future__ import annotations
 
 import numpy as np
-import plain_evaluator as plain
 import pytest
-from small_set import HEIGHT, WIDTH, noisy, small_set
+from helpers import plain_evaluator as plain
+from helpers.small_set import HEIGHT, WIDTH, noisy, small_set
 
 from depthcli.core.options import AUTO_TILE, Crop, Mask, Upsampling
 from depthcli.core.types import DepthMap

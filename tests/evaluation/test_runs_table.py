@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from small_set import HEIGHT, WIDTH, SmallSet, small_set
-from tiny import write_model
+from helpers.small_set import HEIGHT, WIDTH, SmallSet, small_set
+from helpers.tiny import write_model
 
 from depthcli.datasets.base import Split, SplitName
 from depthcli.errors import DatasetError, UsageError

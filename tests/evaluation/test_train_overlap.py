@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from small_set import small_set
+from helpers.small_set import small_set
 
 from depthcli.datasets.base import SplitName
 from depthcli.evaluation.task import plan_nyu, plan_pairs, train_overlap, trained_numbers

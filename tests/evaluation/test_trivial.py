@@ -1,10 +1,10 @@
 from __future__ import annotations
 
 import numpy as np
-import plain_evaluator as plain
 import pytest
-from small_set import HEIGHT, WIDTH, small_set
-from watched import Watched
+from helpers import plain_evaluator as plain
+from helpers.small_set import HEIGHT, WIDTH, small_set
+from helpers.watched import Watched
 
 from depthcli.errors import DatasetError
 from depthcli.evaluation.predictors import fit_trivial

@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from small import EFFICIENT, RESNET, small_network, write_checkpoint
+from helpers.small import EFFICIENT, RESNET, small_network, write_checkpoint
 
 from depthcli.errors import CheckpointError, DepthcliError, OutputError, ParityError, UsageError
 from depthcli.export.onnx import ExportOptions, card_path, export_checkpoint

@@ -10,9 +10,9 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from helpers.small import EFFICIENT, small_network, write_checkpoint
+from helpers.tiny import synthetic_picture, write_picture
 from onnx import TensorProto
-from small import EFFICIENT, small_network, write_checkpoint
-from tiny import synthetic_picture, write_picture
 
 from depthcli.cli.app import main
 from depthcli.core.types import Frame

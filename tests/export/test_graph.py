@@ -10,8 +10,8 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from helpers.small import ALL, EFFICIENT, RESNET, small_network
 from onnx import TensorProto
-from small import ALL, EFFICIENT, RESNET, small_network
 
 from depthcli.export.graph import build_graph, fold_batch_norm, weights_to_float16
 

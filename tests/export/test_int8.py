@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import onnxruntime
 import pytest
+from helpers.tiny import synthetic_picture, write_picture
 from onnx.numpy_helper import to_array
-from tiny import synthetic_picture, write_picture
 
 from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError

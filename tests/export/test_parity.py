@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from small import small_network
-from tiny import tiny_onnx
+from helpers.small import small_network
+from helpers.tiny import tiny_onnx
 from torch import Tensor, nn
 
 from depthcli.errors import ParityError

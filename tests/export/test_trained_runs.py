@@ -7,7 +7,7 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from small import small_network, write_checkpoint
+from helpers.small import small_network, write_checkpoint
 
 from depthcli.core.options import Weights
 from depthcli.datasets.training_data import NYU_PAPER

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 import depthcli
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics

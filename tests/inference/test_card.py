@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.tiny import CARD, card_with
 from hypothesis import given
 from hypothesis import strategies as st
-from tiny import CARD, card_with
 
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError

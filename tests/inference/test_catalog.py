@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import onnx
 import pytest
-from tiny import card_with, tiny_onnx, write_model
+from helpers.tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError
 from depthcli.models import catalog

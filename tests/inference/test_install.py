@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from helpers.tiny import card_with, fixed_inside, tiny_onnx, write_model
 from onnx import external_data_helper
-from tiny import card_with, fixed_inside, tiny_onnx, write_model
 
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic import workspace

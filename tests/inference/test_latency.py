@@ -6,7 +6,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 from depthcli.inference import measure as latency
 from depthcli.inference.pipeline import load

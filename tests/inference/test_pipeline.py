@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import onnx
 import pytest
-from tiny import synthetic_picture, tiny_onnx, write_model
+from helpers.tiny import synthetic_picture, tiny_onnx, write_model
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics

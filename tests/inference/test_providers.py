@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import onnxruntime as ort
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers, session

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import onnx
 import pytest
-from tiny import card_with, tiny_onnx, write_model
+from helpers.tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference.providers import available_providers, fallback_warnings

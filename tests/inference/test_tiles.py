@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import onnx
 import pytest
+from helpers.tiny import tiny_onnx, write_model
 from hypothesis import given
 from hypothesis import strategies as st
-from tiny import tiny_onnx, write_model
 
 from depthcli.core.codec import Transform
 from depthcli.core.options import AUTO_TILE, Detail, Upsampling

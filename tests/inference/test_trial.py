@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from tiny import fixed_inside, write_model
+from helpers.tiny import fixed_inside, write_model
 
 from depthcli.errors import InputError, ModelError
 from depthcli.inference.measure import check_network

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH
+from helpers.bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH
 from PIL import Image
 
 from depthcli.datasets.folders import depth_shape, read_image_rgb
@@ -28,7 +28,7 @@ from depthcli.io.storage.paths import read_regular
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 if platform.libc_ver()[0] != "glibc":
     pytest.skip("only glibc lets libjpeg's warnings be heard", allow_module_level=True)

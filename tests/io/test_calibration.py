@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import synthetic_picture, write_model
+from helpers.tiny import synthetic_picture, write_model
 
 import depthcli
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics, hfov_deg

@@ -9,11 +9,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import cv2
-import made
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import unmeasured
+from helpers import made
+from helpers.command_line import unmeasured
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -6,8 +6,8 @@ import struct
 import zlib
 from typing import TYPE_CHECKING
 
-import made
 import pytest
+from helpers import made
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -5,9 +5,9 @@ import warnings
 from typing import Any
 
 import pytest
+from helpers.made import exif, jpeg_with_exif
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made import exif, jpeg_with_exif
 from PIL import Image
 
 from depthcli.io.images.decode import picture_size

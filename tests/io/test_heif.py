@@ -8,10 +8,10 @@ import struct
 import sys
 from typing import TYPE_CHECKING, Any
 
-import made
 import numpy as np
 import pytest
-from heifs import heic, pillow_heif
+from helpers import made
+from helpers.heifs import heic, pillow_heif
 
 from depthcli.errors import InputError
 from depthcli.io.images.decode import check, picture_size

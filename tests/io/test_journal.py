@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from file_trees import contents, names
+from helpers.file_trees import contents, names
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from videos import NTSC
+from helpers.videos import NTSC
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.formats.preview import PreviewWriter

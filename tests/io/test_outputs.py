@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import unmeasured
-from file_trees import names
-from tiny import write_picture
+from helpers.command_line import unmeasured
+from helpers.file_trees import names
+from helpers.tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import OutputError, UsageError

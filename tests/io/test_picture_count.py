@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from helpers.tiny import write_model
 from PIL import Image
-from tiny import write_model
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.images.decode import count_warnings

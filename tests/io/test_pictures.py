@@ -7,9 +7,9 @@ import struct
 from typing import TYPE_CHECKING
 
 import cv2
-import made
 import numpy as np
 import pytest
+from helpers import made
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -9,10 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 import cv2
 import numpy as np
 import pytest
+from helpers.strict_png import read_strictly
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
-from strict_png import read_strictly
 
 from depthcli.errors import OutputError
 from depthcli.io.images import png as png_encode

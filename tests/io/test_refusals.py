@@ -6,9 +6,9 @@ import struct
 from typing import TYPE_CHECKING
 
 import cv2
-import made
 import numpy as np
 import pytest
+from helpers import made
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

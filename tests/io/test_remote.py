@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from stores import KEYS, remote
-from watched import Watched
+from helpers.stores import KEYS, remote
+from helpers.watched import Watched
 
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
@@ -34,7 +34,7 @@ from depthcli.io.storage.transfer import local_copy, object_checksum
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from stores import Bucket, Faults
+    from helpers.stores import Bucket, Faults
 
 SIGNED = "https://user:word@host/a/b.jpg?X-Signature=secret/x&y=z"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from file_trees import contents
-from stores import remote
+from helpers.file_trees import contents
+from helpers.stores import remote
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.listing.folder import InputFile, Skipped
@@ -17,7 +17,7 @@ from depthcli.io.listing.path_list import list_objects, walk_sort_key
 from depthcli.io.manifest.rows_folder import RemoteRows, RowsFolder, rows_folder
 
 if TYPE_CHECKING:
-    from stores import Bucket, Faults
+    from helpers.stores import Bucket, Faults
 
     from depthcli.io.storage.paths import RemotePath
 

@@ -8,7 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from file_trees import names
+from helpers.file_trees import names
 
 from depthcli.io.storage import temporary as temporaries
 from depthcli.io.storage.temporary import remove_stale, temporary_beside

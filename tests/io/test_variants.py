@@ -8,9 +8,9 @@ from io import BytesIO
 from typing import TYPE_CHECKING
 
 import cv2
-import made
 import numpy as np
 import pytest
+from helpers import made
 from PIL import Image
 
 from depthcli.errors import InputError

@@ -6,9 +6,9 @@ import struct
 from typing import TYPE_CHECKING, Any
 
 import cv2
-import made
 import numpy as np
 import pytest
+from helpers import made
 
 from depthcli.errors import UsageError
 from depthcli.io.images.read import read_image

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 from depthcli.inference.loading import SessionLoader
 

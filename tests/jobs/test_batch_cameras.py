@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from batches import outputs, pictures, request
-from tiny import synthetic_picture, write_model, write_picture
-from videos import flat_frames, write_video
+from helpers.batches import outputs, pictures, request
+from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.videos import flat_frames, write_video
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.errors import UsageError

@@ -9,9 +9,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from batches import request
-from command_line import ROOT, Cli
-from videos import flat_frames, write_video
+from helpers.batches import request
+from helpers.command_line import ROOT, Cli
+from helpers.videos import flat_frames, write_video
 
 from depthcli.errors import InputError
 from depthcli.io.formats.table import Format

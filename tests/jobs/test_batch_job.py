@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from batches import NAMES, outputs, pictures, request
-from tiny import write_picture
-from videos import write_mp4
+from helpers.batches import NAMES, outputs, pictures, request
+from helpers.tiny import write_picture
+from helpers.videos import write_mp4
 
 from depthcli.core.camera import Anchor
 from depthcli.core.options import Detail, Upsampling
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
     from depthcli.jobs.batch.workers import PictureTask, VideoTask
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pyarrow.parquet as pq
 import pytest
-from batches import NAMES, pictures, request
-from tiny import synthetic_picture, write_picture
+from helpers.batches import NAMES, pictures, request
+from helpers.tiny import synthetic_picture, write_picture
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest.files import Shard

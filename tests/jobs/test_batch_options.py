@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from batches import NAMES, outputs, pictures, request
-from videos import flat_frames, with_sound, write_mp4
-from watched import Watched
+from helpers.batches import NAMES, outputs, pictures, request
+from helpers.videos import flat_frames, with_sound, write_mp4
+from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import GPU_BATCH, Detail, Upsampling

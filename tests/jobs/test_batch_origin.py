@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 from depthcli.core.camera import Intrinsics
 from depthcli.inference.loading import SessionLoader

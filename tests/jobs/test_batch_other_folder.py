@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from batches import outputs, request
-from tiny import synthetic_picture, write_picture
-from videos import write_video
+from helpers.batches import outputs, request
+from helpers.tiny import synthetic_picture, write_picture
+from helpers.videos import write_video
 
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from batches import outputs, request
-from tiny import synthetic_picture, write_picture
-from videos import write_mp4
+from helpers.batches import outputs, request
+from helpers.tiny import synthetic_picture, write_picture
+from helpers.videos import write_mp4
 
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import EngineError, ModelError, UsageError

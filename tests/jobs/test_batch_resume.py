@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from batches import NAMES, kept, outputs, pictures, request
-from tiny import synthetic_picture, write_picture
-from videos import flat_frames, write_video
+from helpers.batches import NAMES, kept, outputs, pictures, request
+from helpers.tiny import synthetic_picture, write_picture
+from helpers.videos import flat_frames, write_video
 
 from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import AUTO_TILE, Detail, ReadOptions, Upsampling

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from batches import NAMES, kept, outputs, pictures, request
-from tiny import synthetic_picture, write_picture
+from helpers.batches import NAMES, kept, outputs, pictures, request
+from helpers.tiny import synthetic_picture, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format

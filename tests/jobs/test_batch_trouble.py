@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from batches import NAMES, kept, outputs, pictures, request
-from tiny import write_picture
-from videos import write_mp4
+from helpers.batches import NAMES, kept, outputs, pictures, request
+from helpers.tiny import write_picture
+from helpers.videos import write_mp4
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import Format, WriterOptions

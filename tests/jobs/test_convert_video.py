@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from plates import DISPLAY, write_plate
-from videos import NTSC, damage_frames, encode, flat_frames
+from helpers.plates import DISPLAY, write_plate
+from helpers.videos import NTSC, damage_frames, encode, flat_frames
 
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError, OutputError, UsageError
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 START = (1, 0, 0, 28, 0, *(0,) * 13)
 SIZE = (32, 48)

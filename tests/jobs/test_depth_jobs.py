@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from videos import NTSC
+from helpers.videos import NTSC
 
 from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.types import DepthKind, DepthMap, Frame

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import av
 import pytest
-from tiny import write_model
+from helpers.tiny import write_model
 
 from depthcli.errors import ModelError
 from depthcli.inference import providers

@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from batches import request
-from tiny import synthetic_picture, write_model, write_picture
-from videos import flat_frames, write_mp4
+from helpers.batches import request
+from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.videos import flat_frames, write_mp4
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from tiny import write_model
-from watched import Watched
+from helpers.tiny import write_model
+from helpers.watched import Watched
 
 from depthcli.core.options import Mask
 from depthcli.datasets.base import SplitName

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, written
+from helpers.plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, written
 
 from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.io.depth.read import read_metadata, read_stored_depth

@@ -11,8 +11,18 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, inside, size_of, write_plate, written
-from tiny import write_model, write_picture
+from helpers.plates import (
+    CROP,
+    DISPLAY,
+    MIXED,
+    OVERSCAN,
+    Box,
+    inside,
+    size_of,
+    write_plate,
+    written,
+)
+from helpers.tiny import write_model, write_picture
 
 import depthcli
 from depthcli.core.camera import Anchor
@@ -38,7 +48,7 @@ from depthcli.video.formats import VideoFormat
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from stores import Bucket
+    from helpers.stores import Bucket
 
 WINDOWS = pytest.mark.parametrize("data", [OVERSCAN, CROP, MIXED, DISPLAY])
 

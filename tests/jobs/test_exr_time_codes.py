@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import OpenEXR
-from plates import CROP, DISPLAY, time_code_of, write_plate
+from helpers.plates import CROP, DISPLAY, time_code_of, write_plate
 
 from depthcli.io.exr.file import ExrPart, read_exr_header, time_code_attribute
 from depthcli.io.formats.table import Format

@@ -10,10 +10,20 @@ import av
 import cv2
 import numpy as np
 import pytest
-from plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, inside, size_of, write_plate, written
-from tiny import write_model
-from videos import flat_frames
-from watched import Watched
+from helpers.plates import (
+    CROP,
+    DISPLAY,
+    MIXED,
+    OVERSCAN,
+    Box,
+    inside,
+    size_of,
+    write_plate,
+    written,
+)
+from helpers.tiny import write_model
+from helpers.videos import flat_frames
+from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.inference.loading import SessionLoader

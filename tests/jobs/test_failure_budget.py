@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from batches import request
-from tiny import synthetic_picture, write_picture
+from helpers.batches import request
+from helpers.tiny import synthetic_picture, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.io.manifest.row import OK, Origin, Row, parse_row
@@ -18,7 +18,7 @@ from depthcli.jobs.batch.tasks import Result
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 GOOD, BAD, LATE = ("a", "b"), 100, ("x", "y", "z")
 AHEAD = 64  # inputs that a worker can be ahead of what is told

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from batches import outputs
-from tiny import synthetic_picture, write_model, write_picture
+from helpers.batches import outputs
+from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from command_line import unmeasured
-from tiny import write_model, write_picture
+from helpers.command_line import unmeasured
+from helpers.tiny import write_model, write_picture
 
 from depthcli.core.camera import Anchor
 from depthcli.errors import InputError, ModelError, OutputError, UsageError

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from batches import outputs, pictures
-from tiny import write_model, write_picture
-from videos import flat_frames, write_video
-from watched import Watched
+from helpers.batches import outputs, pictures
+from helpers.tiny import write_model, write_picture
+from helpers.videos import flat_frames, write_video
+from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.progress import run_exit_hooks
@@ -48,7 +48,7 @@ from depthcli.video.formats import VideoFormat
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stores import Bucket, Faults
+    from helpers.stores import Bucket, Faults
 
 FORMATS = (Format.PNG16, Format.EXR, Format.NPY, Format.PREVIEW, Format.JSON)
 

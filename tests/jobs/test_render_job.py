@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from command_line import Cli
-from file_trees import contents
-from watched import Watched
+from helpers.command_line import Cli
+from helpers.file_trees import contents
+from helpers.watched import Watched
 
 from depthcli.cli.shell import run
 from depthcli.core.camera import Intrinsics

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from rooms import EFFICIENT, write_rooms
+from helpers.rooms import EFFICIENT, write_rooms
 
 from depthcli.errors import DatasetError, ModelError
 from depthcli.jobs.train import TrainRequest, train

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import pytest
 import torch
-from rooms import EFFICIENT, write_rooms
+from helpers.rooms import EFFICIENT, write_rooms
 
 from depthcli.errors import CheckpointError
 from depthcli.jobs.train import TrainRequest, train

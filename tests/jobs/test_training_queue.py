@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import cv2
 import pytest
 import torch
-from rooms import write_rooms
+from helpers.rooms import write_rooms
 
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError

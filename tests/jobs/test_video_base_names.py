@@ -15,8 +15,8 @@ from depthcli.video.numbering import sequence_name
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
-    from stores import Bucket
+    from helpers.command_line import Cli
+    from helpers.stores import Bucket
 
 
 def write_names(folder: Path, names: str) -> None:

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from file_trees import contents
-from tiny import write_model, write_picture
-from videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
-from watched import Watched
+from helpers.file_trees import contents
+from helpers.tiny import write_model, write_picture
+from helpers.videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
+from helpers.watched import Watched
 
 import depthcli
 from depthcli._version import __version__

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from batches import request
-from tiny import write_model
-from videos import flat_frames, write_mp4, write_video
+from helpers.batches import request
+from helpers.tiny import write_model
+from helpers.videos import flat_frames, write_mp4, write_video
 
 from depthcli.errors import OutputError
 from depthcli.inference.loading import SessionLoader
@@ -21,7 +21,7 @@ from depthcli.video.formats import VideoFormat
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from stores import Bucket, Faults
+    from helpers.stores import Bucket, Faults
 
 BOTH = (VideoFormat.MKV, VideoFormat.MP4)
 

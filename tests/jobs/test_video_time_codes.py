@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 import av
 import OpenEXR
 import pytest
+from helpers.plates import DISPLAY, time_code_of, write_plate
+from helpers.videos import NTSC, encode, flat_frames, with_sound
 from hypothesis import given
 from hypothesis import strategies as st
-from plates import DISPLAY, time_code_of, write_plate
-from videos import NTSC, encode, flat_frames, with_sound
 
 from depthcli.video.time_code import time_code_after, time_code_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 
 def write_coded(path: Path, timecode: str | None) -> None:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import av
 import numpy as np
 import pytest
-from tiny import write_model, write_picture
-from videos import NTSC, encode, flat_frames
+from helpers.tiny import write_model, write_picture
+from helpers.videos import NTSC, encode, flat_frames
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.convert import ConvertRequest, convert_video

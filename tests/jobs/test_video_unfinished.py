@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from tiny import write_model
-from videos import flat_frames, write_mp4
-from watched import Watched
+from helpers.tiny import write_model
+from helpers.videos import flat_frames, write_mp4
+from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import Background

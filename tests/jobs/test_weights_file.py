@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from depthcli.training.seen_pairs import seen_by_files
-from tiny import tiny_onnx, write_model
+from helpers.tiny import tiny_onnx, write_model
 
 from depthcli.errors import CheckpointError, ModelError
 from depthcli.inference.session import Session

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 import cv2
 import pytest
-from batches import outputs, pictures, request
+from helpers.batches import outputs, pictures, request
+from helpers.videos import flat_frames, write_mp4
 from hypothesis import given
 from hypothesis import strategies as st
-from videos import flat_frames, write_mp4
 
 from depthcli._version import __version__
 from depthcli.errors import EngineError, ModelError

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import plain_boundary as plain
 import pytest
+from helpers import plain_boundary as plain
 
 from depthcli.metrics.boundary import (
     BOUNDARY_NAMES,

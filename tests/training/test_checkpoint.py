@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 import torch
-from rooms import EFFICIENT, PAPER
+from helpers.rooms import EFFICIENT, PAPER
 
 from depthcli.core.options import Weights
 from depthcli.errors import CheckpointError

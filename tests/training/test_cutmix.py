@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from seeded import seeded
+from helpers.seeded import seeded
 from torch import Tensor
 
 from depthcli.errors import UsageError

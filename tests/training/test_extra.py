@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import onnx
 import pytest
 import torch
-from rooms import PAPER, TRAIN, rooms
-from supervised_runs import BARE, SUPERVISED, train_two_steps, write_extra
+from helpers.rooms import PAPER, TRAIN, rooms
+from helpers.supervised_runs import BARE, SUPERVISED, train_two_steps, write_extra
 
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.onnx import ExportOptions, export_checkpoint

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import torch
-from rooms import Rooms
+from helpers.rooms import Rooms
 from torch import Tensor
 
 from depthcli.datasets.base import Subset

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from helpers.rooms import PAPER, TRAIN, rooms
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rooms import PAPER, TRAIN, rooms
 
 from depthcli.errors import DatasetError
 from depthcli.training.augment import augment

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import pytest
 import torch
+from helpers.rooms import EFFICIENT, PAPER, room_data, rooms
+from helpers.runs import same
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER, room_data, rooms
-from runs import same
 
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError

@@ -9,10 +9,10 @@ import resource
 from typing import TYPE_CHECKING
 
 import pytest
+from helpers.rooms import EFFICIENT, room_data
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, room_data
 
 from depthcli.training import callbacks as metrics_log
 from depthcli.training.callbacks import Callback

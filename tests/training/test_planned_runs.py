@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
+from helpers.rooms import EFFICIENT, room_data
 from hypothesis import given
 from hypothesis import strategies as st
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, room_data
 
 from depthcli.errors import CheckpointError
 from depthcli.training.callbacks import Callback

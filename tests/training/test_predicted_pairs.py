@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from made import exif, jpeg_with_exif
-from rooms import room_data
-from tiny import write_model, write_picture
+from helpers.made import exif, jpeg_with_exif
+from helpers.rooms import room_data
+from helpers.tiny import write_model, write_picture
 
 from depthcli.cli.app import main
 from depthcli.datasets.folders import open_paired_folder

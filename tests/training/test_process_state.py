@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from rooms import EFFICIENT
+from helpers.rooms import EFFICIENT
 
 from depthcli.training.methods.proposed import Proposed
 from depthcli.training.run import load_process_state, process_state

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
+from helpers.rooms import EFFICIENT, room_data
+from helpers.runs import same
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, room_data
-from runs import same
 
 from depthcli.errors import CheckpointError
 from depthcli.training.callbacks import Callback

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 import torch
-from supervised_runs import BARE, SUPERVISED, train_two_steps
+from helpers.supervised_runs import BARE, SUPERVISED, train_two_steps
 
 from depthcli.errors import CheckpointError
 from depthcli.training.checkpoint import CHECKPOINT, load_generator

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
+from helpers.rooms import EFFICIENT
 from lightning_fabric import Fabric
-from rooms import EFFICIENT
 
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.training.checkpoint import CHECKPOINT

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from helpers.rooms import EFFICIENT, PAPER, TRAIN, Rooms
+from helpers.tiny_methods import tiny
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER, TRAIN, Rooms
-from tiny_methods import tiny
 
 from depthcli.training.config import DataConfig, TrainConfig
 from depthcli.training.data import Batches, PairStore, TrainingBatch

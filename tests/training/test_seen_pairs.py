@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import onnx
 import pytest
 import torch
-from supervised_runs import SUPERVISED, train_two_steps, write_extra
+from helpers.supervised_runs import SUPERVISED, train_two_steps, write_extra
 
 from depthcli.datasets.base import NYU
 from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER

@@ -7,8 +7,8 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from rooms import write_rooms
-from runs import inside
+from helpers.rooms import write_rooms
+from helpers.runs import inside
 
 if TYPE_CHECKING:
     import subprocess

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
+from helpers.rooms import EFFICIENT, PAPER, Rooms, rooms
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, PAPER, Rooms, rooms
 
 from depthcli.core.types import DepthMap
 from depthcli.datasets.base import Subset

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from seeded import seeded
+from helpers.seeded import seeded
 from torch import Tensor
 
 from depthcli.training.augment import Geometry, augment, draw_views, view_size

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from videos import NTSC, damage_frames, encode
+from helpers.videos import NTSC, damage_frames, encode
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
@@ -19,7 +19,7 @@ from depthcli.video.source import VideoSource
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from command_line import Cli
+    from helpers.command_line import Cli
 
 _TS_PACKET_BYTES = 188
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import av
 import numpy as np
 import pytest
-from tiny import write_model
-from videos import flat_frames, write_video
+from helpers.tiny import write_model
+from helpers.videos import flat_frames, write_video
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError

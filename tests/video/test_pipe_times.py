@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import av
 import numpy as np
 import pytest
-from videos import with_sound
+from helpers.videos import with_sound
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.formats.preview import PreviewWriter

@@ -10,9 +10,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from videos import (
+from helpers.videos import (
     NTSC,
     encode,
     flat_frames,
@@ -22,6 +20,8 @@ from videos import (
     write_mp4,
     write_video,
 )
+from hypothesis import given
+from hypothesis import strategies as st
 
 from depthcli.core.imageops import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
+from helpers.vectors import unit_vectors
 from torch import Tensor
-from vectors import unit_vectors
 
 from depthcli.training.losses import cfl_nce, patch_nce
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 import torch
+from helpers.vectors import unit_vectors
 from torch import Tensor
-from vectors import unit_vectors
 
 from depthcli.training.losses import semantic_relation
 

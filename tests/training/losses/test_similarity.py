@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from vectors import unit_vectors
+from helpers.vectors import unit_vectors
 
 from depthcli.training.losses import similarity
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import torch
+from helpers.rooms import PAPER, room_data
+from helpers.tiny_methods import tiny
 from lightning_fabric import Fabric
-from rooms import PAPER, room_data
-from tiny_methods import tiny
 
 from depthcli.errors import UsageError
 from depthcli.training.callbacks import Callback

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
+from helpers.tiny_methods import batch, coded, tiny, tiny_method
 from lightning_fabric import Fabric
-from tiny_methods import batch, coded, tiny, tiny_method
 
 from depthcli.training.losses import hdce, patch_nce, semantic_relation
 from depthcli.training.run import Run

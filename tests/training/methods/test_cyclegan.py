@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
-from tiny_methods import batch, coded, tiny_method
+from helpers.tiny_methods import batch, coded, tiny_method
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
-from tiny_methods import batch, coded, tiny, tiny_method
+from helpers.tiny_methods import batch, coded, tiny, tiny_method
 
 from depthcli.training.losses import patch_nce
 from depthcli.training.methods.registry import build_method

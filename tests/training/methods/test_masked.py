@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from helpers.rooms import room_data
+from helpers.tiny_methods import SIZES, batch
 from lightning_fabric import Fabric
-from rooms import room_data
-from tiny_methods import SIZES, batch
 
 from depthcli.core.types import DepthMap
 from depthcli.datasets.training_data import open_training_data

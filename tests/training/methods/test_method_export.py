@@ -8,9 +8,9 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
+from helpers.rooms import room_data, rooms
+from helpers.tiny_methods import tiny
 from lightning_fabric import Fabric
-from rooms import room_data, rooms
-from tiny_methods import tiny
 
 from depthcli.core.options import Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
-from tiny_methods import batch, tiny, tiny_method
+from helpers.tiny_methods import batch, tiny, tiny_method
 
 from depthcli.errors import UsageError
 from depthcli.training.methods.registry import build_method, default_config

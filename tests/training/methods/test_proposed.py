@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-import tiny_methods
 import torch
 import torch.nn.functional as F  # noqa: N812
-from rooms import EFFICIENT, PAPER
+from helpers import tiny_methods
+from helpers.rooms import EFFICIENT, PAPER
 from torch import Tensor
 
 from depthcli.training.config import LossConfig

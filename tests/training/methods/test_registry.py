@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from tiny_methods import tiny
+from helpers.tiny_methods import tiny
 
 from depthcli.errors import UsageError
 from depthcli.training.config import LossConfig, TrainConfig

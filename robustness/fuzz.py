@@ -1,6 +1,6 @@
 """Give every reader files that nobody meant to write, and see that none takes the process along.
 
-    python tests/robustness/fuzz.py --mutants 20000 --out /tmp/findings
+    python -m robustness.fuzz --mutants 20000 --out /tmp/findings
 
 Mutants are made of good files that the code writes itself; the same number gives the same mutant.
 Each has to end in a result or in one of depthcli's own errors, in one line, without a word on
@@ -25,14 +25,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
 import cv2
-from fuzz_targets import TARGETS, UNEXPECTED
-from mutants import mutant
 
 from depthcli.errors import DepthcliError
+from robustness.fuzz_targets import TARGETS, UNEXPECTED
+from robustness.mutants import mutant
 
 _MAX_CPU_S = 10
 _MAX_WALL_S = 300

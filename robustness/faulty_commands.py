@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tiny import synthetic_picture, tiny_onnx, write_model, write_picture
-from videos import flat_frames, write_video
+from helpers.tiny import synthetic_picture, tiny_onnx, write_model, write_picture
+from helpers.videos import flat_frames, write_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,14 +94,14 @@ def _video(folder: Path) -> None:
 
 
 def _training(folder: Path) -> None:
-    from rooms import write_rooms  # noqa: PLC0415 - it loads torch
+    from helpers.rooms import write_rooms  # noqa: PLC0415 - it loads torch
 
     write_rooms(folder / "data")
     (folder / "tiny.toml").write_text(TINY_RUN)
 
 
 def _checkpoint(folder: Path) -> None:
-    from small import write_checkpoint  # noqa: PLC0415 - it loads torch
+    from helpers.small import write_checkpoint  # noqa: PLC0415 - it loads torch
 
     write_checkpoint(folder / "run.ckpt")
 

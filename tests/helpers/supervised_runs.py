@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from lightning_fabric import Fabric
-from rooms import EFFICIENT, room_data, write_rooms
 
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import LossConfig
 from depthcli.training.loop import Limits, fit
+from helpers.rooms import EFFICIENT, room_data, write_rooms
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -1,7 +1,7 @@
 """Pictures and videos from bucket to bucket on a Ray cluster, with everything going wrong.
 
-    python tests/robustness/cluster.py                  # 500 pictures, 2 videos: some minutes
-    python tests/robustness/cluster.py --pictures 60
+    python -m robustness.cluster                  # 500 pictures, 2 videos: some minutes
+    python -m robustness.cluster --pictures 60
 
 A real S3 server and a real Ray cluster of two workers, both on this machine. Of the requests to the
 server some are told to slow down, some answers are cut and some never come. When a third of the
@@ -25,11 +25,10 @@ import time
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import ray
-from stores import KEYS, REGION, Bucket, Faults, s3_server
-from tiny import synthetic_picture, write_model, write_picture
-from videos import flat_frames, write_video
+from helpers.stores import KEYS, REGION, Bucket, Faults, s3_server
+from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.videos import flat_frames, write_video
 
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER
 

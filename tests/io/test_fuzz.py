@@ -4,9 +4,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-from command_line import ROOT
-from fuzz import file_of, problem
-from fuzz_targets import TARGETS
+from helpers.command_line import ROOT
+
+from robustness.fuzz import file_of, problem
+from robustness.fuzz_targets import TARGETS
 
 CORPUS = ROOT / "tests" / "corpus"
 _SLOW = {"manifest", "profile", "checkpoint", "video", "model"}

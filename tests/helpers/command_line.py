@@ -23,7 +23,7 @@ from depthcli.cli.app import main
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def unmeasured(environment: Mapping[str, str] = os.environ) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """A table of files that are not what they should be: the command, its line and its exit code.
 
-Pictures have a table of their own, tests/io/bad_pictures.py.
+Pictures have a table of their own, tests/helpers/bad_pictures.py.
 """
 
 import copy
@@ -17,9 +17,18 @@ import numpy as np
 import onnx
 import OpenEXR
 import torch
-from fuzz_targets import checkpoint, depth_pngs, exr_pictures, flat_exr, manifests, mats, videos
+from helpers.tiny import CARD, card_with, tiny_onnx
 from onnx import TensorProto, helper
-from tiny import CARD, card_with, tiny_onnx
+
+from robustness.fuzz_targets import (
+    checkpoint,
+    depth_pngs,
+    exr_pictures,
+    flat_exr,
+    manifests,
+    mats,
+    videos,
+)
 
 Make = Callable[[Path], None] | bytes | str
 

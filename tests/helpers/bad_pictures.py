@@ -5,8 +5,9 @@ from __future__ import annotations
 import struct
 
 import cv2
-import made
 import numpy as np
+
+from helpers import made
 
 WIDTH, HEIGHT = 96, 64
 _NOISE = np.random.default_rng(11).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)

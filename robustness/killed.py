@@ -1,7 +1,7 @@
 """Commands that a signal ends at any moment, and what the next run makes of what they left.
 
-    python tests/robustness/killed.py                           # 200 moments, about ten minutes
-    python tests/robustness/killed.py --moments 20 --jobs batch --seed 7
+    python -m robustness.killed                           # 200 moments, about ten minutes
+    python -m robustness.killed --moments 20 --jobs batch --seed 7
 
 Each job is run once without a break. Then it is started again and again, and gets SIGINT, SIGTERM,
 SIGHUP or SIGKILL at a moment that is drawn from the time it took; each eighth time from the very
@@ -29,20 +29,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "training"))
-from command_line import Cli, unmeasured
-from every_call_fails import in_a_fork, load
-from faulty_commands import COMMANDS
-from tiny import synthetic_picture, write_model, write_picture
-from videos import flat_frames, write_video
+from helpers.command_line import ROOT, Cli, unmeasured
+from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.app import main as main_of_depthcli
+from robustness.every_call_fails import in_a_fork, load
+from robustness.faulty_commands import COMMANDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-TESTS = Path(__file__).resolve().parents[1]
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 LONGEST_END_S = 20.0
 """Where a whole machine is busy; the command itself is given two seconds."""
@@ -129,7 +126,7 @@ def room(folder: Path, names: tuple[str, ...]) -> None:
     write_video(folder / "in" / "short.mkv", flat_frames(range(20, 240, 20), 60, 80))
     write_video(folder / "clip.mkv", flat_frames(range(10, 250, 8), 240, 320))
     if {"train", "export"} & {*names}:
-        from rooms import write_rooms  # noqa: PLC0415 - it loads torch
+        from helpers.rooms import write_rooms  # noqa: PLC0415 - it loads torch
 
         write_rooms(folder / "data")
         (folder / "small.toml").write_text(SMALL)
@@ -305,7 +302,7 @@ def main() -> int:
         load(COMMANDS[JOBS[name].words[0].partition("-")[0]])
     with tempfile.TemporaryDirectory() as folder:
         in_a_fork(lambda: room(Path(folder), names))
-        cli = Cli(TESTS.parent, Path(folder), Path(folder) / "models")
+        cli = Cli(ROOT, Path(folder), Path(folder) / "models")
         shortfalls = attack(cli, names, asked.moments, asked.seed)
     print(*shortfalls, sep="\n")
     print(f"{asked.moments} moments, {len(shortfalls)} shortfalls")

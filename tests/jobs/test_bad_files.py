@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from bad_files import FAMILIES, MANIFESTS, write
-from command_line import Cli
+from helpers.command_line import Cli
 
 from depthcli.io.manifest.row import OK, Origin, Row
+from robustness.bad_files import FAMILIES, MANIFESTS, write
 
 CASES = [(family, name) for family, one in FAMILIES.items() for name in one.table]
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tiny import synthetic_picture, write_model, write_picture
-
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch
+from helpers.tiny import synthetic_picture, write_model, write_picture
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -2,7 +2,7 @@
 
 ::
 
-    python tests/robustness/every_call_fails.py [COMMAND...] [--calls open,write]
+    python -m robustness.every_call_fails [COMMAND...] [--calls open,write]
         [--errors ENOSPC,EIO] [--all]
 
 runs each command of ``faulty_commands.py`` with its first, second, third ``open``, ``write``,
@@ -35,15 +35,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from faults import CALLS, ERRORS, LASTING, NAMES, Fault, Injector, library
+from robustness.faults import CALLS, ERRORS, LASTING, NAMES, Fault, Injector, library
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from faults import Ended
-    from faulty_commands import Command
+    from robustness.faults import Ended
+    from robustness.faulty_commands import Command
 
-_TESTS = Path(__file__).resolve().parents[1]
 _LIBRARY = "DEPTHCLI_FAULTS"
 _LINES = 4
 """Lines of errors that a fault may cost: of a batch, one for each input and the manifest."""
@@ -75,12 +74,15 @@ def _preloaded(folder: Path) -> int:
         "LD_PRELOAD": str(path),
         _LIBRARY: str(path),
     }
-    return subprocess.run([sys.executable, *sys.argv], env=environment, check=False).returncode
+    return subprocess.run(
+        [sys.executable, "-m", "robustness.every_call_fails", *sys.argv[1:]],
+        env=environment,
+        check=False,
+    ).returncode
 
 
 def _run(asked: argparse.Namespace, folder: Path) -> int:
-    sys.path[:0] = [str(_TESTS), str(_TESTS / "training"), str(_TESTS / "export")]
-    import faulty_commands  # noqa: PLC0415 - only where the library is loaded
+    from robustness import faulty_commands  # noqa: PLC0415 - only where the library is loaded
 
     injector = Injector(Path(os.environ[_LIBRARY]), faulty_commands.ENVIRONMENT)
     # Each command is loaded in a process of its own: libraries that have run in one cannot be used
@@ -92,7 +94,7 @@ def _run(asked: argparse.Namespace, folder: Path) -> int:
 
 def _attack(name: str, injector: Injector, folder: Path, asked: argparse.Namespace) -> int:
     """All faults of one command; whether something fell short."""
-    from faulty_commands import COMMANDS  # noqa: PLC0415 - only where the library is loaded
+    from robustness.faulty_commands import COMMANDS  # noqa: PLC0415 - only where the library is loaded
 
     command = COMMANDS[name]
     load(command)
@@ -206,22 +208,22 @@ class Trial:
         return found == self._whole and "already exists" in again.err
 
     def _fresh(self) -> None:
-        from faulty_commands import copied  # noqa: PLC0415
+        from robustness.faulty_commands import copied  # noqa: PLC0415
 
         copied(self._template, self._folder)
 
     def _contents(self, folder: Path) -> dict[str, bytes | None]:
-        from faulty_commands import contents  # noqa: PLC0415
+        from robustness.faulty_commands import contents  # noqa: PLC0415
 
         return contents(folder, self._command)
 
     def _state(self) -> bytes:
-        from faulty_commands import state  # noqa: PLC0415
+        from robustness.faulty_commands import state  # noqa: PLC0415
 
         return state(self._folder)
 
     def _hidden(self) -> list[str]:
-        from faulty_commands import hidden  # noqa: PLC0415
+        from robustness.faulty_commands import hidden  # noqa: PLC0415
 
         return hidden(self._folder)
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-import file_trees
-from tiny import synthetic_picture, write_picture
+from helpers import file_trees
+from helpers.tiny import synthetic_picture, write_picture
 
 if TYPE_CHECKING:
     import subprocess
     from pathlib import Path
 
     import numpy as np
-    from command_line import Cli
+
+    from helpers.command_line import Cli
 
 
 def picture(cli: Cli, name: str, pixels: np.ndarray[Any, Any]) -> Path:

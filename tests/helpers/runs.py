@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
-from command_line import InProcess
+
+from helpers.command_line import InProcess
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

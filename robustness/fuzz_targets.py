@@ -19,12 +19,12 @@ import h5py
 import numpy as np
 import pyarrow as pa
 import torch
-from command_line import ROOT, InProcess
-from heifs import heic
+from helpers.command_line import ROOT, InProcess
+from helpers.heifs import heic
+from helpers.tiny import CARD, tiny_onnx, write_model
+from helpers.videos import encode, flat_frames
 from PIL import Image
 from pyarrow import parquet
-from tiny import CARD, tiny_onnx, write_model
-from videos import encode, flat_frames
 
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance, Window, Windows
 from depthcli.datasets.folders import read_depth_m, read_image_rgb

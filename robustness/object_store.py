@@ -2,7 +2,7 @@
 
 ::
 
-    python tests/robustness/object_store.py [--pictures 500] [--engine ray]
+    python -m robustness.object_store [--pictures 500] [--engine ray]
 
 A batch of pictures and two videos is done on this machine's disk, then from one bucket into another
 one of a real S3 server on this machine, behind a proxy that answers a fifth of all first requests
@@ -29,11 +29,9 @@ import time
 import zlib
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from stores import KEYS, REGION, Bucket, Faults, s3_server
-from tiny import synthetic_picture, write_model, write_picture
-from videos import flat_frames, write_video
+from helpers.stores import KEYS, REGION, Bucket, Faults, s3_server
+from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.videos import flat_frames, write_video
 
 _MARK = "DEPTHCLI_ROBUSTNESS_RUN"
 _KINDS = ("503 SlowDown", "500 InternalError", "cut", "drop")
