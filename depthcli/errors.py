@@ -94,7 +94,7 @@ class DepthcliError(Exception):
     def __init__(self, problem: str = "", advice: str = "", *, option: str = "") -> None:
         if not isinstance(problem, Message) or advice or option:
             problem = Message(problem, advice, option=option)
-        self.message = problem
+        self.message: Message = problem
         super().__init__(self.message)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from depthcli.cli import shell
+from depthcli.cli.groups import USUAL
 from depthcli.cli.table import COMMANDS, help_text
 
 if TYPE_CHECKING:
@@ -40,12 +41,21 @@ def sections(name: str, command: Any) -> Iterator[str]:  # noqa: ANN401 - typer'
     inner = getattr(command, "commands", {})
     arguments = [value(p) for p in command.params if p.param_type_name == "argument"]
     words = ["depthcli", name, *(["COMMAND"] if inner else []), "[OPTIONS]", *arguments]
-    rows = [row(p) for p in command.params if not p.hidden]
+    rows = list(grouped_rows([p for p in command.params if not p.hidden]))
     table = ["| | | default |", "|---|---|---|", *rows] if rows else []
     text = (command.help or "").replace("\f", "").strip()
     yield "\n".join([f"## depthcli {name}\n", f"`{' '.join(words)}`\n", f"{text}\n", *table, ""])
     for inner_name, inner_command in inner.items():
         yield from sections(f"{name} {inner_name}", inner_command)
+
+
+def grouped_rows(parameters: list[Any]) -> Iterator[str]:
+    """The rows of the parameters, each group below its heading; the usual options come first."""
+    panels = {p.name: getattr(p, "rich_help_panel", None) or USUAL for p in parameters}
+    for panel in dict.fromkeys([USUAL, *panels.values()]):
+        if panel != USUAL:
+            yield f"| **{panel}** | | |"
+        yield from (row(p) for p in parameters if panels[p.name] == panel)
 
 
 def row(parameter: Any) -> str:  # noqa: ANN401 - typer's own types

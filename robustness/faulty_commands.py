@@ -117,12 +117,6 @@ def _known_model(folder: Path) -> None:
     write_model(folder / "models" / "tiny", tiny_onnx(stride=2), summary="Another one.")
 
 
-def _profile(folder: Path) -> None:
-    path = folder / "home" / "depthcli" / "profiles" / "p.toml"
-    path.parent.mkdir(parents=True)
-    path.write_text("half = true\n")
-
-
 def _array(folder: Path) -> None:
     np.save(folder / "a.npy", np.full((24, 32), 2.5, np.float32))
 
@@ -134,7 +128,6 @@ _PREDICT = ("predict", "a.png", "-o", "out/", *_FORMATS, "--sidecar", "--threads
 _VIDEO_FORMATS = tuple(word for name in ("mkv", "mp4", "exr") for word in ("--format", name))
 _SMALL = ("--workers", "1", "--threads", "1")
 _ADD = ("models", "add", "new/model.onnx", "--card", "new/card.json")
-_SAVE = ("profile", "save", "p", "--hfov", "70")
 _PICTURES = (
     "cv2",
     "onnxruntime",
@@ -168,8 +161,6 @@ COMMANDS = {
     "export": Command(("export-onnx", "run.ckpt", "-o", "out/a.onnx"), _checkpoint, _ONNX),
     "models add": Command(_ADD, _new_model, _MODELS, "models"),
     "models add --force": Command((*_ADD, "--force"), _known_model, _MODELS, "models"),
-    "profile save": Command(_SAVE, lambda _: None, (), "home"),
-    "profile save --force": Command((*_SAVE, "--force"), _profile, (), "home"),
     "convert": Command(("convert", "a.npy", "out/a.exr"), _array, _PICTURES),
 }
 

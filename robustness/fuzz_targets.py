@@ -551,13 +551,6 @@ TARGETS: dict[str, Target] = {
         lambda path: apply_overrides(TrainConfig(), [path], []),
     ),
     "setting": Target("a.txt", lambda: [b"optim.epochs_decay=3", b"data.width=64"], _read_setting),
-    "profile": Target(
-        "a.toml",
-        lambda: [
-            b'format = ["exr", "preview"]\npng-scale = 256\ncolormap = "turbo"\nhalf = true\n'
-        ],
-        lambda path: _command(path, "predict", "--profile", "a.toml", "missing.png"),
-    ),
     "manifest": Target("manifest.jsonl", manifests, _batch, 0.7),
     "frame-journal": Target(".a.depthcli-frames", lambda: [b'"tiny"\n0\n1\n2\n'], _read_journal),
     "parquet-manifest": Target("a.parquet", tables, _read_table, 2),

@@ -16,7 +16,6 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
 ROW = re.compile(r"^\| `(\w+)` \| (.+?) \|", re.MULTILINE)
 FILE = re.compile(r"`([\w/]+\.py)`((?:(?:\s+|,\s+|\s+and\s+)`\w+(?:\.\w+)*`)*)")
 FOLDER = re.compile(r"`([\w/]+/)`")
-"""Names that two folders may have, for one thing."""
 
 
 def below(folder: Path) -> set[str]:

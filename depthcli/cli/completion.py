@@ -21,7 +21,7 @@ def models(incomplete: str) -> list[str]:
     """Names for ``--model``."""
     from depthcli.models.catalog import list_locations
 
-    return _starting_with((name for name, _ in list_locations()), incomplete)
+    return starting_with((name for name, _ in list_locations()), incomplete)
 
 
 def added_models(incomplete: str) -> list[str]:
@@ -29,7 +29,7 @@ def added_models(incomplete: str) -> list[str]:
     from depthcli.models.catalog import list_locations, user_root
 
     root = user_root()
-    return _starting_with(
+    return starting_with(
         (n for n, p in list_locations() if p.path.is_relative_to(root)), incomplete
     )
 
@@ -43,33 +43,26 @@ def cards(incomplete: str) -> list[str]:
     """Names of ready cards."""
     from depthcli.models.catalog import ready_names
 
-    return _starting_with(ready_names(), incomplete)
-
-
-def profiles(incomplete: str) -> list[str]:
-    """Names of saved profiles."""
-    from depthcli.cli.profile_files import profile_names
-
-    return _starting_with(profile_names(), incomplete)
+    return starting_with(ready_names(), incomplete)
 
 
 def presets(incomplete: str) -> list[str]:
     """Names for ``--preset``."""
     from depthcli.training.settings import preset_names
 
-    return _starting_with(preset_names(), incomplete)
+    return starting_with(preset_names(), incomplete)
 
 
 def providers(incomplete: str) -> list[str]:
     """Names for ``--provider``."""
-    return _starting_with(PROVIDERS, incomplete)
+    return starting_with(PROVIDERS, incomplete)
 
 
 def methods(incomplete: str) -> list[str]:
     """The training methods."""
     from depthcli.training.methods.table import METHODS, PRETRAINING
 
-    return _starting_with(METHODS | PRETRAINING, incomplete)
+    return starting_with(METHODS | PRETRAINING, incomplete)
 
 
 def method_lists(incomplete: str) -> list[str]:
@@ -80,8 +73,9 @@ def method_lists(incomplete: str) -> list[str]:
 
 def accelerators(incomplete: str) -> list[str]:
     """Names for ``--accelerator``."""
-    return _starting_with(ACCELERATORS, incomplete)
+    return starting_with(ACCELERATORS, incomplete)
 
 
-def _starting_with(words: Iterable[str], incomplete: str) -> list[str]:
+def starting_with(words: Iterable[str], incomplete: str) -> list[str]:
+    """The words that complete one."""
     return [word for word in words if word.startswith(incomplete)]

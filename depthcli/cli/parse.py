@@ -1,15 +1,22 @@
-"""Parsing cameras, pixels and points of known depth."""
+"""Values of options as the objects that the jobs take."""
 
 import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from fractions import Fraction
-from typing import Any
 
-from depthcli.cli.checks import given_options, is_given
-from depthcli.core.camera import DEPTH_M, Anchor, Intrinsics
-from depthcli.core.options import AUTO_TILE, Colormap, Detail, Near, ReadOptions, Upsampling
+from depthcli.cli import options as groups
+from depthcli.cli.options import (
+    AnchorOptions,
+    CameraOptions,
+    DetailOptions,
+    PreviewOptions,
+    RuntimeOptions,
+    WritingOptions,
+)
+from depthcli.core.camera import DEPTH_M, HFOV_DEG, Anchor, Intrinsics
+from depthcli.core.options import AUTO_TILE, Colormap, Detail, Near, ReadOptions
 from depthcli.core.text import short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -17,64 +24,105 @@ from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
-from depthcli.video.container import single_picture_advice
-from depthcli.video.formats import PREVIEW_CODECS, Codec, PreviewCodec, VideoFormat
 from depthcli.video.frames import Point, Span, exact_rate
-from depthcli.video.source import is_sequence
 
-ALTERNATIVES = (("calibration", "cameras", "focal_px", "hfov"), ("calibration", "centre_px"))
+ALTERNATIVES = (
+    ("calibration", "cameras", "focal_px", "hfov"),
+    ("calibration", "centre_px"),
+    ("anchor", "anchors"),
+    ("png_scale", "png_normalize"),
+)
 """Parameters of which only one is given, because they state the same."""
-_PARTS = 3
+_LARGEST_PX = 20_000
+_MINUTE = 60
+_POINT = re.compile(r"(?a)(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)")
+_MAX_POINT_LENGTH = 40
+_RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
 
 
-def choose_camera(given: Mapping[str, Any]) -> Intrinsics:
-    """The camera of the options.
-
-    Args:
-        given: values of the options by parameter name; those that are missing or None are not
-            given.
-
-    Raises:
-        UsageError: they contradict each other, one is invalid, or the file of the calibration
-            cannot be read.
-    """
-    camera, name = parse_camera(given), given.get("calibration")
-    if name is None:
-        return camera
-    from depthcli.io.calibration import read_calibration
-
-    try:
-        return read_calibration(name, rectified=bool(given.get("rectified")))
-    except InputError as error:
-        raise UsageError(f"--calibration: {error}") from error
-
-
-def parse_camera(given: Mapping[str, Any]) -> Intrinsics:
-    """The camera of the options without what is in the file of a calibration.
-
-    Args:
-        given: as for :func:`choose_camera`.
+def session_loader(
+    model: str | None, runtime: RuntimeOptions, threads: int | None = None
+) -> SessionLoader:
+    """The loader of a model; ``threads`` in place of those of the options.
 
     Raises:
-        UsageError: they contradict each other, or one is invalid.
+        UsageError: a provider option is not ``KEY=VALUE``.
     """
-    for names in ALTERNATIVES:
-        words = [f"--{name.replace('_', '-')}" for name in names if given.get(name) is not None]
-        if len(words) > 1:
-            raise UsageError(f"give {words[0]} or {words[1]}, not both")
-    if given.get("rectified") and given.get("calibration") is None:
-        raise UsageError("--rectified is for --calibration; give both or neither")
-    centre = given.get("centre_px")
-    return Intrinsics.given(
-        given.get("focal_px"),
-        given.get("hfov"),
-        None if centre is None else _centre(centre),
+    pairs = [word.partition("=") for word in runtime.provider_option or ()]
+    if not all(key and equals for key, equals, _ in pairs):
+        raise UsageError("each is KEY=VALUE, for example device_id=1", option="provider_option")
+    options = {key: value for key, _, value in pairs}
+    return SessionLoader(model, runtime.provider, threads or runtime.threads, options)
+
+
+def detail(options: DetailOptions) -> Detail:
+    """Upsampling and tiles.
+
+    Raises:
+        UsageError: the tile is neither ``auto`` nor a width.
+    """
+    tile = options.tile
+    if tile is None or tile == "auto":
+        return Detail(options.upsample, None if tile is None else AUTO_TILE)
+    if not re.fullmatch(r"0*[1-9][0-9]{0,8}", tile):
+        raise UsageError(f"{short_repr(tile)} is neither auto nor a width in pixels", option="tile")
+    return Detail(options.upsample, int(tile))
+
+
+def writer_options(options: WritingOptions) -> WriterOptions:
+    """Options of the formats; those that are not given get their defaults.
+
+    Raises:
+        UsageError: they contradict each other.
+    """
+    groups = (options.png, options.exr, options.preview)
+    values = {field.name: getattr(group, field.name) for group in groups for field in fields(group)}
+    _refuse_alternatives(values)
+    values["colormap"], values["near"] = _colours(options.preview)
+    low, high = options.preview.vmin, options.preview.vmax
+    if low is not None and high is not None and low >= high:
+        raise UsageError(f"{low:g} is not below {high:g}", "give {vmin} below {vmax}")
+    return WriterOptions(**{name: value for name, value in values.items() if value is not None})
+
+
+def _colours(options: PreviewOptions) -> tuple[Colormap | None, Near | None]:
+    """Colormap and near colour; either selects gray."""
+    colormap, near = options.colormap, options.near
+    if near in {None, Near.WARM} and (near is None or colormap is not Colormap.GRAY):
+        return colormap, near
+    if near is not Near.WARM and colormap in {None, Colormap.GRAY}:
+        return Colormap.GRAY, near
+    raise UsageError(
+        f"{near} does not fit {colormap}",
+        "white and black are for gray, warm is for the other colormaps",
+        option="near",
     )
 
 
-def read_options(given: Mapping[str, Any]) -> ReadOptions:
-    """How images are read, by the options of the same names."""
-    return ReadOptions(given.get("white_level"), given.get("exposure") or 0.0, given.get("layer"))
+def camera(options: CameraOptions) -> Intrinsics:
+    """The camera of the options.
+
+    Raises:
+        UsageError: options contradict each other, one is invalid, or the file of the calibration
+            cannot be read.
+    """
+    _refuse_alternatives({field.name: getattr(options, field.name) for field in fields(options)})
+    if options.rectified and options.calibration is None:
+        raise UsageError("", "{rectified} is for {calibration}: give both or neither")
+    if options.calibration is None:
+        centre_px = None if options.centre_px is None else _centre(options.centre_px)
+        return Intrinsics.given(options.focal_px, options.hfov, centre_px)
+    from depthcli.io.calibration import read_calibration
+
+    try:
+        return read_calibration(options.calibration, rectified=options.rectified)
+    except InputError as error:
+        raise UsageError(error.message.problem, option="calibration") from error
+
+
+def reading(options: groups.ReadOptions) -> ReadOptions:
+    """How images are read."""
+    return ReadOptions(options.white_level, options.exposure, options.layer)
 
 
 def refuse_replacing(calibration: str | None, output: str | None) -> None:
@@ -84,282 +132,182 @@ def refuse_replacing(calibration: str | None, output: str | None) -> None:
         UsageError: they are one file.
     """
     if calibration and output and is_same_file(path_of(output), path_of(calibration)):
-        raise UsageError(f"{safe_name(output)} is the file of --calibration; choose another output")
+        raise UsageError(f"{safe_name(output)} is the calibration", "choose another output")
 
 
-def parse_pixel(word: str) -> tuple[int, int]:
+def anchors(options: AnchorOptions, *, is_folder: bool = False) -> AnchorFiles | tuple[Anchor, ...]:
+    """The files of known depth, or its points.
+
+    Args:
+        options: the options.
+        is_folder: whether a path has to be a folder with a file for each image.
+
+    Raises:
+        UsageError: the options contradict each other, one is invalid, or the path is a file in
+            place of a folder.
+    """
+    path, scale = options.anchors, options.anchors_scale
+    _refuse_alternatives({"anchor": options.anchor, "anchors": path})
+    if path is None:
+        if scale is not None:
+            raise UsageError("", "{anchors_scale} is for {anchors}: give both or neither")
+        return tuple(map(_anchor, options.anchor or ()))
+    place = path_of(path)
+    if not isinstance(place, RemotePath) and place.is_dir() != is_folder:
+        kind = "a folder with a file for each image" if is_folder else "a file"
+        raise UsageError(f"{safe_name(path)} is not {kind}", option="anchors")
+    return AnchorFiles(path, scale)
+
+
+def _refuse_alternatives(values: Mapping[str, object]) -> None:
+    for names in ALTERNATIVES:
+        given = [name for name in names if values.get(name) not in (None, False, [])]
+        if len(given) > 1:
+            raise UsageError("", f"give {{{given[0]}}} or {{{given[1]}}}, not both")
+
+
+def _numbers(word: str, count: int) -> list[float]:
+    """The numbers of ``X,Y``; not a number for each if there are not as many."""
+    try:
+        found = [float(part) for part in word.split(",")]
+    except ValueError:
+        found = []
+    return found if len(found) == count else [math.nan] * count
+
+
+def _is_index(value: float) -> bool:
+    return value >= 0 and value.is_integer()
+
+
+def pixel(word: str) -> tuple[int, int]:
     """Parse ``X,Y``.
 
     Raises:
         UsageError: it is not two integers of at least 0.
     """
-    try:
-        x, y = (int(part) for part in word.split(","))
-    except ValueError:
-        x = y = -1
-    if min(x, y) < 0:
+    x, y = _numbers(word, 2)
+    if not (_is_index(x) and _is_index(y)):
         raise UsageError(
-            f"{word!r} is not X,Y; give a column and a row from 0, for example 320,240"
+            f"{word!r} is not X,Y", "give a column and a row from 0, for example 320,240"
         )
-    return x, y
+    return int(x), int(y)
 
 
 def _centre(word: str) -> tuple[float, float]:
-    try:
-        x, y = (float(part) for part in word.split(","))
-    except ValueError:
-        x = y = math.nan
+    x, y = _numbers(word, 2)
     if not (math.isfinite(x) and math.isfinite(y)):
         raise UsageError(
-            f"--centre-px {word!r} is not CX,CY; give the principal point in pixels, for example "
-            "319.5,239.5"
+            f"{word!r} is not CX,CY in pixels, for example 319.5,239.5", option="centre_px"
         )
     return x, y
 
 
-def parse_anchor(word: str) -> Anchor:
-    """Parse ``X,Y,METRES``.
+def _anchor(word: str) -> Anchor:
+    x, y, depth_m = _numbers(word, 3)
+    if not (_is_index(x) and _is_index(y) and DEPTH_M.holds(depth_m)):
+        raise UsageError(
+            f"{word!r} is not X,Y,METRES",
+            f"give a column and a row from 0 and {DEPTH_M.what}, for example 320,240,2.5",
+            option="anchor",
+        )
+    return Anchor(int(x), int(y), depth_m)
+
+
+def size(word: str) -> tuple[int, int]:
+    """Parse a width and height such as ``640x480``.
 
     Raises:
-        UsageError: it is not a pixel and a depth.
+        UsageError: it is not of this form, or too large.
     """
-    parts = word.split(",")
+    sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", word)
+    width, height = map(int, sides.groups()) if sides else (0, 0)
+    if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
+        raise UsageError(
+            f"{short_repr(word)} is not WIDTHxHEIGHT of 1 to {_LARGEST_PX} pixels each",
+            option="size",
+        )
+    return width, height
+
+
+def hfov_range(word: str) -> tuple[float, float]:
+    """Parse a range of degrees such as ``30-110``, or one value such as ``63.3``.
+
+    Raises:
+        UsageError: it is not of this form, or out of range.
+    """
+    low, dash, high = word.partition("-")
     try:
-        x, y, depth_m = int(parts[0]), int(parts[1]), float(parts[2])
-    except (ValueError, IndexError):
-        x = y = -1
-        depth_m = math.nan
-    if len(parts) != _PARTS or min(x, y) < 0 or not DEPTH_M.holds(depth_m):
+        angles = float(low), float(high if dash else low)
+    except ValueError:
+        angles = math.nan, math.nan
+    if not (angles[0] <= angles[1] and all(map(HFOV_DEG.holds, angles))):
         raise UsageError(
-            f"--anchor {word!r} is not X,Y,METRES; give a column and a row from 0 and "
-            f"{DEPTH_M.what}, for example 320,240,2.5"
+            f"{short_repr(word)} is not LOW-HIGH, each {HFOV_DEG.what}, for example 50-80",
+            option="hfov",
         )
-    return Anchor(x, y, depth_m)
+    return angles
 
 
-def choose_anchors(
-    points: Sequence[str] | None,
-    path: str | None,
-    scale: float | None,
-    *,
-    is_folder: bool = False,
-) -> AnchorFiles | tuple[Anchor, ...]:
-    """The files of ``--anchors``, or the points of ``--anchor``.
-
-    Args:
-        points: the points of ``--anchor``.
-        path: the file, or a folder.
-        scale: units per metre of the files.
-        is_folder: whether it has to be a folder with a file for each picture.
-
-    Raises:
-        UsageError: the options contradict each other, or the path is a file in place of a folder.
-    """
-    check_anchors(points, path, scale)
-    if path is None:
-        return tuple(map(parse_anchor, points or ()))
-    place = path_of(path)
-    if is_folder and not isinstance(place, RemotePath) and not place.is_dir():
-        raise UsageError(
-            f"--anchors {place} is not a folder; for 'batch', name one with a file for each picture"
-        )
-    if not is_folder and not isinstance(place, RemotePath) and place.is_dir():
-        raise UsageError(f"--anchors {place} is a folder; name a file, or use 'depthcli batch'")
-    return AnchorFiles(path, scale)
-
-
-def check_anchors(points: Sequence[str] | None, path: str | None, scale: float | None) -> None:
-    """Refuse options of :func:`choose_anchors` that do not fit together.
-
-    Raises:
-        UsageError: there are such options.
-    """
-    for point in points or ():
-        parse_anchor(point)
-    if points and path is not None:
-        raise UsageError("give --anchor or --anchors, not both")
-    if path is None and scale is not None:
-        raise UsageError("--anchors-scale is for --anchors; give both or neither")
-
-
-_WIDTH = r"0*[1-9][0-9]{0,8}"
-
-
-def choose_detail(upsampling: Upsampling, tile: str | None) -> Detail:
-    """Parse the options; ``tile`` is ``auto`` or a width in pixels.
-
-    Raises:
-        UsageError: an option is not of this form.
-    """
-    return Detail(upsampling, _tile_px(tile))
-
-
-def _tile_px(text: str | None) -> int | None:
-    if text is None:
-        return None
-    if text == "auto":
-        return AUTO_TILE
-    if not re.fullmatch(_WIDTH, text):
-        raise UsageError(f"--tile is auto or a width in pixels, not {short_repr(text)}")
-    return int(text)
-
-
-_POINT = re.compile(r"(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)", re.ASCII)
-_RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
-_MINUTE = 60
-_MAX_LENGTH = 40
-"""Longest text that is parsed as a time."""
-
-
-def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
-    """Parse ``--start``, ``--end`` and ``--every``.
+def span(start: str | None, end: str | None, every: str | None) -> Span:
+    """Parse the part of a video to process.
 
     Raises:
         UsageError: one is not a time or frame number, or the span is empty.
     """
-    first = parse_point("0" if start is None else start, "--start")
-    last = None if end is None else parse_point(end, "--end")
-    step = parse_point("1" if every is None else every, "--every", bare_is_frames=True)
+    first = _point(start or "0", "start")
+    last = None if end is None else _point(end, "end")
+    step = _point(every or "1", "every", bare_is_frames=True)
     if not step.value:
-        raise UsageError("--every 0 is not a step; give 1 or more")
+        raise UsageError("0 is not a step", "give 1 or more", option="every")
     if last and first.in_frames == last.in_frames and last.value <= first.value:
-        raise UsageError(f"--end {end} is not after --start {start or 0}; the span is empty")
+        raise UsageError(f"{end} is not after {start or 0}; the span is empty", option="end")
     return Span(first, last, step)
 
 
-def parse_fps(word: str | None) -> Fraction | None:
-    """Parse ``--fps``.
+def frame_rate(word: str | None) -> Fraction | None:
+    """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``.
 
     Raises:
-        UsageError: it is not a frame rate.
+        UsageError: it is not of this form.
     """
     if word is None:
         return None
     match = _RATE.fullmatch(word.strip())
     value = Fraction(match[0]) if match and Fraction(match[2] or 1) else None
-    rate = None if value is None or "/" in word else exact_rate(value)
-    found = value if "/" in word else rate
+    found = value if value is None or "/" in word else exact_rate(value)
     if not found:
-        raise UsageError(f"--fps {word!r} is not a frame rate; give 24, 23.976 or 24000/1001")
+        raise UsageError(
+            f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001", option="fps"
+        )
     return found
 
 
-def refuse_for_videos(context: Any, file: str) -> None:  # noqa: ANN401 - typer's own
-    """Refuse options of image sequences on the command line for a video; a profile may have them.
-
-    Raises:
-        UsageError: one is given, and the input is no image sequence.
-    """
-    words = given_options(context)
-    given = [words[name] for name in ("fps", "white_level", "exposure", "layer") if name in words]
-    if given and not is_sequence(file):
-        name = safe_name(file)
-        advice = single_picture_advice(name) or f"{name} is a video; leave it out"
-        raise UsageError(f"{given[0]} is for image sequences, and {advice}")
-
-
-def parse_point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
-    """Parse ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f`` of an option.
+def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
+    """Parse ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f``.
 
     A number without a unit is in seconds, or in frames with ``bare_is_frames``.
-
-    Raises:
-        UsageError: it is none of these.
     """
-    match = _POINT.fullmatch(word.strip())
-    if match is None or len(word) > _MAX_LENGTH:
-        raise UsageError(
-            f"{option} {short_repr(word)} is not a time or frame number; give seconds (12.5s), "
-            "minutes (1:02.5) or "
-            "a frame number (300f)"
-        )
-    outer, inner, number, letter = match.groups()
+    match = _POINT.fullmatch(word.strip()) if len(word) <= _MAX_POINT_LENGTH else None
+    outer, inner, number, letter = match.groups() if match else (None, None, "nan", "")
     parts = [int(part) for part in (outer, inner) if part is not None]
     in_frames = letter == "f" or (not letter and not parts and bare_is_frames)
-    value = Fraction(number if number[-1] != "." else number[:-1])
-    if in_frames and (parts or value.denominator > 1):
-        raise UsageError(f"{option} {word!r} is not a frame number; give an integer such as 300f")
+    if match is None or (in_frames and (parts or not number.isdecimal())):
+        raise UsageError(
+            f"{short_repr(word)} is not a time or frame number",
+            "give seconds (12.5s), minutes (1:02.5) or a frame number (300f)",
+            option=option,
+        )
+    value = Fraction(number.removesuffix("."))
     for power, part in enumerate(reversed(parts), start=1):
         value += part * _MINUTE**power
     return Point(value, in_frames)
 
 
-def choose_codec(
-    context: Any,  # noqa: ANN401 - typer's own
-    codec: PreviewCodec | None,
-    formats: Sequence[VideoFormat],
-) -> PreviewCodec | None:
-    """The codec to use; None for the default of each container.
-
-    A codec of a profile, which serves several runs, is ignored where a container does not hold it;
-    one on the command line is an error later.
-    """
-    containers = [PREVIEW_CODECS[f".{which}"] for which in formats if which.facts.is_preview]
-    if codec is None or is_given(context, "codec"):
-        return codec
-    return codec if all(Codec(codec) in held for held in containers) else None
+def names(text: str | None) -> tuple[str, ...]:
+    """Items of a comma-separated list, without duplicates."""
+    return tuple(dict.fromkeys(word.strip() for word in (text or "").split(",") if word.strip()))
 
 
-def session_loader(
-    model: str | None, provider: str, threads: int | None, words: Sequence[str] | None
-) -> SessionLoader:
-    """The loader for ``--model``, ``--provider``, ``--threads`` and ``--provider-option``.
-
-    Raises:
-        UsageError: a provider option is not ``KEY=VALUE``.
-    """
-    return SessionLoader(model, provider, threads, provider_options(words or ()))
-
-
-def provider_options(words: Sequence[str]) -> dict[str, str]:
-    """Parse provider options ``KEY=VALUE``.
-
-    Raises:
-        UsageError: one is not ``KEY=VALUE``.
-    """
-    pairs = [word.partition("=") for word in words]
-    for (key, equals, _), word in zip(pairs, words, strict=True):
-        if not (key and equals):
-            raise UsageError(
-                f"--provider-option {word!r} is not KEY=VALUE; for example device_id=1"
-            )
-    return {key: value for key, _, value in pairs}
-
-
-def writer_options(parameters: Mapping[str, Any]) -> WriterOptions:
-    """The writers' options from a command's parameters of the same names.
-
-    Those that are missing or None get their defaults.
-
-    Raises:
-        UsageError: they contradict each other.
-    """
-    given = {
-        field.name: parameters[field.name]
-        for field in fields(WriterOptions)
-        if parameters.get(field.name) is not None
-    }
-    _check_together(given)
-    if given.get("near", Near.WARM) != Near.WARM:
-        given["colormap"] = Colormap.GRAY
-    return WriterOptions(**given)
-
-
-def _check_together(given: Mapping[str, Any]) -> None:
-    """Refuse options that contradict each other."""
-    if given.get("png_normalize") and "png_scale" in given:
-        raise UsageError("give --png-scale or --png-normalize, not both")
-    if "vmin" in given and "vmax" in given:
-        if given["vmin"] == given["vmax"]:
-            raise UsageError("--vmin and --vmax are equal; give different values")
-        if given["vmin"] > given["vmax"]:
-            raise UsageError(
-                f"--vmin {given['vmin']:g} is above --vmax {given['vmax']:g}; swap them"
-            )
-    near, colormap = given.get("near"), given.get("colormap")
-    if near == Near.WARM and colormap == Colormap.GRAY:
-        raise UsageError("gray has no warm end; give --near white or --near black")
-    if near in {Near.WHITE, Near.BLACK} and colormap not in {None, Colormap.GRAY}:
-        raise UsageError(
-            f"--near {near} is for --colormap gray; with {colormap}, near is the warm end"
-        )
+def listed(words: Sequence[str] | None) -> tuple[str, ...]:
+    """Items of comma-separated lists, without duplicates."""
+    return names(",".join(words or ()))

@@ -12,10 +12,17 @@ from typer.main import get_command
 from typer.models import TyperPath
 
 from depthcli._version import __version__
-from depthcli.cli import completion
-from depthcli.cli.loading import plain_command, suggestion
+from depthcli.cli.completion import starting_with
+from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
-from depthcli.cli.table import COMMANDS, PROFILE_COMMANDS, PROGRAM, help_text
+from depthcli.cli.table import (
+    COMMANDS,
+    PROFILE_COMMANDS,
+    PROGRAM,
+    help_text,
+    plain_command,
+    suggestion,
+)
 from depthcli.core.text import INSTALL_TRAIN
 from depthcli.errors import (
     NO_THREADS,
@@ -201,20 +208,28 @@ def _profile_option() -> TyperOption:
     return TyperOption(
         param_decls=["--profile"],
         metavar="NAME",
-        autocompletion=lambda _context, _words, word: completion.profiles(word),
+        autocompletion=lambda _context, _words, word: _profiles(word),
         expose_value=False,
         callback=_apply_profile,
         is_eager=True,
-        help="Use options saved with 'depthcli profile save'; options on the command line "
+        help="Use the options in the table [NAME] of depthcli.toml; options on the command line "
         "override them.",
+        rich_help_panel=USUAL,
     )
 
 
-def _apply_profile(ctx: Any, parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
-    if name is not None:
+def _profiles(incomplete: str) -> list[str]:
+    """Names for ``--profile``."""
+    from depthcli.cli.profiles import profile_names
+
+    return starting_with(profile_names(), incomplete)
+
+
+def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
+    if name is not None and not ctx.resilient_parsing:
         from depthcli.cli.profiles import apply
 
-        apply(ctx, parameter, name)
+        apply(ctx, name)
 
 
 def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types

@@ -1,13 +1,17 @@
-"""The table of the commands, and the text of the root help; imports nothing."""
+"""The table of the commands, and the text of the root help; imports nothing by itself."""
+
+TYPE_CHECKING = False  # as in depthcli/__init__.py
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from typing import Any
 
 PROGRAM = "depthcli"
 COMMANDS = {
-    "predict": ("predict", "Depth maps from pictures: 16-bit PNG, EXR, NPY, preview, PLY."),
+    "predict": ("predict", "Depth maps from images: 16-bit PNG, EXR, NPY, preview, PLY."),
     "batch": ("batch", "Depth maps for a folder tree; can be resumed."),
     "manifest": ("manifest", "Sum up, search and merge the manifests of a batch."),
     "video": ("video", "Depth video: lossless 16-bit, preview, or image sequence."),
     "models": ("models", "List, inspect, verify, add and remove models."),
-    "profile": ("profile", "Save options under a name, for --profile."),
     "convert": ("convert", "Convert depth files and report the conversion error."),
     "info": ("info", "Show unit, scale and range of a depth file."),
     "probe": ("probe", "Show the depth at given pixels of a depth file."),
@@ -19,7 +23,7 @@ COMMANDS = {
     "doctor": ("doctor", "Check the installation: provider, model, codecs."),
 }
 """Name -> (module in ``commands/`` whose ``app`` is the command, one line of help)."""
-PROFILE_COMMANDS = frozenset({"predict", "batch", "video"})
+PROFILE_COMMANDS = ("predict", "batch", "video")
 """Commands that accept ``--profile``."""
 
 _HELP = """\
@@ -45,3 +49,25 @@ def help_text() -> str:
     """The text of ``depthcli --help``."""
     rows = (f"  {name:<12} {summary}" for name, (_, summary) in COMMANDS.items())
     return _HELP.format(commands="\n".join(rows))
+
+
+def plain_command(name: str) -> "Any":  # noqa: ANN401 - typer's own types
+    """Import one command, without the options that the shell adds."""
+    from importlib import import_module
+
+    from typer.main import get_command
+
+    command = get_command(import_module(f"depthcli.cli.commands.{COMMANDS[name][0]}").app)
+    command.name = name
+    # Completion is installed for the program, not for each of its commands.
+    completion = {"install_completion", "show_completion"}
+    command.params = [p for p in command.params if p.name not in completion]
+    return command
+
+
+def suggestion(word: str, known: "Iterable[str]", help_of: str) -> str:
+    """End of a message about an unknown name: a similar name, or which help to read."""
+    from difflib import get_close_matches
+
+    close = get_close_matches(word, known, n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; see '{help_of} --help'"

@@ -105,7 +105,7 @@ def test_a_map_of_another_size_fails_that_picture(inside: Cli) -> None:
     ("words", "why"),
     [
         (("--anchors", "no.csv"), "--anchors: no.csv is missing"),
-        (("--anchors", "."), "is a folder; name a file"),
+        (("--anchors", "."), "--anchors: . is not a file"),
         (("--anchors", "p.csv", "--anchor", "1,2,3"), "--anchor or --anchors, not both"),
         (("--anchors-scale", "256"), "--anchors-scale is for --anchors"),
         (("--anchors", "p.csv", "--anchors-scale", "256"), "p.csv is in metres"),
@@ -255,7 +255,7 @@ def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
     (inside.folder / "known" / "a.csv").write_text("x,y,depth_m\n5,4,2\n")
     done = inside("batch", "in", "--out", "out", "--anchors", "known/a.csv")
     assert done.returncode == 2
-    assert "is not a folder; for 'batch', name one" in done.stderr.decode()
+    assert "is not a folder with a file for each image" in done.stderr.decode()
     done = inside("batch", "in", "--out", "out", "--anchors", "known")
     assert done.returncode == 1
     assert "clip.mp4 is a video, to which --anchors does not apply" in done.stderr.decode()

@@ -63,10 +63,9 @@ def test_wrong_usage_of_cameras(scene: Cli, words: tuple[str, ...], reason: str)
 
 
 def test_the_table_precedes_the_camera_of_a_profile(scene: Cli) -> None:
-    config = {"XDG_CONFIG_HOME": str(scene.folder / "config")}
-    assert scene("profile", "save", "lens", "--hfov", "80", **config).returncode == 0
+    (scene.folder / "depthcli.toml").write_text("[lens]\nhfov = 80\n")
     words = ("batch", "in", "--out", "out", "--profile", "lens", "--cameras", "cameras.csv")
-    assert scene(*words, **config).returncode == 0
+    assert scene(*words).returncode == 0
     cameras = [row["camera"] for row in rows(scene, "out").values()]
     assert cameras == ["hfov 60.0° (assumed, from the model's card)", "hfov 44.8° (given)"]
 

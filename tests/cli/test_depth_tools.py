@@ -174,7 +174,7 @@ def test_convert_between_scales(inside: Cli) -> None:
 
 @pytest.mark.parametrize(
     ("words", "option"),
-    [(("probe", "d.png", "1,1"), "--png-scale"), (("convert", "d.png", "d.npy"), "--from-scale")],
+    [(("probe", "d.png", "1,1"), "--from-scale"), (("convert", "d.png", "d.npy"), "--from-scale")],
 )
 def test_an_assumed_scale_is_a_warning(inside: Cli, words: tuple[str, ...], option: str) -> None:
     cv2.imwrite(str(inside.folder / "d.png"), np.full((4, 4), 512, np.uint16))
@@ -225,7 +225,7 @@ def depth_mkv(inside: Cli) -> Path:
 @pytest.mark.usefixtures("depth_mkv")
 def test_one_frame_of_a_depth_video_is_a_map(inside: Cli) -> None:
     assert inside("probe", "d.mkv", "3,3", "--frame", "2").stdout == b"3,3  3 m\n"
-    fifth = inside("probe", "d.mkv", "3,3", "--frame", "2", "--png-scale", "500")
+    fifth = inside("probe", "d.mkv", "3,3", "--frame", "2", "--from-scale", "500")
     assert fifth.stdout == b"3,3  0.6 m\n"
     assert inside("convert", "d.mkv", "d.npy", "--frame", "1").returncode == 0
     assert (np.load(inside.folder / "d.npy") == 2).all()

@@ -10,9 +10,6 @@ import pytest
 from helpers.tiny import write_picture
 
 from depthcli.cli import shell
-from depthcli.cli.parse import choose_detail
-from depthcli.core.options import Upsampling
-from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
     from helpers.command_line import Cli
@@ -28,12 +25,6 @@ sys.stderr.buffer.write(done.stderr)
 print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 sys.exit(done.returncode)
 """
-
-
-@pytest.mark.parametrize("text", ["0", "-5", "half", "1.5", ""])
-def test_tiles_that_are_none(text: str) -> None:
-    with pytest.raises(UsageError, match="--tile is auto or a width"):
-        choose_detail(Upsampling.GUIDED, text)
 
 
 @pytest.mark.parametrize("name", ["predict", "batch", "video"])

@@ -304,7 +304,7 @@ def test_pictures_that_were_trained_on_are_refused(
     index = (copy / "index.csv").read_text().replace("hall_1,train", "hall_1,test")
     (copy / "index.csv").write_text(index)
     assert _run(runs, copy, "--split", "official") == 2
-    assert "fastcut-seed0 was trained on 2 of the 2 test pictures" in capsys.readouterr().err
+    assert "fastcut-seed0 was trained on 2 of the 2 test images" in capsys.readouterr().err
 
 
 def test_seeds_of_other_settings_are_no_row(

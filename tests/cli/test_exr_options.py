@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.tiny import write_picture
-from helpers.videos import flat_frames, write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from helpers.command_line import Cli
+    from tests.helpers.command_line import Cli
 
 LIGHT = np.random.default_rng(0).uniform(0, 1, (48, 64)).astype(np.float32)
 DARK = LIGHT / 8
@@ -69,34 +67,6 @@ def test_a_layer_that_is_not_there_is_an_error(folder: Path, inside: Cli) -> Non
         done.stderr
     )
     assert sorted(path.name for path in (folder / "layers").iterdir()) == ["p.0.exr", "p.1.exr"]
-
-
-@pytest.mark.parametrize("option", [("--exposure", "1"), ("--layer", "a")])
-def test_other_pictures_have_neither(option: tuple[str, str], inside: Cli) -> None:
-    write_picture(inside.folder / "p.0.png")
-    write_video(inside.folder / "clip.avi", flat_frames(range(2)))
-    word = option[0].encode()
-    for words, problem in (
-        (("predict", "p.0.png"), b" is for EXR, and p.0.png is none; leave it out"),
-        (("video", "p.%d.png", "--out", "a.mkv"), b" is for EXR, and p.0.png is none"),
-        (("video", "clip.avi", "--out", "a.mkv"), b" is for image sequences, and clip.avi is a v"),
-    ):
-        done = inside(*words, *option)
-        assert done.returncode == 2
-        assert word + problem in done.stderr
-    assert {path.name for path in inside.folder.iterdir()} == {"p.0.png", "clip.avi"}
-
-
-@pytest.mark.parametrize("option", [("--exposure", "1"), ("--layer", "a")])
-def test_a_batch_of_a_folder_has_neither(
-    option: tuple[str, str], folder: Path, inside: Cli
-) -> None:
-    done = inside("batch", "layers", "--out", "out", *option)
-    assert done.returncode == 2
-    assert f"{option[0]} is for EXR, which batch reads only from a list".encode() in done.stderr
-    assert not (folder / "out").exists()
-    (folder / "p.toml").write_text("exposure = 1.0\n")
-    assert inside("batch", "layers", "--out", "out", "--profile", "p.toml").returncode != 2
 
 
 @pytest.mark.parametrize("stops", ["21", "nan", "bright"])

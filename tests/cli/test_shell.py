@@ -177,7 +177,6 @@ def test_shells_can_complete(cli: Cli, shell: str) -> None:
         ("models remove ", ["default", "other"]),
         ("models show meter", ["meter-nyu"]),
         ("models verify o", ["other"]),
-        ("profile show ", ["mine"]),
         ("doctor --provider cp", ["cpu"]),
         ("train cyc", ["cyclegan"]),
         ("train --methods cut,p", ["cut,proposed"]),
@@ -187,9 +186,7 @@ def test_shells_can_complete(cli: Cli, shell: str) -> None:
 )
 def test_names_are_offered_where_names_are_wanted(cli: Cli, words: str, offered: list[str]) -> None:
     write_model(cli.models / "other")
-    profile = cli.folder.parent / "home" / "depthcli" / "profiles" / "mine.toml"
-    profile.parent.mkdir(parents=True)
-    profile.touch()
+    (cli.folder / "depthcli.toml").write_text("[mine]\nhfov = 80\n")
     typed = f"depthcli {words}"
     done = cli(
         _DEPTHCLI_COMPLETE="complete_bash", COMP_WORDS=typed, COMP_CWORD=str(typed.count(" "))

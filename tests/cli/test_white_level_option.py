@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import OpenEXR
 import pytest
-from helpers.tiny import write_picture
-from helpers.videos import flat_frames, write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from helpers.command_line import Cli
+    from tests.helpers.command_line import Cli
 
 RNG = np.random.default_rng(0)
 SENSOR = RNG.integers(0, 4096, (48, 64, 3), dtype=np.uint16)
@@ -42,7 +39,6 @@ def test_depth_is_that_of_the_whole_range(command: str, folder: Path, inside: Cl
         pictures = [f"{name}/f0.png", f"{name}/f1.png"] if command == "predict" else [name]
         extra = ("--fps", "25") if command == "video" else ()
         words = (*pictures, "--out", f"out-{name}/", "--format", "npy", *options, *extra)
-        words = tuple("--output" if word == "--out" else word for word in words)
         done = inside(command, *words)
         assert (done.returncode, done.stderr) == (0, b"")
     low, full = depths(folder / "out-low"), depths(folder / "out-full")
@@ -74,32 +70,3 @@ def test_what_is_no_white_level(level: str, folder: Path, inside: Cli) -> None:
     done = inside("predict", str(folder / "low" / "f0.png"), "--white-level", level)
     assert done.returncode == 2
     assert b"--white-level" in done.stderr
-
-
-def test_a_video_has_a_range_of_its_own(inside: Cli) -> None:
-    write_video(inside.folder / "clip.avi", flat_frames(range(2)))
-    done = inside("video", "clip.avi", "--out", "d.mkv", "--white-level", "1023")
-    assert done.returncode == 2
-    assert b"--white-level is for image sequences, and clip.avi is a video" in done.stderr
-    assert inside("profile", "save", "camera", "--white-level", "1023").returncode == 0
-    done = inside("video", "clip.avi", "--out", "d.mkv", "--profile", "camera")
-    assert (done.returncode, done.stderr) == (0, b"")
-
-
-def test_the_white_of_an_exr_is_1(inside: Cli) -> None:
-    gray = np.tile(np.linspace(0.2, 0.7, 64, dtype=np.float32), (48, 1))
-    folder = inside.folder / "plates"
-    folder.mkdir()
-    for number in range(2):
-        file = OpenEXR.File({"type": OpenEXR.scanlineimage}, dict.fromkeys("RGB", gray))
-        file.write(str(folder / f"p.{number}.exr"))
-    option = "--white-level", "4095"
-    plate = "plates/p.0.exr"
-    for words in (("predict", plate), ("video", "plates"), ("video", "plates/p.%d.exr")):
-        done = inside(*words, *option)
-        assert done.returncode == 2
-        assert b"--white-level is for 16-bit PNG and TIFF, and plates/p.0.exr is an" in done.stderr
-    assert inside("profile", "save", "camera", *option).returncode == 0
-    assert inside("predict", plate, "-o", "a.npy", "--profile", "camera").stderr == b""
-    write_picture(inside.folder / "room.png")
-    assert inside("predict", plate, "room.png", *option).returncode == 0

@@ -10,7 +10,7 @@ from robustness.fuzz import file_of, problem
 from robustness.fuzz_targets import TARGETS
 
 CORPUS = ROOT / "tests" / "corpus"
-_SLOW = {"manifest", "profile", "checkpoint", "video", "model"}
+_SLOW = {"manifest", "checkpoint", "video", "model"}
 
 
 def _found() -> list[str]:

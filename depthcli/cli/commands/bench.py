@@ -9,12 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import options
-from depthcli.cli.checks import is_given
-from depthcli.cli.options import not_negative, parse_size
+from depthcli.cli.groups import Command, grouped
+from depthcli.cli.options import (
+    JsonOption,
+    ModelOptions,
+    UpsampleOption,
+    WorkersOption,
+    not_negative,
+)
 from depthcli.cli.screen import console
 from depthcli.core.options import Upsampling
-from depthcli.errors import ExitCode, UsageError
+from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
     from depthcli.inference.measure import Latency
@@ -25,52 +30,37 @@ app = typer.Typer(rich_markup_mode=None)
 _MEASUREMENTS = 3  # network, end to end, throughput
 
 
-@app.command()
+@app.command(cls=Command)
+@grouped
 def bench(
-    context: typer.Context,
     image: Annotated[
         Path | None,
-        typer.Argument(metavar="[IMG]", help="Input picture. Default: a synthetic one."),
+        typer.Argument(metavar="[IMG]", help="Input image. Default: a synthetic one."),
     ] = None,
     size: Annotated[
-        str, typer.Option(metavar="WxH", help="Size of the synthetic picture in pixels.")
+        str, typer.Option(metavar="WxH", help="Size of the synthetic image in pixels.")
     ] = "640x480",
-    model: options.ModelOption = None,
-    provider: options.ProviderOption = "auto",
-    provider_option: options.ProviderSettingsOption = None,
-    threads: Annotated[
-        int | None,
-        typer.Option(min=1, max=1024, help="Inference threads for the latency measurement."),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=1024,
-            help="Pictures processed in parallel for the throughput measurement. Default: one "
-            "per core.",
-        ),
-    ] = None,
-    upsample: options.UpsampleOption = Upsampling.GUIDED,
+    *,
+    model: ModelOptions,
+    workers: WorkersOption = None,
+    upsample: UpsampleOption = Upsampling.GUIDED,
     seconds: Annotated[
         float,
         typer.Option(
             min=0, max=3600, callback=not_negative, help="Duration of each measurement in seconds."
         ),
     ] = 3.0,
-    as_json: options.JsonObjectOption = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Measure network latency, end-to-end latency, throughput and peak memory.
 
     End-to-end is from the encoded file to a 16-bit PNG on disk.
     """
-    from depthcli.cli.parse import session_loader
+    from depthcli.cli import parse
     from depthcli.jobs.bench import BenchRequest, run_bench
 
-    if image is not None and is_given(context, "size"):
-        raise UsageError("--size is that of the synthetic picture; remove it or the file")
-    loader = session_loader(model, provider, threads, provider_option)
-    request = BenchRequest(loader, parse_size(size), seconds, image, upsample, workers)
+    loader = parse.session_loader(model.model, model.runtime)
+    request = BenchRequest(loader, parse.size(size), seconds, image, upsample, workers)
     if sys.stderr.isatty() and not as_json:
         console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
     done = run_bench(request, console.warn)

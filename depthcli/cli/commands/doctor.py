@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from depthcli.cli import completion
+from depthcli.cli.options import JsonOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
@@ -30,9 +31,7 @@ def doctor(
             metavar="NAME", autocompletion=completion.providers, help="Execution provider to check."
         ),
     ] = "auto",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object per line.")
-    ] = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Check versions, onnxruntime packages, the provider really active, a model, and codecs.
 

@@ -1,16 +1,23 @@
 """``depthcli eval``: comparing models, predictions of other tools and training runs."""
 
-import inspect
-from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import wraps
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import completion, options
-from depthcli.cli.options import png_scale_range, positive
+from depthcli.cli import completion
+from depthcli.cli.groups import Command, grouped
+from depthcli.cli.options import (
+    DetailOptions,
+    RuntimeOptions,
+    ScreenOptions,
+    WeightsOption,
+    WorkersOption,
+    png_scale_range,
+    positive,
+    usual,
+)
 from depthcli.cli.screen import console
 from depthcli.core.options import Crop, Mask, Upsampling, Weights
 from depthcli.core.text import INSTALL_TRAIN
@@ -33,45 +40,26 @@ def _eval_group() -> None:
     """Compare models on a data set."""
 
 
-def grouped(command: Callable[..., int]) -> Callable[..., int]:
-    """Let a command take dataclasses whose fields are its options."""
-    hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, Any] = {}
-    parameters: list[inspect.Parameter] = []
-    for name, parameter in inspect.signature(command).parameters.items():
-        kind = hints[name]
-        if not is_dataclass(kind):
-            parameters.append(parameter.replace(annotation=kind))
-            continue
-        groups[name] = kind
-        types = get_type_hints(kind, include_extras=True)
-        parameters += [
-            inspect.Parameter(
-                f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=types[f.name]
-            )
-            for f in fields(kind)
-        ]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProtocolDetail(DetailOptions):
+    """Metrics."""
 
-    @wraps(command)
-    def flat(**values: Any) -> int:  # noqa: ANN401 - the values of any options
-        made = {
-            name: kind(**{f.name: values.pop(f.name) for f in fields(kind)})
-            for name, kind in groups.items()
-        }
-        return command(**values, **made)
-
-    flat.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    flat.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return flat
+    upsample: Annotated[
+        Upsampling,
+        typer.Option(
+            help="Upsampling of the models' depth: bilinear as in the protocol, or guided as in "
+            "predict."
+        ),
+    ] = Upsampling.BILINEAR
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ModelOptions:
-    """Models and predictions to compare."""
+    """Metrics."""
 
     model: Annotated[
         list[str] | None,
-        typer.Option(
+        usual(
             "--model",
             metavar="MODEL",
             autocompletion=completion.models,
@@ -80,7 +68,7 @@ class ModelOptions:
     ] = None
     predictions: Annotated[
         list[Path] | None,
-        typer.Option(
+        usual(
             metavar="DIR",
             help="Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; "
             "repeatable.",
@@ -101,18 +89,8 @@ class ModelOptions:
             "not state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
         ),
     ] = None
-    upsample: Annotated[
-        Upsampling,
-        typer.Option(
-            help="Upsampling of the models' depth: bilinear as in the protocol, or guided as in "
-            "predict."
-        ),
-    ] = Upsampling.BILINEAR
-    tile: options.TileOption = None
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=1024, help="Images processed in parallel. Default: one per core."),
-    ] = None
+    detail: ProtocolDetail
+    workers: WorkersOption = None
     average: Annotated[Averaging, typer.Option(help="Average over images, or over all pixels.")] = (
         Averaging.IMAGE
     )
@@ -152,13 +130,13 @@ class ModelOptions:
         return DepthKind(self.predictions_kind)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TableOptions:
-    """Rows, images and files of every table."""
+    """Table and figures."""
 
     align: Annotated[
         list[Alignment] | None,
-        typer.Option(
+        usual(
             help="Alignment to ground truth per image: none, median (scale), depth or disparity "
             "(least-squares scale and shift); repeatable, one row each. Default: none."
         ),
@@ -169,14 +147,7 @@ class TableOptions:
             metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."
         ),
     ] = None
-    provider: options.ProviderOption = "auto"
-    provider_option: options.ProviderSettingsOption = None
-    threads: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=1024, help="Inference threads per worker. Default: cores / workers."
-        ),
-    ] = None
+    runtime: RuntimeOptions
     csv: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write the table as CSV.")
     ] = None
@@ -191,8 +162,7 @@ class TableOptions:
         Path | None,
         typer.Option(metavar="FILE", help="Write table and figures to one HTML file."),
     ] = None
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Do not show progress.")] = False
+    screen: ScreenOptions
 
     @property
     def alignments(self) -> tuple[Alignment, ...]:
@@ -216,13 +186,13 @@ class TableOptions:
 _TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignore the image.")]
 
 
-@app.command()
+@app.command(cls=Command)
 @grouped
 def nyu(
     *,
     data: Annotated[
         Path,
-        typer.Option(
+        usual(
             envvar="DEPTHCLI_NYU",
             help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
         ),
@@ -252,7 +222,7 @@ def nyu(
     from depthcli.evaluation.protocol import EvalProtocol
 
     if models.model and no_model:
-        raise UsageError("{model} and {no_model} exclude each other", "give one of them")
+        raise UsageError("", "give {model} or {no_model}, not both")
     request = _request(
         data, models, table, EvalProtocol(crop=crop, mask=mask), bundled=not no_model
     )
@@ -260,7 +230,7 @@ def nyu(
     return _run(replace(request, split=split, options=options), table)
 
 
-@app.command()
+@app.command(cls=Command)
 @grouped
 def pairs(
     data: Annotated[
@@ -312,7 +282,7 @@ def pairs(
     return _run(request, table)
 
 
-@app.command()
+@app.command(cls=Command)
 @grouped
 def runs(
     folder: Annotated[
@@ -321,7 +291,7 @@ def runs(
     *,
     data: Annotated[
         Path,
-        typer.Option(envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."),
+        usual(envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."),
     ],
     split: Annotated[
         SplitName,
@@ -330,7 +300,7 @@ def runs(
             "no run was trained on it."
         ),
     ] = SplitName.VAL,
-    weights: options.WeightsOption = Weights.AVERAGED,
+    weights: WeightsOption = Weights.AVERAGED,
     trivial: _TrivialOption = True,
     published: Annotated[bool, typer.Option(help="Include the paper's rows.")] = True,
     against: Annotated[str | None, typer.Option(metavar="ROW", help=f"{_AGAINST}.")] = None,
@@ -340,7 +310,7 @@ def runs(
 
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """
-    from depthcli.cli.parse import session_loader
+    from depthcli.cli import parse
     from depthcli.core.parallel import usable_cores
     from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.jobs.evaluate import EvalRequest
@@ -349,7 +319,7 @@ def runs(
         data,
         runs=folder,
         weights=weights,
-        runner=session_loader(None, table.provider, table.threads, table.provider_option),
+        runner=parse.session_loader(None, table.runtime),
         split=split,
         limit=table.limit,
         options=EvalOptions(
@@ -373,7 +343,7 @@ def _request(
     bundled: bool = True,
 ) -> "EvalRequest":
     """A request to compare models and predictions; without any, the bundled model if allowed."""
-    from depthcli.cli.parse import choose_detail, session_loader
+    from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
     from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.jobs.evaluate import EvalRequest
@@ -381,17 +351,15 @@ def _request(
     names: list[str | None] = [*(models.model or ())]
     if bundled and not names and not models.predictions:
         names = [None]
-    if models.per_image and not table.as_json:
-        raise UsageError("{per_image} is part of the JSON output", "add {json}")
-    if not names and (models.tile is not None or models.upsample != protocol.upsampling):
+    if models.per_image and not table.screen.as_json:
+        raise UsageError("scores of each image are part of the JSON output", "add {json}")
+    if not names and models.detail != ProtocolDetail():
         raise UsageError("no model is compared", "remove {upsample} and {tile}")
-    workers, threads = share_cores(models.workers, table.threads)
+    workers, threads = share_cores(models.workers, table.runtime.threads)
     size_px = models.compare_at
     return EvalRequest(
         data,
-        models=tuple(
-            session_loader(name, table.provider, threads, table.provider_option) for name in names
-        ),
+        models=tuple(parse.session_loader(name, table.runtime, threads) for name in names),
         predictions=tuple(models.predictions or ()),
         predictions_kind=models.kind,
         predictions_scale=models.predictions_scale,
@@ -401,8 +369,8 @@ def _request(
                 protocol,
                 averaging=models.average,
                 compare_px=None if size_px is None else (size_px, size_px),
-                upsampling=models.upsample,
-                tile_px=choose_detail(models.upsample, models.tile).tile_px,
+                upsampling=models.detail.upsample,
+                tile_px=parse.detail(models.detail).tile_px,
                 boundary=models.boundary,
             ),
             alignments=table.alignments,
@@ -419,7 +387,7 @@ def _run(request: "EvalRequest", table: TableOptions) -> int:
     from depthcli.evaluation.text import report_page
     from depthcli.jobs.evaluate import ReportFiles, run_evaluation
 
-    is_silent = table.quiet or table.as_json
+    is_silent = table.screen.quiet or table.screen.as_json
     files = ReportFiles(table.csv, table.figures, table.html)
     files.check()
     with show_progress(silent=is_silent, announce=True) as progress:
@@ -432,7 +400,7 @@ def _run(request: "EvalRequest", table: TableOptions) -> int:
                 f"reading checkpoints needs {error.name}: {INSTALL_TRAIN}"
             ) from error
     page = report_page(done.report)
-    console.out(done.report.to_json() if table.as_json else page.to_text())
+    console.out(done.report.to_json() if table.screen.as_json else page.to_text())
     for path in files.write(page, done.report.to_csv(), done.figures):
         if not is_silent:
             console.note(str(path))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli.options import QuietOption, WeightsOption, field_of_view, not_negative
+from depthcli.cli.groups import Command, grouped
+from depthcli.cli.options import ScreenOptions, WeightsOption, field_of_view, not_negative, usual
 from depthcli.cli.screen import console
 from depthcli.core.options import Weights
 from depthcli.errors import ExitCode, UsageError
@@ -18,46 +20,30 @@ if TYPE_CHECKING:
 app = typer.Typer(rich_markup_mode=None)
 
 
-@app.command()
-def export_onnx(
-    checkpoint: Annotated[
-        Path,
-        typer.Argument(metavar="CKPT", help="Checkpoint written by depthcli train, or its folder."),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="OUT",
-            help="Output ONNX file or folder. Default: next to the checkpoint.",
-        ),
-    ] = None,
-    name: Annotated[
-        str, typer.Option("--name", metavar="NAME", help="Model name in the card.")
-    ] = "custom",
-    model_version: Annotated[
-        str, typer.Option(metavar="VERSION", help="Model version in the card.")
-    ] = "1.0.0",
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkOptions:
+    """Network."""
+
+    weights: WeightsOption = Weights.AVERAGED
     fp16: Annotated[
         bool, typer.Option("--fp16", help="Store weights as float16; computes in float32.")
-    ] = False,
+    ] = False
     int8: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
             help="Quantize weights and activations to int8, calibrated and checked on the "
-            "pictures in DIR.",
+            "images in DIR.",
         ),
-    ] = None,
+    ] = None
     mirror: Annotated[
         bool,
         typer.Option(
             "--mirror",
-            help="Average with the prediction for the mirrored picture; doubles the cost.",
+            help="Average with the prediction for the mirrored image; doubles the cost.",
         ),
-    ] = False,
-    opset: Annotated[int, typer.Option(min=16, max=20, help="ONNX opset version.")] = 17,
+    ] = False
+    opset: Annotated[int, typer.Option(min=16, max=20, help="ONNX opset version.")] = 17
     tolerance: Annotated[
         float | None,
         typer.Option(
@@ -65,18 +51,28 @@ def export_onnx(
             help="Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
             "0.02, with --int8 0.2.",
         ),
-    ] = None,
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CardOptions:
+    """Model card."""
+
+    name: Annotated[str, usual("--name", metavar="NAME", help="Model name in the card.")] = "custom"
+    model_version: Annotated[
+        str, typer.Option(metavar="VERSION", help="Model version in the card.")
+    ] = "1.0.0"
     license_name: Annotated[
         str, typer.Option("--license", help="SPDX license identifier of the weights, for the card.")
-    ] = "NOASSERTION",
+    ] = "NOASSERTION"
     hfov: Annotated[
         float | None,
         typer.Option(
             callback=field_of_view,
-            help="Horizontal field of view of the training pictures in degrees, for the card. "
+            help="Horizontal field of view of the training images in degrees, for the card. "
             "Only if the run does not know its camera: NYU's and that of cameras.csv are known.",
         ),
-    ] = None,
+    ] = None
     float_model: Annotated[
         str | None,
         typer.Option(
@@ -84,12 +80,29 @@ def export_onnx(
             help="With --int8: name of the same model in floats, for the card; it is used in "
             "place of this one on GPUs and OpenVINO.",
         ),
+    ] = None
+
+
+@app.command(cls=Command)
+@grouped
+def export_onnx(
+    checkpoint: Annotated[
+        Path,
+        typer.Argument(metavar="CKPT", help="Checkpoint written by depthcli train, or its folder."),
+    ],
+    out: Annotated[
+        Path | None,
+        usual(
+            "-o",
+            "--out",
+            metavar="OUT",
+            help="Output ONNX file or folder. Default: next to the checkpoint.",
+        ),
     ] = None,
-    weights: WeightsOption = Weights.AVERAGED,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object to stdout.")
-    ] = False,
-    quiet: QuietOption = False,
+    *,
+    network: NetworkOptions,
+    card: CardOptions,
+    screen: ScreenOptions,
 ) -> int:
     """Export a checkpoint to ONNX, verify it against torch, and write its model card.
 
@@ -98,29 +111,29 @@ def export_onnx(
     from depthcli.export.onnx import ExportOptions, export_checkpoint
     from depthcli.training.checkpoint import CHECKPOINT
 
-    if fp16 and int8 is not None:
-        raise UsageError("--fp16 and --int8 exclude each other; give one")
-    if float_model is not None and int8 is None:
-        raise UsageError("--float-model needs --int8: a float model runs on every provider itself")
+    if network.fp16 and network.int8 is not None:
+        raise UsageError("", "give {fp16} or {int8}, not both")
+    if card.float_model is not None and network.int8 is None:
+        raise UsageError("", "{float_model} is for {int8}: a float model runs on every provider")
     options = ExportOptions(
-        name,
-        model_version,
-        fp16,
-        mirror,
-        opset,
-        tolerance,
-        int8,
-        license_name,
-        hfov,
-        float_model,
-        weights,
+        name=card.name,
+        version=card.model_version,
+        half=network.fp16,
+        mirror=network.mirror,
+        opset=network.opset,
+        tolerance=network.tolerance,
+        int8_pictures=network.int8,
+        license=card.license_name,
+        hfov_deg=card.hfov,
+        float_model=card.float_model,
+        weights=network.weights,
     )
     if checkpoint.is_dir():
         checkpoint /= CHECKPOINT
-    done = export_checkpoint(checkpoint, _export_path(checkpoint, output), options)
-    if as_json:
+    done = export_checkpoint(checkpoint, _export_path(checkpoint, out), options)
+    if screen.as_json:
         _print_export_json(done)
-    elif not quiet:
+    elif not screen.quiet:
         _print_export(done)
     return ExitCode.OK
 

@@ -4,16 +4,15 @@ from typing import Any
 
 import typer
 
-from depthcli.cli.checks import FileArgument, ScaleOption
-from depthcli.cli.options import JsonObjectOption
+from depthcli.cli.options import FileArgument, JsonOption, ScaleOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
 
 _SCALE_SOURCES = {
     "file": "as the file or its sidecar states",
-    "option": "--png-scale",
-    "assumed": "assumed: millimetres; --png-scale sets another",
+    "option": "--from-scale",
+    "assumed": "assumed: millimetres; --from-scale sets another",
 }
 app = typer.Typer(rich_markup_mode=None)
 
@@ -21,20 +20,19 @@ app = typer.Typer(rich_markup_mode=None)
 @app.command()
 def info(
     file: FileArgument,
-    png_scale: ScaleOption = None,
-    as_json: JsonObjectOption = False,
+    from_scale: ScaleOption = None,
+    as_json: JsonOption = False,
 ) -> int:
     """Show unit, scale, size, range and model of a depth file."""
     from dataclasses import asdict
 
     from depthcli.jobs.inspect import inspect_file
 
-    facts = asdict(inspect_file(file, png_scale))
+    facts = asdict(inspect_file(file, from_scale))
     if as_json:
         console.out_json(facts)
     else:
-        for warning in facts.pop("warnings", ()):
-            console.warn(warning)
+        console.warn_all(facts.pop("warnings", ()))
         _show(facts)
     return ExitCode.OK
 

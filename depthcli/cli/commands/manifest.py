@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.options import JsonOutputOption
+from depthcli.cli.options import JsonOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
@@ -23,7 +23,7 @@ _Manifest = Annotated[
 
 
 @app.command("summary")
-def show_summary(out: _Manifest, as_json: JsonOutputOption = False) -> int:
+def show_summary(out: _Manifest, as_json: JsonOption = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.manifests import read_rows, summarize
@@ -42,7 +42,7 @@ def show_summary(out: _Manifest, as_json: JsonOutputOption = False) -> int:
 
 
 @app.command("failed")
-def list_failed(out: _Manifest, as_json: JsonOutputOption = False) -> int:
+def list_failed(out: _Manifest, as_json: JsonOption = False) -> int:
     """List the inputs that failed, each with the reason."""
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.manifests import read_rows
@@ -66,7 +66,7 @@ def merge_parts(
             help="Format of the result. Default: that of the manifest in OUT, else jsonl.",
         ),
     ] = None,
-    as_json: JsonOutputOption = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Merge the manifests of all shards into one, and remove them."""
     from depthcli.io.storage.paths import path_of

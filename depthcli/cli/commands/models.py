@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import completion
-from depthcli.cli.options import JsonOutputOption, QuietOption
+from depthcli.cli.options import JsonOption, QuietOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import DepthcliError, ExitCode
@@ -48,7 +48,7 @@ def add_model_file(
     sha256: Annotated[
         str | None, typer.Option(metavar="HEX", help="SHA-256 checksum that the file must have.")
     ] = None,
-    as_json: JsonOutputOption = False,
+    as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> int:
     """Add an ONNX model after checking its card.
@@ -98,7 +98,7 @@ def remove_models(
     return ExitCode.OK
 
 
-def list_cards(as_json: JsonOutputOption = False) -> int:
+def list_cards(as_json: JsonOption = False) -> int:
     """List ready cards for well-known models to download."""
     from depthcli.models.catalog import ready_card, ready_names
 
@@ -193,7 +193,7 @@ def _models_group(context: typer.Context) -> None:
 
 
 @app.command("list")
-def list_models(as_json: JsonOutputOption = False) -> int:
+def list_models(as_json: JsonOption = False) -> int:
     """List the models available by name.
 
     Search order: folders in DEPTHCLI_MODELS, models added with 'depthcli models add', bundled
@@ -233,7 +233,7 @@ def verify(
             help="Model names or paths. Default: all listed models.",
         ),
     ] = None,
-    as_json: JsonOutputOption = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Verify size, checksum and card, and run each model once."""
     from depthcli.jobs.models import verify_models

@@ -4,8 +4,7 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.checks import FileArgument, FrameOption, ScaleOption
-from depthcli.cli.parse import parse_pixel
+from depthcli.cli.options import FileArgument, FrameOption, JsonOption, ScaleOption
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode
 
@@ -19,22 +18,21 @@ def probe(
         list[str],
         typer.Argument(metavar="X,Y...", help="Pixel column and row, from 0 at the top left."),
     ],
-    png_scale: ScaleOption = None,
+    from_scale: ScaleOption = None,
     frame: FrameOption = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object per pixel.")
-    ] = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Show the depth at one or several pixels of a depth file."""
+    from depthcli.cli import parse
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.convert import read_map
     from depthcli.jobs.inspect import depth_at
 
-    places = [parse_pixel(word) for word in pixels]
-    stored = read_map(path_of(file), scale=png_scale, frame=frame)
+    places = [parse.pixel(word) for word in pixels]
+    stored = read_map(path_of(file), scale=from_scale, frame=frame)
     depth = stored.displayed
     values = [depth_at(depth, x, y) for x, y in places]
-    for warning in stored.warnings_with_scale("--png-scale"):
+    for warning in stored.warnings_with_scale("--from-scale"):
         console.warn(warning)
     unit = "m" if depth.is_metric else None
     for (x, y), value in zip(places, values, strict=True):

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from depthcli.cli.options import JsonObjectOption, QuietOption, parse_hfov_range, parse_size
+from depthcli.cli.groups import Command, grouped
+from depthcli.cli.options import MAX_THREADS, ScreenOptions
 from depthcli.core.options import Sensor
 from depthcli.errors import ExitCode
 
@@ -17,16 +18,20 @@ def _render_group() -> None:
     """Render training data."""
 
 
-@app.command()
+@app.command(cls=Command)
+@grouped
 def rooms(
     out: Annotated[
         Path,
         typer.Option(
-            metavar="DIR", help="Folder for rgb/, depth/ and cameras.csv; existing rooms are kept."
+            "-o",
+            "--out",
+            metavar="DIR",
+            help="Folder for rgb/, depth/ and cameras.csv; existing rooms are kept.",
         ),
     ],
     count: Annotated[int, typer.Option(min=1, help="Total number of rooms.")] = 1000,
-    size: Annotated[str, typer.Option(metavar="WxH", help="Size of the pictures.")] = "256x192",
+    size: Annotated[str, typer.Option(metavar="WxH", help="Size of the images.")] = "256x192",
     hfov: Annotated[
         str,
         typer.Option(
@@ -40,30 +45,31 @@ def rooms(
     seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, max=1024, help="Number of processes. Default: one per core."),
+        typer.Option(min=1, max=MAX_THREADS, help="Number of processes. Default: one per core."),
     ] = None,
-    as_json: JsonObjectOption = False,
-    quiet: QuietOption = False,
+    *,
+    screen: ScreenOptions,
 ) -> int:
-    """Render pictures of furnished rooms with exact depth.
+    """Render images of furnished rooms with exact depth.
 
     'depthcli train' reads them with --data or --extra.
 
     The same seed and options give the same files, independent of --count and --workers. Run the
     same command again to resume.
     """
+    from depthcli.cli import parse
     from depthcli.cli.screen import console
     from depthcli.cli.screen.progress import show_progress
     from depthcli.core.parallel import share_cores
     from depthcli.datasets.rooms.render import RoomSettings
     from depthcli.jobs.render import RenderRequest, render
 
-    settings = RoomSettings(seed, parse_size(size), parse_hfov_range(hfov), sensor)
+    settings = RoomSettings(seed, parse.size(size), parse.hfov_range(hfov), sensor)
     request = RenderRequest(out, count, settings, share_cores(workers)[0])
-    with show_progress(silent=quiet or as_json) as progress:
+    with show_progress(silent=screen.quiet or screen.as_json) as progress:
         rendered = render(request, progress)
-    if as_json:
+    if screen.as_json:
         console.out_json({"out": str(out), "rooms": count, "rendered": rendered})
-    elif not quiet:
+    elif not screen.quiet:
         console.report(f"{out}: {count} rooms, {rendered} rendered now")
     return ExitCode.OK

@@ -1,74 +1,68 @@
-"""``depthcli train``: training a method on a folder of pairs."""
+"""``depthcli train``: training methods on a folder of pairs."""
 
 from __future__ import annotations
 
+import itertools
 import math
+import time
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from depthcli.cli import completion, options
-from depthcli.cli.options import not_negative
+from depthcli.cli import completion
+from depthcli.cli.groups import Command, grouped
+from depthcli.cli.options import MAX_THREADS, ScreenOptions, not_negative, usual
 from depthcli.cli.process import ending_signals
-from depthcli.errors import SIGNAL_BASE, ExitCode, UsageError
+from depthcli.cli.screen import console
+from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.training.methods.table import METHODS
 from depthcli.training.settings import preset_names
 
 if TYPE_CHECKING:
-    from depthcli.jobs.train_queue import QueueRequest
+    from collections.abc import Callable, Mapping
 
+    from depthcli.training.config import TrainConfig
 
 app = typer.Typer(rich_markup_mode=None)
 
 
-@app.command()
-def train(
-    context: typer.Context,
-    method: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[METHOD]",
-            autocompletion=completion.methods,
-            help=f"One of {', '.join(METHODS)}; or masked, which learns from pictures without "
-            "depth, for --init.",
-        ),
-    ] = None,
-    every_method: Annotated[
-        bool,
-        typer.Option(
-            "--all",
-            help="Train every method but masked, each in a folder METHOD-seedK of --out.",
-        ),
-    ] = False,
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """Several runs."""
+
     methods: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             metavar="A,B",
             autocompletion=completion.method_lists,
-            help="Train these methods, as --all does (for example cut,proposed).",
+            help="Train these methods one after another, each in the folder METHOD-seedK of --out "
+            "(for example cut,proposed); repeatable.",
         ),
-    ] = None,
+    ] = None
     seeds: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            metavar="K,L", help="With --all or --methods: one run per seed (for example 0,1)."
+            metavar="K,L",
+            help="One run of each method for each of these seeds, in the folder METHOD-seedK of "
+            "--out (for example 0,1); repeatable.",
         ),
-    ] = None,
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DataOptions:
+    """Data and initial weights."""
+
     data: Annotated[
         Path | None,
-        typer.Option(
+        usual(
             help="NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
-            "folder with rgb/ and depth/; for masked, any folder of pictures."
+            "folder with rgb/ and depth/; for masked, any folder of images."
         ),
-    ] = None,
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="DIR",
-            help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
-        ),
-    ] = Path("runs/train"),
+    ] = None
     pseudo_labels: Annotated[
         Path | None,
         typer.Option(
@@ -76,7 +70,7 @@ def train(
             help="Additional pairs with less reliable depth, such as predictions of another model: "
             "rgb/ and depth/ in millimetres.",
         ),
-    ] = None,
+    ] = None
     init: Annotated[
         list[Path] | None,
         typer.Option(
@@ -84,182 +78,177 @@ def train(
             help="Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
             "Repeatable: from the mean of their weights.",
         ),
-    ] = None,
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConfigOptions:
+    """Configuration."""
+
     preset: Annotated[
         str | None,
-        typer.Option(
+        usual(
             metavar="NAME",
             autocompletion=completion.presets,
             help=f"Configuration preset: {', '.join(preset_names())}.",
         ),
-    ] = None,
+    ] = None
     config: Annotated[
         list[Path] | None,
         typer.Option(
             metavar="FILE", help="TOML file that overrides the configuration; repeatable."
         ),
-    ] = None,
+    ] = None
     settings: Annotated[
         list[str] | None,
-        typer.Option(
+        usual(
             "--set",
             metavar="NAME=VALUE",
             help="Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
             "repeatable.",
         ),
-    ] = None,
+    ] = None
     show_config: Annotated[
-        bool, typer.Option("--show-config", help="Print the full configuration and exit.")
-    ] = False,
+        bool, usual("--show-config", help="Print the full configuration and exit.")
+    ] = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeviceOptions:
+    """Time and devices."""
+
     max_minutes: Annotated[
         float | None,
-        typer.Option(
-            min=0.0, callback=not_negative, help="Time limit in minutes; the run can be resumed."
+        usual(
+            min=0.0,
+            callback=not_negative,
+            help="Time limit in minutes, for all runs together; they can be resumed.",
         ),
-    ] = None,
+    ] = None
     accelerator: Annotated[
         str,
         typer.Option(
             metavar="NAME", autocompletion=completion.accelerators, help="auto, cpu, cuda or mps."
         ),
-    ] = "auto",
+    ] = "auto"
     devices: Annotated[
         int,
         typer.Option(
-            min=1, max=1024, help="Number of GPUs (or CPU processes) for data-parallel training."
+            min=1,
+            max=MAX_THREADS,
+            help="Number of GPUs (or CPU processes) for data-parallel training.",
         ),
-    ] = 1,
+    ] = 1
     threads: Annotated[
         int | None,
-        typer.Option(min=1, max=1024, help="CPU threads. Default: the fastest in a short trial."),
+        typer.Option(
+            min=1, max=MAX_THREADS, help="CPU threads. Default: the fastest in a short trial."
+        ),
+    ] = None
+
+
+@app.command(cls=Command)
+@grouped
+def train(
+    method: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[METHOD]",
+            autocompletion=completion.methods,
+            help=f"One of {', '.join(METHODS)}; or masked, which learns from images without "
+            "depth, for --init.",
+        ),
     ] = None,
+    *,
+    out: Annotated[
+        Path,
+        usual(
+            "-o",
+            "--out",
+            metavar="DIR",
+            help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
+        ),
+    ] = Path("runs/train"),
+    data: DataOptions,
+    runs: RunOptions,
+    config: ConfigOptions,
+    device: DeviceOptions,
     tensorboard: Annotated[
         bool,
         typer.Option(
             "--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."
         ),
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object per epoch.")
-    ] = False,
-    quiet: options.QuietOption = False,
+    screen: ScreenOptions,
 ) -> int:
-    """Train a method. Run the same command again to resume."""
-    if every_method or methods is not None:
-        return train_all(context)
-    if method is None:
-        raise UsageError("name a METHOD, or give --all or --methods")
-    if seeds is not None:
-        raise UsageError("--seeds goes with --all or --methods")
-    from depthcli.cli.screen import training as screen
+    """Train one or more methods. Run the same command again to resume."""
+    from depthcli.cli.parse import listed
+    from depthcli.cli.screen.training import show_config
     from depthcli.training.resolve import resolve_config
 
-    folder = None if show_config else out
-    resolved = resolve_config(method, preset, config or (), settings or (), folder)
-    if show_config:
-        screen.show_config(resolved)
+    methods, seeds = listed(runs.methods) or (method or "",), listed(runs.seeds)
+    if not methods[0] or (method and runs.methods):
+        raise UsageError("", "name a METHOD, or several with {methods}")
+    planned: dict[Path, Callable[..., TrainConfig]] = {}
+    for name, seed in itertools.product(methods, seeds or (None,)):
+        settings = [*(config.settings or ()), *([] if seed is None else [f"seed={seed}"])]
+        resolve = partial(resolve_config, name, config.preset, config.config or (), settings)
+        found = resolve()
+        if config.show_config:
+            show_config(found)
+        several = runs.methods is not None or bool(seeds)
+        planned[out / f"{name}-seed{found.seed}" if several else out] = resolve
+    if config.show_config:
         return ExitCode.OK
-    if data is None:
-        raise UsageError("give the data set with --data")
-    from depthcli.jobs import train as run
-
-    request = run.TrainRequest(
-        config=resolved,
-        data=data,
-        out=out,
-        pseudo_labels=pseudo_labels,
-        init_weights=tuple(init or ()),
-        minutes=math.inf if max_minutes is None else max_minutes,
-        accelerator=accelerator,
-        devices=devices,
-        threads=threads,
-        tensorboard=tensorboard,
-        signals=ending_signals(),
-    )
-    with screen.callback_for(as_json=as_json, quiet=quiet) as callback:
-        result = run.train(request, callback)
-    if not result.is_global_zero:
-        return ExitCode.OK
-    if not quiet and not as_json:
-        screen.print_result(result, out)
-    number = result.signal_number
-    return ExitCode.OK if number is None else SIGNAL_BASE + number
+    if len(planned) > 1 and device.devices > 1:
+        raise UsageError("each of several runs takes one device", option="devices")
+    return _train_runs(planned, data, device, screen, tensorboard=tensorboard)
 
 
-_QUEUE_OPTIONS = {
-    *("method", "every_method", "methods", "seeds", "data", "out", "preset", "config", "settings"),
-    *("pseudo_labels", "init", "show_config", "max_minutes", "as_json"),
-}
-"""Options that are not forwarded to the runs unchanged."""
+def _train_runs(
+    planned: Mapping[Path, Callable[..., TrainConfig]],
+    data: DataOptions,
+    device: DeviceOptions,
+    screen: ScreenOptions,
+    *,
+    tensorboard: bool,
+) -> int:
+    """Train the runs one after another; those to come share the time that is left."""
+    from depthcli.cli.screen.training import callback_for, print_result
+    from depthcli.jobs.train import TrainRequest, train
 
-
-def train_all(context: typer.Context) -> int:
-    """Train several runs, or resume them."""
-    options = context.params
-    if options["method"]:
-        raise UsageError("give a METHOD, or --all or --methods, not both")
-    if options["show_config"]:
-        raise UsageError("--show-config shows one method: name it in place of --all or --methods")
-    if options["data"] is None:
-        raise UsageError("give the data set with --data")
-    from depthcli.cli.screen.training import QueueScreen
-    from depthcli.jobs.train_queue import TrainingQueue
-
-    queue = TrainingQueue(_queue_request(context))
-    screen = QueueScreen(as_json=options["as_json"], quiet=options["quiet"])
-    for event in queue:
-        screen.print_event(event)
-    screen.print_summary(queue.statuses)
-    if queue.signal_number is not None:
-        return SIGNAL_BASE + queue.signal_number
-    failed = any(status.state == "failed" for status in queue.statuses)
-    return ExitCode.SOME_FAILED if failed else ExitCode.OK
-
-
-def _queue_request(context: typer.Context) -> QueueRequest:
-    from depthcli.jobs.train_queue import QueueRequest
-
-    options = context.params
-    minutes, seeds = options["max_minutes"], options["seeds"]
-    return QueueRequest(
-        data=Path(options["data"]),
-        out=Path(options["out"]),
-        methods=() if options["methods"] is None else _split_list(options["methods"]),
-        seeds=() if seeds is None else tuple(_seed(text) for text in _split_list(seeds)),
-        preset=options["preset"],
-        files=tuple(Path(file) for file in options["config"] or ()),
-        settings=tuple(options["settings"] or ()),
-        minutes=math.inf if minutes is None else minutes,
-        pseudo_labels=Path(options["pseudo_labels"]) if options["pseudo_labels"] else None,
-        init_weights=tuple(map(Path, options["init"] or ())),
-        options=tuple(_forwarded_options(context)),
-        report_epochs=options["as_json"],
-        signals=ending_signals(),
-    )
-
-
-def _split_list(text: str) -> tuple[str, ...]:
-    """Items of a comma-separated list, without duplicates."""
-    words = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
-    if not words:
-        raise UsageError("--methods and --seeds take a list, such as cut,proposed or 0,1")
-    return words
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise UsageError(f"--seeds takes integers such as 0,1, not '{text}'")
-    return int(text)
-
-
-def _forwarded_options(context: typer.Context) -> list[str]:
-    """The command-line arguments of the options that are forwarded to each run."""
-    words: list[str] = []
-    for parameter in context.command.params:
-        value = context.params.get(parameter.name or "")
-        if parameter.name in _QUEUE_OPTIONS or value in (None, False):
+    if data.data is None:
+        raise UsageError("", "give the data set with {data}")
+    minutes = math.inf if device.max_minutes is None else device.max_minutes
+    code, end_s = ExitCode.OK, time.monotonic() + 60 * minutes
+    for index, (folder, resolve) in enumerate(planned.items()):
+        try:
+            request = TrainRequest(
+                config=resolve(folder=folder),
+                data=data.data,
+                out=folder,
+                pseudo_labels=data.pseudo_labels,
+                init_weights=tuple(data.init or ()),
+                minutes=(end_s - time.monotonic()) / 60 / (len(planned) - index),
+                accelerator=device.accelerator,
+                devices=device.devices,
+                threads=device.threads,
+                tensorboard=tensorboard,
+                signals=ending_signals(),
+            )
+            run = folder.name if len(planned) > 1 else None
+            with callback_for(as_json=screen.as_json, quiet=screen.quiet, run=run) as callback:
+                result = train(request, callback)
+        except (CheckpointError, TrainingError) as error:
+            if len(planned) == 1:
+                raise
+            console.error(error.message.about(folder.name))
+            code = ExitCode.SOME_FAILED
             continue
-        flag = max(parameter.opts, key=len)
-        given = value if isinstance(value, list | tuple) else [value]
-        words += [flag] if value is True else [word for one in given for word in (flag, str(one))]
-    return words
+        if not result.is_global_zero:
+            return ExitCode.OK
+        if not screen.quiet and not screen.as_json:
+            print_result(result, folder)
+        if result.signal_number is not None:
+            return SIGNAL_BASE + result.signal_number
+    return code

@@ -16,7 +16,7 @@ from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, Message
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from typing import TextIO
 
     from rich.progress import Progress, ProgressColumn
@@ -101,6 +101,12 @@ def note(text: str) -> None:
 def warn(text: str) -> None:
     """Print a warning as one line to standard error."""
     _write_line(sys.stderr, f"depthcli: warning: {one_line(worded(text))}")
+
+
+def warn_all(texts: Iterable[str]) -> None:
+    """Print warnings, a line each."""
+    for text in texts:
+        warn(text)
 
 
 def error(text: str) -> None:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import sys
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import show_progress
-from depthcli.jobs.train_queue import EpochDone, RunStarted, RunStatus
 from depthcli.training.callbacks import Callback, finite_or_none
 
 if TYPE_CHECKING:
@@ -26,15 +23,19 @@ if TYPE_CHECKING:
     from depthcli.training.checkpoint import TrainState
     from depthcli.training.config import TrainConfig
 
-
 _SHOWN = ("abs_rel", "rmse", "d1")
 
 
 @contextmanager
-def callback_for(*, as_json: bool, quiet: bool) -> Iterator[Callback]:
-    """The callback for the options and the terminal."""
+def callback_for(*, as_json: bool, quiet: bool, run: str | None) -> Iterator[Callback]:
+    """The callback for the options and the terminal; ``run`` is a name of one of several runs."""
     with ExitStack() as stack:
-        yield JsonCallback() if as_json else Callback() if quiet else TextCallback(stack)
+        if as_json:
+            yield JsonCallback(run)
+        else:
+            if run and not quiet:
+                console.note(f"training {run}")
+            yield Callback() if quiet else TextCallback(stack)
 
 
 def show_config(config: TrainConfig) -> None:
@@ -93,13 +94,17 @@ class _Reporter(Callback):
 
 
 class JsonCallback(_Reporter):
-    """Prints one JSON object per epoch to standard output."""
+    """Prints one JSON object per epoch to standard output, with the name of one of several runs."""
+
+    def __init__(self, run: str | None = None) -> None:
+        super().__init__()
+        self._run = run
 
     def on_epoch_end(self, state: TrainState) -> None:
         """Print step, seconds, scores, and the losses of the last step."""
         values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores)}
         values["losses"] = self._losses
-        console.out_json(values)
+        console.out_json(values if self._run is None else {"run": self._run, **values})
 
 
 class TextCallback(_Reporter):
@@ -154,61 +159,3 @@ class TextCallback(_Reporter):
         console.note(
             f"epoch {state.epoch}  step {state.step}/{self._steps}  {losses}{held_out}{speed}"
         )
-
-
-class QueueScreen:
-    """Lines on standard error, or JSON lines on standard output."""
-
-    def __init__(self, *, as_json: bool, quiet: bool) -> None:
-        self._as_json, self._quiet = as_json, quiet
-
-    def print_event(self, event: RunStarted | EpochDone | RunStatus) -> None:
-        """Print the start, an epoch or the status of a run."""
-        if self._quiet and not self._as_json:
-            return
-        if isinstance(event, EpochDone):
-            console.out_json({"run": event.run.name, **event.line})
-        elif isinstance(event, RunStarted):
-            self._print_started(event)
-        elif self._as_json:
-            console.out_json(_values(event))
-        else:
-            console.note(_status_line(event))
-
-    def _print_started(self, started: RunStarted) -> None:
-        if not self._as_json:
-            finite = math.isfinite(started.share_s)
-            limit = f"for {started.share_s / 60:.1f} min" if finite else "to its end"
-            console.note(f"{started.run.name}: training {limit}")
-
-    def print_summary(self, statuses: Sequence[RunStatus]) -> None:
-        """Print how many runs are finished, and those that failed, even if quiet."""
-        failed = [f"{s.run.name} ({s.reason})" for s in statuses if s.state == "failed"]
-        finished = sum(s.state == "finished" for s in statuses)
-        all_runs = f"{len(statuses)} run{'s'[: len(statuses) - 1]}"
-        if not self._quiet and not self._as_json:
-            rest = len(statuses) - finished - len(failed)
-            more = f", {rest} to continue: run the same command again" if rest else ""
-            console.note(f"{finished} of {all_runs} finished{more}")
-        if failed:
-            console.error(f"{len(failed)} of {all_runs} failed: {'; '.join(failed)}")
-
-
-def _values(status: RunStatus) -> dict[str, object]:
-    progress = status.progress
-    return {
-        "run": status.run.name,
-        "state": status.state,
-        "epoch": progress.epoch,
-        "epochs": status.run.config.optim.epochs,
-        "step": progress.step,
-        "minutes": round(progress.seconds / 60, 2),
-        "reason": status.reason or None,
-    }
-
-
-def _status_line(status: RunStatus) -> str:
-    progress, run = status.progress, status.run
-    reason = f" ({status.reason})" if status.reason else ""
-    epochs = f"epoch {progress.epoch} of {run.config.optim.epochs}"
-    return f"{run.name}: {status.state}{reason}, {epochs}, {progress.seconds / 60:.1f} min"

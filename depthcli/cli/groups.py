@@ -1,0 +1,118 @@
+"""Options as dataclasses: each field is an option, and a command gets the objects.
+
+The first line of the class's docstring is the heading of its options in the help.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import MISSING, fields, is_dataclass
+from functools import wraps
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+import typer
+from typer.core import TyperCommand
+from typer.models import OptionInfo
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+USUAL = "Options"
+"""Heading of the options that most runs need, which come first."""
+_COLUMNS = 2, 26  # of the help: indent, and the widest name of an option beside its text
+
+
+class Given(dict[str, str]):
+    """Options on the command line, not in a profile: parameter -> word, such as ``--no-audio``."""
+
+    @classmethod
+    def of(cls, context: typer.Context) -> Given:
+        """The options that the command of a context was given."""
+        found = cls()
+        for parameter in context.command.params:
+            name, words = str(parameter.name), parameter.opts
+            source = context.get_parameter_source(name)
+            if source is None or source.name != "COMMANDLINE":
+                continue
+            if parameter.secondary_opts and context.params.get(name) is False:
+                words = parameter.secondary_opts
+            found[name] = max(words, key=len)
+        return found
+
+
+class Command(TyperCommand):
+    """A command whose help groups the options by purpose."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - typer's own
+        """Write a section for the arguments and for each group of options."""
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], USUAL: []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                is_argument = parameter.param_type_name == "argument"
+                panel = getattr(parameter, "rich_help_panel", None) or USUAL
+                sections.setdefault("Arguments" if is_argument else panel, []).append(record)
+        for heading, records in sections.items():
+            if records:
+                with formatter.section(heading):
+                    formatter.write_dl(records, col_max=_COLUMNS[1], col_spacing=_COLUMNS[0])
+
+
+def grouped(command: Callable[..., int]) -> Callable[..., int]:
+    """Flatten the groups among a command's parameters into options, for typer.
+
+    A parameter of type :class:`Given` gets the options that are on the command line.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        if is_dataclass(hints[name]):
+            parameters += _flattened(hints[name])
+        elif hints[name] is Given:
+            parameters.append(_keyword("context", inspect.Parameter.empty, typer.Context))
+        else:
+            parameters.append(_keyword(name, parameter.default, hints[name]))
+
+    @wraps(command)
+    def flat(**values: Any) -> int:  # noqa: ANN401 - options of any type
+        context = values.pop("context", None)
+        made = {name: _made(kind, values) for name, kind in hints.items() if is_dataclass(kind)}
+        given = {name: Given.of(context) for name, kind in hints.items() if kind is Given}
+        return command(**values, **made, **given)
+
+    flat.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    flat.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return flat
+
+
+def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a dataclass
+    """A group's fields, and those of the groups within it, as parameters."""
+    heading = str(group.__doc__).partition("\n")[0].rstrip(".")
+    hints = get_type_hints(group, include_extras=True)
+    for field in fields(group):
+        kind = hints[field.name]
+        if is_dataclass(kind):
+            yield from _flattened(kind)
+            continue
+        for option in getattr(kind, "__metadata__", ()):
+            if isinstance(option, OptionInfo):
+                option.rich_help_panel = option.rich_help_panel or heading
+        default = inspect.Parameter.empty if field.default is MISSING else field.default
+        yield _keyword(field.name, default, kind)
+
+
+def _keyword(name: str, default: Any, kind: Any) -> inspect.Parameter:  # noqa: ANN401
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+
+def _made(group: Any, values: dict[str, Any]) -> Any:  # noqa: ANN401 - a dataclass
+    """The object of a group; takes its values out of ``values``."""
+    hints = get_type_hints(group)
+    return group(
+        **{
+            field.name: _made(hints[field.name], values)
+            if is_dataclass(hints[field.name])
+            else values.pop(field.name)
+            for field in fields(group)
+        }
+    )

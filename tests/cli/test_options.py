@@ -1,0 +1,231 @@
+"""Groups of options: how they become options, what contradicts, and what has no effect."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from inspect import signature
+from typing import TYPE_CHECKING, Annotated
+
+import pytest
+import typer
+from tests.helpers.tiny import write_model, write_picture
+from tests.helpers.videos import flat_frames, write_video
+
+from depthcli.cli import parse
+from depthcli.cli.app import main
+from depthcli.cli.groups import Given, grouped
+from depthcli.cli.options import (
+    AnchorOptions,
+    CameraOptions,
+    DetailOptions,
+    ExrOptions,
+    PngOptions,
+    PreviewOptions,
+    WritingOptions,
+)
+from depthcli.cli.table import COMMANDS, plain_command
+from depthcli.core.options import Colormap, Near
+from depthcli.errors import UsageError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.helpers.command_line import Cli
+
+USUAL = 12
+"""Options of the first section of the help, at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inner:
+    """Deep inside."""
+
+    depth: Annotated[int, typer.Option(help="How deep.")] = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outer:
+    """Outside."""
+
+    flag: Annotated[bool, typer.Option("--flag/--no-flag")] = True
+    inner: Inner
+
+
+def test_groups_are_flattened_and_rebuilt() -> None:
+    app, seen = typer.Typer(rich_markup_mode=None), []
+
+    @app.command()
+    @grouped
+    def command(name: str, *, outer: Outer, given: Given) -> int:
+        seen.append((name, outer, given))
+        return 0
+
+    assert list(signature(command).parameters) == ["name", "flag", "depth", "context"]
+    app(["a", "--depth", "5", "--no-flag"], standalone_mode=False)
+    app(["b"], standalone_mode=False)
+    assert seen[0] == (
+        "a",
+        Outer(flag=False, inner=Inner(depth=5)),
+        {"name": "name", "depth": "--depth", "flag": "--no-flag"},
+    )
+    assert seen[1] == ("b", Outer(flag=True, inner=Inner()), {"name": "name"})
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> None:
+    pending = [plain_command(name)]
+    while pending:
+        command = pending.pop()
+        pending += getattr(command, "commands", {}).values()
+        options = [p for p in command.params if p.param_type_name == "option"]
+        first = [p for p in options if p.rich_help_panel in {None, "Options"}]
+        assert len(first) <= USUAL, [p.name for p in first]
+        for parameter in options:
+            assert "--output" not in parameter.opts
+            assert ("-o" in parameter.opts) == ("--out" in parameter.opts)
+
+
+def test_help_loads_no_heavy_library() -> None:
+    code = (
+        "import sys; from depthcli.cli.app import main; main(['predict', '--help'])\n"
+        "found = {'numpy', 'cv2', 'onnxruntime', 'torch', 'rich'} & {*sys.modules}\n"
+        "sys.exit(str(found) if found else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    headings = [line for line in done.stdout.decode().splitlines() if line.endswith(":")]
+    assert {"Arguments:", "Options:", "Model and speed:", "16-bit PNG:"} <= {*headings}
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "used_by"),
+    [
+        (("predict", "room.png", "-o", "x.png", "--colormap", "turbo"), "--colormap", "preview"),
+        (("predict", "room.png", "-o", "x.ply", "--half"), "--half", "exr"),
+        (("predict", "room.png", "-o", "x.png", "--exposure", "1"), "--exposure", "EXR"),
+        (("batch", "in", "-o", "out", "--legend"), "--legend", "preview"),
+        (("batch", "in", "-o", "out", "--cpus-per-worker", "1"), "--cpus-per-worker", "ray"),
+        (("video", "clip.avi", "-o", "d.mkv", "--no-audio"), "--no-audio", "mp4, webm, mov"),
+        (("video", "clip.avi", "-o", "d.mkv", "--fps", "24"), "--fps", "image sequences"),
+        (("convert", "a.npy", "b.exr", "--png-scale", "256"), "--png-scale", "png16, json"),
+        (("convert", "a.npy", "b.exr", "--include", "*.exr"), "--include", "a folder"),
+    ],
+)
+def test_option_without_effect_is_a_warning(
+    words: tuple[str, ...], option: str, used_by: str, inside: Cli
+) -> None:
+    write_picture(inside.folder / "room.png")
+    write_picture(inside.folder / "in" / "room.png")
+    write_video(inside.folder / "clip.avi", flat_frames(range(2)))
+    assert inside("predict", "room.png", "-o", "a.npy").returncode == 0
+    done = inside(*words)
+    assert done.returncode == 0, done.stderr
+    told = done.stderr.decode().splitlines()
+    assert f"depthcli: warning: {option} has no effect: it is for {used_by}" in told
+    done = inside(*words, "--quiet")
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_option_of_a_profile_may_have_no_effect(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    (inside.folder / "depthcli.toml").write_text("[own]\ncolormap = 'turbo'\nhalf = true\n")
+    done = inside("predict", "room.png", "-o", "x.png", "--profile", "own")
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_range_of_a_normalized_video_has_an_effect(inside: Cli) -> None:
+    relative = {"output__kind": "relative", "output__min_m": None, "output__max_m": None}
+    write_model(inside.models / "default", **relative)
+    write_video(inside.folder / "clip.avi", flat_frames(range(3)))
+    done = inside("video", "clip.avi", "-o", "d.mkv", "--vmin", "1", "--vmax", "2")
+    assert done.returncode == 0
+    assert b"no effect" not in done.stderr
+
+
+def _writing(**values: object) -> WritingOptions:
+    kinds = {"png": PngOptions, "exr": ExrOptions, "preview": PreviewOptions}
+    return WritingOptions(
+        **{
+            name: kind(**{k: v for k, v in values.items() if k in kind.__dataclass_fields__})
+            for name, kind in kinds.items()
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("colormap", "near", "chosen"),
+    [
+        (None, None, ("inferno", "warm")),
+        (None, Near.WARM, ("inferno", "warm")),
+        (None, Near.WHITE, ("gray", "white")),
+        (Colormap.GRAY, Near.BLACK, ("gray", "black")),
+    ],
+)
+def test_near_white_and_black_select_gray(
+    colormap: Colormap | None, near: Near | None, chosen: tuple[str, str]
+) -> None:
+    made = parse.writer_options(_writing(colormap=colormap, near=near))
+    assert (made.colormap, made.near) == chosen
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"colormap": Colormap.INFERNO, "near": Near.BLACK},
+        {"colormap": Colormap.GRAY, "near": Near.WARM},
+        {"vmin": 5.0, "vmax": 2.0},
+        {"vmin": 5.0, "vmax": 5.0},
+        {"png_scale": 256.0, "png_normalize": True},
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(values: dict[str, object]) -> None:
+    with pytest.raises(UsageError):
+        parse.writer_options(_writing(**values))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"focal_px": 50.0, "hfov": 60.0},
+        {"calibration": "a.yaml", "centre_px": "3,4"},
+        {"rectified": True},
+        {"centre_px": "3"},
+        {"centre_px": "nan,3"},
+    ],
+)
+def test_cameras_that_cannot_be_meant_are_refused(values: dict[str, object]) -> None:
+    with pytest.raises(UsageError):
+        parse.camera(CameraOptions(**values))
+
+
+@pytest.mark.parametrize("word", ["1,2", "1,2,3,4", "-1,2,3", "1.5,2,3", "1,2,nan", "1,2,0", "a"])
+def test_anchors_that_are_no_point_of_known_depth(word: str) -> None:
+    with pytest.raises(UsageError):
+        parse.anchors(AnchorOptions(anchor=[word]))
+
+
+@pytest.mark.parametrize("text", ["0", "-5", "half", "1.5", "", "9" * 5000])
+def test_tiles_that_are_no_width(text: str) -> None:
+    with pytest.raises(UsageError):
+        parse.detail(DetailOptions(tile=text))
+
+
+def test_errors_name_options_of_the_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_picture(tmp_path / "room.png")
+    assert main(["predict", "room.png", "--png-scale", "256", "--png-normalize"]) == 2
+    assert "give --png-scale or --png-normalize, not both" in capsys.readouterr().err
+    assert main(["predict", "room.png", "--anchor", "1,2"]) == 2
+    assert "--anchor: '1,2' is not X,Y,METRES" in capsys.readouterr().err
+
+
+def test_json_of_every_input_is_one_line(inside: Cli) -> None:
+    for name in ("a.png", "b.png"):
+        write_picture(inside.folder / name)
+    done = inside("predict", "a.png", "b.png", "--json")
+    assert [json.loads(line)["input"] for line in done.stdout.splitlines()] == ["a.png", "b.png"]

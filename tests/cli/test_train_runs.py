@@ -1,0 +1,134 @@
+"""``depthcli train`` of several methods and seeds, one resumable run after another."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from tests.helpers.command_line import unmeasured
+from tests.helpers.rooms import write_rooms
+from tests.helpers.runs import ENVIRONMENT, inside, same, saved
+
+from depthcli.cli.app import main
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TINY = """
+[generator]
+width = 4
+blocks = 1
+
+[data]
+width = 32
+height = 32
+holdout_every = 4
+holdout_offset = 1
+
+[optim]
+epochs_constant = 1
+epochs_decay = 0
+width_discriminator = 2
+"""
+LONG = ("--set", "optim.epochs_constant=100000", "--set", "validate_every=100000")
+
+
+def _words(*arguments: str) -> list[str]:
+    common = ["--data", "data", "--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu"]
+    return ["train", *common, *arguments]
+
+
+def _train(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return inside(folder, *_words(*arguments))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A data set and a file of settings."""
+    write_rooms(tmp_path / "data")
+    (tmp_path / "tiny.toml").write_text(TINY)
+    return tmp_path
+
+
+def test_runs_are_those_of_single_commands_and_are_resumed(folder: Path) -> None:
+    several = ("--methods", "cyclegan,fastcut", "--seeds", "2", "--seeds", "0", "-o", "runs")
+    done = _train(folder, *several, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    names = ["cyclegan-seed2", "cyclegan-seed0", "fastcut-seed2", "fastcut-seed0"]
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [(line["run"], line["epoch"]) for line in lines] == [(name, 1) for name in names]
+    assert _train(folder, "fastcut", "--set", "seed=2", "-o", "alone").returncode == 0
+    looped, alone = saved(folder / "runs" / "fastcut-seed2"), saved(folder / "alone")
+    parts = looped.keys() - {"state"}  # it has the time
+    assert all(same(looped[part], alone[part]) for part in parts)
+    (folder / "tiny.toml").write_text("")  # each run knows its own settings
+    again = _train(folder, *several, "--json")
+    assert (again.returncode, again.stdout, again.stderr) == (0, "", "")
+
+
+def test_failing_run_stops_no_other(folder: Path) -> None:
+    broken = folder / "runs" / "cut-seed0"
+    broken.mkdir(parents=True)
+    (broken / "last.ckpt").write_bytes(b"no checkpoint")
+    done = _train(folder, "--methods", "cut,fastcut", "--json", "--quiet", "-o", "runs")
+    assert done.returncode == 1
+    assert [json.loads(line)["run"] for line in done.stdout.splitlines()] == ["fastcut-seed0"]
+    (line,) = done.stderr.splitlines()
+    assert "cut-seed0: " in line
+    assert (broken / "last.ckpt").read_bytes() == b"no checkpoint"
+
+
+def test_time_limit_is_shared_by_the_runs(folder: Path) -> None:
+    done = _train(folder, "--methods", "fastcut,cut", *LONG, "--max-minutes", "0.05", "-o", "runs")
+    assert done.returncode == 0, done.stderr
+    for name in ("fastcut-seed0", "cut-seed0"):
+        assert 0 < saved(folder / "runs" / name)["state"]["seconds"] < 3
+
+
+def test_signal_ends_all_runs_with_a_checkpoint(folder: Path) -> None:
+    words = _words("--methods", "fastcut,cut", *LONG, "--json", "-o", "runs")
+    with subprocess.Popen(
+        [sys.executable, "-m", "depthcli", *words],
+        cwd=folder,
+        env=unmeasured(ENVIRONMENT),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())["run"] == "fastcut-seed0"
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + signal.SIGTERM, err
+    assert (folder / "runs" / "fastcut-seed0" / "last.ckpt").exists()
+    assert not (folder / "runs" / "cut-seed0").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("cut", "--methods", "cut"), "METHOD"),
+        (("--methods", "cut,pix2pix"), "no method 'pix2pix'"),
+        (("--methods", ","), "METHOD"),
+        (("cut", "--seeds", "one"), "seed"),
+        (("--methods", "cut,cyclegan", "--devices", "2"), "--devices"),
+        ((), "METHOD"),
+        (("--methods", "cut,fastcut", "--data", "nowhere"), "nowhere"),
+    ],
+)
+def test_wrong_use_is_one_line_before_anything_is_trained(
+    folder: Path,
+    arguments: tuple[str, ...],
+    reason: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main([*_words(*arguments), "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert reason in line
+    assert not list(folder.glob("runs/**/*.ckpt"))
