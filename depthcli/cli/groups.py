@@ -5,10 +5,11 @@ The first line of the class's docstring is the heading of its options in the hel
 
 from __future__ import annotations
 
+import copy
 import inspect
 from dataclasses import MISSING, fields, is_dataclass
 from functools import wraps
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -94,11 +95,18 @@ def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a d
         if is_dataclass(kind):
             yield from _flattened(kind)
             continue
-        for option in getattr(kind, "__metadata__", ()):
-            if isinstance(option, OptionInfo):
-                option.rich_help_panel = option.rich_help_panel or heading
+        settings = (_below(option, heading) for option in kind.__metadata__)
+        kind = Annotated[(kind.__origin__, *settings)]  # noqa: PLW2901 - shared by commands
         default = inspect.Parameter.empty if field.default is MISSING else field.default
         yield _keyword(field.name, default, kind)
+
+
+def _below(option: Any, heading: str) -> Any:  # noqa: ANN401 - what an annotation may have
+    """A copy of an option below a heading, unless it has one of its own."""
+    found = copy.copy(option)
+    if isinstance(option, OptionInfo):
+        found.rich_help_panel = option.rich_help_panel or heading
+    return found
 
 
 def _keyword(name: str, default: Any, kind: Any) -> inspect.Parameter:  # noqa: ANN401
