@@ -96,7 +96,7 @@ def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a d
             yield from _flattened(kind)
             continue
         settings = (_below(option, heading) for option in kind.__metadata__)
-        kind = Annotated[(kind.__origin__, *settings)]  # noqa: PLW2901 - shared by commands
+        kind = Annotated[(kind.__origin__, *settings)]
         default = inspect.Parameter.empty if field.default is MISSING else field.default
         yield _keyword(field.name, default, kind)
 

@@ -12,7 +12,7 @@ import pytest
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.helpers.command_line import Cli
+    from helpers.command_line import Cli
 
 LIGHT = np.random.default_rng(0).uniform(0, 1, (48, 64)).astype(np.float32)
 DARK = LIGHT / 8

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import pytest
 import typer
-from tests.helpers.tiny import write_model, write_picture
-from tests.helpers.videos import flat_frames, write_video
+from helpers.tiny import write_model, write_picture
+from helpers.videos import flat_frames, write_video
 
 from depthcli.cli import parse
 from depthcli.cli.app import main
@@ -33,7 +33,7 @@ from depthcli.errors import UsageError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.helpers.command_line import Cli
+    from helpers.command_line import Cli
 
 USUAL = 12
 """Options of the first section of the help, at most."""

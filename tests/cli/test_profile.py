@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.helpers.tiny import write_picture
+from helpers.tiny import write_picture
 
 from depthcli.cli import profiles
 from depthcli.cli.app import main
@@ -17,7 +17,7 @@ from depthcli.io.depth.read import read_metadata
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.helpers.command_line import Cli
+    from helpers.command_line import Cli
 
 TEXT = """
 [robot]

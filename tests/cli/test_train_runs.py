@@ -9,9 +9,9 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.helpers.command_line import unmeasured
-from tests.helpers.rooms import write_rooms
-from tests.helpers.runs import ENVIRONMENT, inside, same, saved
+from helpers.command_line import unmeasured
+from helpers.rooms import write_rooms
+from helpers.runs import ENVIRONMENT, inside, same, saved
 
 from depthcli.cli.app import main
 

@@ -12,7 +12,7 @@ import pytest
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.helpers.command_line import Cli
+    from helpers.command_line import Cli
 
 RNG = np.random.default_rng(0)
 SENSOR = RNG.integers(0, 4096, (48, 64, 3), dtype=np.uint16)
