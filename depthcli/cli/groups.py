@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand
-from typer.models import OptionInfo
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+OPTION = "option"
+"""Key of a field's metadata with its option; other fields are annotated with theirs."""
 USUAL = "Options"
 """Heading of the options that most runs need, which come first."""
 _COLUMNS = 2, 26  # of the help: indent, and the widest name of an option beside its text
@@ -95,18 +96,13 @@ def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a d
         if is_dataclass(kind):
             yield from _flattened(kind)
             continue
-        settings = (_below(option, heading) for option in kind.__metadata__)
-        kind = Annotated[(kind.__origin__, *settings)]
+        if OPTION in field.metadata:
+            kind = Annotated[kind, field.metadata[OPTION]]
+        option = copy.copy(kind.__metadata__[0])
+        option.rich_help_panel = option.rich_help_panel or heading
+        kind = Annotated[kind.__origin__, option]
         default = inspect.Parameter.empty if field.default is MISSING else field.default
         yield _keyword(field.name, default, kind)
-
-
-def _below(option: Any, heading: str) -> Any:  # noqa: ANN401 - what an annotation may have
-    """A copy of an option below a heading, unless it has one of its own."""
-    found = copy.copy(option)
-    if isinstance(option, OptionInfo):
-        found.rich_help_panel = option.rich_help_panel or heading
-    return found
 
 
 def _keyword(name: str, default: Any, kind: Any) -> inspect.Parameter:  # noqa: ANN401

@@ -1,14 +1,14 @@
 """Options that several commands share, in groups by purpose."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated, Any
 
 import typer
 
 from depthcli.cli import completion
-from depthcli.cli.groups import USUAL
+from depthcli.cli.groups import OPTION, USUAL
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
 from depthcli.core.options import EXPOSURE, MAX_PIXELS, Colormap, Near, Upsampling, Weights
 from depthcli.core.validation import Rule
@@ -45,9 +45,14 @@ field_of_view = checked(HFOV_DEG)
 focal_length = checked(FOCAL_PX)
 
 
-def usual(*names: str, **settings: Any) -> Any:  # noqa: ANN401 - as typer.Option
+def option(default: Any, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as typer.Option
+    """A field of a group that is an option, with the settings of ``typer.Option``."""
+    return field(default=default, metadata={OPTION: typer.Option(*names, **settings)})
+
+
+def usual(default: Any, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as typer.Option
     """An option that stands first in the help, before the groups."""
-    return typer.Option(*names, rich_help_panel=USUAL, **settings)
+    return option(default, *names, rich_help_panel=USUAL, **settings)
 
 
 UpsampleOption = Annotated[
@@ -60,46 +65,37 @@ UpsampleOption = Annotated[
 class RuntimeOptions:
     """Model and speed."""
 
-    provider: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            autocompletion=completion.providers,
-            help="Execution provider: auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml "
-            "or openvino. One that is requested by name must be available.",
-        ),
-    ] = "auto"
-    provider_option: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="KEY=VALUE",
-            help="Option of the provider given with --provider, such as device_id=1; repeatable.",
-        ),
-    ] = None
-    threads: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=MAX_THREADS,
-            help="Inference threads, of each worker where there are several. Default: cores / "
-            "workers.",
-        ),
-    ] = None
+    provider: str = option(
+        "auto",
+        metavar="NAME",
+        autocompletion=completion.providers,
+        help="Execution provider: auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml "
+        "or openvino. One that is requested by name must be available.",
+    )
+    provider_option: list[str] | None = option(
+        None,
+        metavar="KEY=VALUE",
+        help="Option of the provider given with --provider, such as device_id=1; repeatable.",
+    )
+    threads: int | None = option(
+        None,
+        min=1,
+        max=MAX_THREADS,
+        help="Inference threads, of each worker where there are several. Default: cores / workers.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelOptions:
     """Model and speed."""
 
-    model: Annotated[
-        str | None,
-        usual(
-            "--model",  # typer 0.27 would take the metavar for the name
-            metavar="MODEL",
-            autocompletion=completion.models,
-            help="Name ('depthcli models list'), .onnx file, or folder with a card.json.",
-        ),
-    ] = None
+    model: str | None = usual(
+        None,
+        "--model",
+        metavar="MODEL",
+        autocompletion=completion.models,
+        help="Name ('depthcli models list'), .onnx file, or folder with a card.json.",
+    )
     runtime: RuntimeOptions
 
 
@@ -107,115 +103,92 @@ class ModelOptions:
 class CameraOptions:
     """Camera."""
 
-    focal_px: Annotated[
-        float | None,
-        usual(
-            callback=focal_length, help="Focal length in pixels of the image; scales metric depth."
-        ),
-    ] = None
-    hfov: Annotated[
-        float | None,
-        usual(
-            callback=field_of_view,
-            help="Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, "
-            "else the model's camera.",
-        ),
-    ] = None
-    centre_px: Annotated[
-        str | None,
-        typer.Option(
-            metavar="CX,CY",
-            help="Principal point in pixels, for point clouds and for the metadata of the outputs; "
-            "0,0 is the middle of the first pixel. Default: the middle of the image; for 'convert' "
-            "that of the input, if it states one.",
-        ),
-    ] = None
-    calibration: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="Calibration of the camera, instead of --focal-px and --centre-px: camera_info "
-            "YAML of ROS, or YAML, XML or JSON of OpenCV.",
-        ),
-    ] = None
-    rectified: Annotated[
-        bool,
-        typer.Option(
-            "--rectified",
-            help="The images are rectified: the camera is that of projection_matrix (P) in "
-            "--calibration, without distortion.",
-        ),
-    ] = False
+    focal_px: float | None = usual(
+        None,
+        callback=focal_length,
+        help="Focal length in pixels of the image; scales metric depth.",
+    )
+    hfov: float | None = usual(
+        None,
+        callback=field_of_view,
+        help="Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, "
+        "else the model's camera.",
+    )
+    centre_px: str | None = option(
+        None,
+        metavar="CX,CY",
+        help="Principal point in pixels, for point clouds and for the metadata of the outputs; "
+        "0,0 is the middle of the first pixel. Default: the middle of the image; for 'convert' "
+        "that of the input, if it states one.",
+    )
+    calibration: str | None = option(
+        None,
+        metavar="FILE",
+        help="Calibration of the camera, instead of --focal-px and --centre-px: camera_info "
+        "YAML of ROS, or YAML, XML or JSON of OpenCV.",
+    )
+    rectified: bool = option(
+        False,
+        "--rectified",
+        help="The images are rectified: the camera is that of projection_matrix (P) in "
+        "--calibration, without distortion.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnchorOptions:
     """Known depth."""
 
-    anchor: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="X,Y,METRES",
-            help="Point of known depth: column and row from 0 at the top left, and metres; "
-            "repeatable. One point fits the scale, two or more also a shift.",
-        ),
-    ] = None
-    anchors: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="Known depth, such as that of a lidar: a CSV table with the columns x, y and "
-            "depth_m, or a sparse depth map of the image's size (16-bit PNG, EXR, NPY; 0 or NaN "
-            "is unknown). For 'batch', a folder with such a file for each image.",
-        ),
-    ] = None
-    anchors_scale: Annotated[
-        float | None,
-        typer.Option(
-            callback=png_scale_range,
-            help="Units per metre of --anchors in PNG or NPY of integers (default of PNG: from the "
-            "file, else 1000).",
-        ),
-    ] = None
+    anchor: list[str] | None = option(
+        None,
+        metavar="X,Y,METRES",
+        help="Point of known depth: column and row from 0 at the top left, and metres; "
+        "repeatable. One point fits the scale, two or more also a shift.",
+    )
+    anchors: str | None = option(
+        None,
+        metavar="FILE",
+        help="Known depth, such as that of a lidar: a CSV table with the columns x, y and "
+        "depth_m, or a sparse depth map of the image's size (16-bit PNG, EXR, NPY; 0 or NaN "
+        "is unknown). For 'batch', a folder with such a file for each image.",
+    )
+    anchors_scale: float | None = option(
+        None,
+        callback=png_scale_range,
+        help="Units per metre of --anchors in PNG or NPY of integers (default of PNG: from the "
+        "file, else 1000).",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadOptions:
     """Reading images."""
 
-    white_level: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=65535,
-            help="Value of white in 16-bit images of a camera with fewer bits: 1023 (10 bits), "
-            "4095 (12), 16383 (14). Default: 65535.",
-        ),
-    ] = None
-    exposure: Annotated[
-        float,
-        typer.Option(
-            callback=checked(EXPOSURE),
-            metavar="STOPS",
-            help="Exposure of EXR images in stops: 1 doubles their linear light, -1 halves it.",
-        ),
-    ] = 0.0
-    layer: Annotated[
-        str | None,
-        typer.Option(
-            help="Layer or part of EXR images to read, such as 'beauty'. Default: that without a "
-            "name, else the likeliest by its name."
-        ),
-    ] = None
+    white_level: int | None = option(
+        None,
+        min=1,
+        max=65535,
+        help="Value of white in 16-bit images of a camera with fewer bits: 1023 (10 bits), "
+        "4095 (12), 16383 (14). Default: 65535.",
+    )
+    exposure: float = option(
+        0.0,
+        callback=checked(EXPOSURE),
+        metavar="STOPS",
+        help="Exposure of EXR images in stops: 1 doubles their linear light, -1 halves it.",
+    )
+    layer: str | None = option(
+        None,
+        help="Layer or part of EXR images to read, such as 'beauty'. Default: that without a "
+        "name, else the likeliest by its name.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageOptions(ReadOptions):
     """Reading images."""
 
-    max_pixels: Annotated[
-        int, typer.Option(min=1, help="Maximum number of pixels of an image.")
-    ] = MAX_PIXELS
+    max_pixels: int = option(MAX_PIXELS, min=1, help="Maximum number of pixels of an image.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,89 +196,70 @@ class DetailOptions:
     """Detail."""
 
     upsample: UpsampleOption = Upsampling.GUIDED
-    tile: Annotated[
-        str | None,
-        typer.Option(
-            metavar="auto|PIXELS",
-            help="Refine the depth in tiles of this width; auto is 3/4 of the image's width.",
-        ),
-    ] = None
+    tile: str | None = option(
+        None,
+        metavar="auto|PIXELS",
+        help="Refine the depth in tiles of this width; auto is 3/4 of the image's width.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PngOptions:
     """16-bit PNG."""
 
-    png_scale: Annotated[
-        float | None,
-        typer.Option(
-            callback=png_scale_range,
-            help="PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
-            "4000 (Matterport).",
-        ),
-    ] = None
-    png_normalize: Annotated[
-        bool,
-        typer.Option(
-            "--png-normalize",
-            help="Normalize each png16 to 1-65535; the depth range is stored in its metadata.",
-        ),
-    ] = False
+    png_scale: float | None = option(
+        None,
+        callback=png_scale_range,
+        help="PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
+        "4000 (Matterport).",
+    )
+    png_normalize: bool = option(
+        False,
+        "--png-normalize",
+        help="Normalize each png16 to 1-65535; the depth range is stored in its metadata.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExrOptions:
     """EXR."""
 
-    exr_channel: Annotated[
-        ExrChannel,
-        typer.Option(
-            help="EXR channel name: most programs show Y; depth nodes of compositors expect Z or "
-            "depth.Z."
-        ),
-    ] = ExrChannel.Y
-    half: Annotated[bool, typer.Option("--half", help="Write EXR as 16-bit half floats.")] = False
+    exr_channel: ExrChannel = option(
+        ExrChannel.Y,
+        help="EXR channel name: most programs show Y; depth nodes of compositors expect Z or "
+        "depth.Z.",
+    )
+    half: bool = option(False, "--half", help="Write EXR as 16-bit half floats.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreviewOptions:
     """Preview."""
 
-    colormap: Annotated[
-        Colormap | None,
-        usual(
-            help="Colormap of the preview. Default: inferno, or gray with --near white or black."
-        ),
-    ] = None
-    near: Annotated[
-        Near | None,
-        typer.Option(
-            help="Colour of near depth: warm, or white or black with gray. Default: warm, or white "
-            "with gray."
-        ),
-    ] = None
-    vmin: Annotated[
-        float | None,
-        typer.Option(
-            callback=_finite,
-            help="Lower end of the depth range of previews (and of a normalized depth video), in "
-            "metres if metric. Default: 2nd percentile.",
-        ),
-    ] = None
-    vmax: Annotated[
-        float | None,
-        typer.Option(
-            callback=_finite,
-            help="Upper end of the depth range of previews (and of a normalized depth video), in "
-            "metres if metric. Default: 98th percentile.",
-        ),
-    ] = None
-    legend: Annotated[
-        bool, typer.Option("--legend", help="Draw a colour scale beside the preview.")
-    ] = False
-    side_by_side: Annotated[
-        bool, typer.Option("--side-by-side", help="Show the input image beside the preview.")
-    ] = False
+    colormap: Colormap | None = usual(
+        None, help="Colormap of the preview. Default: inferno, or gray with --near white or black."
+    )
+    near: Near | None = option(
+        None,
+        help="Colour of near depth: warm, or white or black with gray. Default: warm, or white "
+        "with gray.",
+    )
+    vmin: float | None = option(
+        None,
+        callback=_finite,
+        help="Lower end of the depth range of previews (and of a normalized depth video), in "
+        "metres if metric. Default: 2nd percentile.",
+    )
+    vmax: float | None = option(
+        None,
+        callback=_finite,
+        help="Upper end of the depth range of previews (and of a normalized depth video), in "
+        "metres if metric. Default: 98th percentile.",
+    )
+    legend: bool = option(False, "--legend", help="Draw a colour scale beside the preview.")
+    side_by_side: bool = option(
+        False, "--side-by-side", help="Show the input image beside the preview."
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -317,19 +271,18 @@ class WritingOptions:
     preview: PreviewOptions
 
 
-QuietOption = Annotated[bool, usual("-q", "--quiet", help="Print errors only.")]
+QuietOption = Annotated[
+    bool, typer.Option("-q", "--quiet", rich_help_panel=USUAL, help="Print errors only.")
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScreenOptions:
     """What is printed."""
 
-    as_json: Annotated[
-        bool,
-        usual(
-            "--json", help="Print JSON to stdout: an object per input, or one for the whole run."
-        ),
-    ] = False
+    as_json: bool = usual(
+        False, "--json", help="Print JSON to stdout: an object per input, or one for the whole run."
+    )
     quiet: QuietOption = False
 
 
@@ -350,7 +303,11 @@ FrameOption = Annotated[
 ]
 SidecarOption = Annotated[
     bool,
-    usual("--sidecar", help="Also write a .json file with unit, scale, kind and model."),
+    typer.Option(
+        "--sidecar",
+        rich_help_panel=USUAL,
+        help="Also write a .json file with unit, scale, kind and model.",
+    ),
 ]
 WorkersOption = Annotated[
     int | None,

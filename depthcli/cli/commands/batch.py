@@ -23,6 +23,7 @@ from depthcli.cli.options import (
     WorkersOption,
     WritingOptions,
     not_negative,
+    option,
     usual,
 )
 from depthcli.core.options import GPU_BATCH
@@ -56,69 +57,54 @@ class EngineName(StrEnum):
 class OutputOptions:
     """Output."""
 
-    out: Annotated[
-        str,
-        usual(
-            "-o",
-            "--out",
-            metavar="OUT",
-            help="Output folder, required; keeps the folder structure of DIR.",
-        ),
-    ] = ""
-    formats: Annotated[
-        list[Format] | None,
-        usual("--format", help="Output format; repeatable. Default: png16."),
-    ] = None
+    out: str = usual(
+        "",
+        "-o",
+        "--out",
+        metavar="OUT",
+        help="Output folder, required; keeps the folder structure of DIR.",
+    )
+    formats: list[Format] | None = usual(
+        None, "--format", help="Output format; repeatable. Default: png16."
+    )
     sidecar: SidecarOption = False
-    manifest: Annotated[
-        ManifestFormat | None,
-        typer.Option(
-            help="Format of the manifest: JSON lines, or Parquet for millions of inputs. Default: "
-            "that of the manifest in OUT, else jsonl."
-        ),
-    ] = None
-    dry_run: Annotated[
-        bool, usual("--dry-run", help="Show what would be done without writing anything.")
-    ] = False
+    manifest: ManifestFormat | None = option(
+        None,
+        help="Format of the manifest: JSON lines, or Parquet for millions of inputs. Default: "
+        "that of the manifest in OUT, else jsonl.",
+    )
+    dry_run: bool = usual(
+        False, "--dry-run", help="Show what would be done without writing anything."
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputOptions:
     """Choosing inputs."""
 
-    files: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="File with one input path per line, relative to DIR or to the working "
-            "directory, '-' for stdin; or a .parquet, .csv or .tsv file with a column of paths.",
-        ),
-    ] = None
-    column: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Column of a Parquet or CSV list. Default: its only column, or 'path'.",
-        ),
-    ] = None
-    shard: Annotated[
-        str | None,
-        typer.Option(
-            metavar="I/N",
-            help="Process part I of N, chosen by a hash of each name; the parts can run at the "
-            "same time, on any machines, into one OUT.",
-        ),
-    ] = None
-    include: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="GLOB", help="Process only matching files ('*.jpg', 'left/**'); repeatable."
-        ),
-    ] = None
-    exclude: Annotated[
-        list[str] | None,
-        typer.Option(metavar="GLOB", help="Skip matching files and folders; repeatable."),
-    ] = None
+    files: str | None = option(
+        None,
+        metavar="LIST",
+        help="File with one input path per line, relative to DIR or to the working "
+        "directory, '-' for stdin; or a .parquet, .csv or .tsv file with a column of paths.",
+    )
+    column: str | None = option(
+        None,
+        metavar="NAME",
+        help="Column of a Parquet or CSV list. Default: its only column, or 'path'.",
+    )
+    shard: str | None = option(
+        None,
+        metavar="I/N",
+        help="Process part I of N, chosen by a hash of each name; the parts can run at the "
+        "same time, on any machines, into one OUT.",
+    )
+    include: list[str] | None = option(
+        None, metavar="GLOB", help="Process only matching files ('*.jpg', 'left/**'); repeatable."
+    )
+    exclude: list[str] | None = option(
+        None, metavar="GLOB", help="Skip matching files and folders; repeatable."
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,47 +112,36 @@ class EngineOptions:
     """Parallel processing."""
 
     workers: WorkersOption = None
-    batch_size: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            max=MAX_THREADS,
-            help="Images of equal size per inference. Default: 1 on the CPU, 8 on other providers.",
-        ),
-    ] = None
-    max_failures: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N|N%",
-            help="Stop when more than N inputs have failed, or more than N% of the last 100 that "
-            "were processed (at the beginning, too: after more than N failures). Default: never.",
-        ),
-    ] = None
-    engine: Annotated[
-        EngineName, typer.Option(help="What processes the inputs: this process, or a Ray cluster.")
-    ] = EngineName.THREADS
-    ray_address: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
-            "RAY_ADDRESS, or the cluster this machine belongs to.",
-        ),
-    ] = None
-    cpus_per_worker: Annotated[
-        float | None,
-        typer.Option(
-            min=0.01, callback=not_negative, help="CPUs of each worker on Ray. Default: 1."
-        ),
-    ] = None
-    gpus_per_worker: Annotated[
-        float | None,
-        typer.Option(
-            min=0,
-            callback=not_negative,
-            help="GPUs of each worker on Ray, 0.25 for a quarter. Default: 0.",
-        ),
-    ] = None
+    batch_size: int | None = option(
+        None,
+        min=1,
+        max=MAX_THREADS,
+        help="Images of equal size per inference. Default: 1 on the CPU, 8 on other providers.",
+    )
+    max_failures: str | None = option(
+        None,
+        metavar="N|N%",
+        help="Stop when more than N inputs have failed, or more than N% of the last 100 that "
+        "were processed (at the beginning, too: after more than N failures). Default: never.",
+    )
+    engine: EngineName = option(
+        EngineName.THREADS, help="What processes the inputs: this process, or a Ray cluster."
+    )
+    ray_address: str | None = option(
+        None,
+        metavar="ADDRESS",
+        help="Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
+        "RAY_ADDRESS, or the cluster this machine belongs to.",
+    )
+    cpus_per_worker: float | None = option(
+        None, min=0.01, callback=not_negative, help="CPUs of each worker on Ray. Default: 1."
+    )
+    gpus_per_worker: float | None = option(
+        None,
+        min=0,
+        callback=not_negative,
+        help="GPUs of each worker on Ray, 0.25 for a quarter. Default: 0.",
+    )
 
     @property
     def is_ray(self) -> bool:
@@ -182,14 +157,12 @@ ENGINE_OPTIONS = {str(EngineName.RAY): ("ray_address", "cpus_per_worker", "gpus_
 class CamerasOptions(CameraOptions):
     """Camera."""
 
-    cameras: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="CSV file with the camera of each input: column id, its path from DIR with or "
-            "without suffix; focal_px or hfov_deg; and optionally cx and cy, the principal point.",
-        ),
-    ] = None
+    cameras: str | None = option(
+        None,
+        metavar="FILE",
+        help="CSV file with the camera of each input: column id, its path from DIR with or "
+        "without suffix; focal_px or hfov_deg; and optionally cx and cy, the principal point.",
+    )
 
 
 @app.command(cls=Command)

@@ -17,6 +17,7 @@ from depthcli.cli.options import (
     WritingOptions,
     field_of_view,
     focal_length,
+    option,
     png_scale_range,
     usual,
 )
@@ -34,35 +35,26 @@ app = typer.Typer(rich_markup_mode=None)
 class InputOptions:
     """Input."""
 
-    from_scale: Annotated[
-        float | None,
-        usual(
-            callback=png_scale_range,
-            help="Units per metre of a PNG or video (default: from the file, else 1000), or NPY "
-            "of integers.",
-        ),
-    ] = None
+    from_scale: float | None = usual(
+        None,
+        callback=png_scale_range,
+        help="Units per metre of a PNG or video (default: from the file, else 1000), or NPY "
+        "of integers.",
+    )
     frame: FrameOption = None
-    picture: Annotated[
-        str | None,
-        typer.Option(
-            metavar="IMG",
-            help="Image of the same size, for the colours of a point cloud or --side-by-side.",
-        ),
-    ] = None
-    include: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="GLOB",
-            help="Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.",
-        ),
-    ] = None
-    exclude: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="GLOB", help="Of a folder, skip matching files and folders; repeatable."
-        ),
-    ] = None
+    picture: str | None = option(
+        None,
+        metavar="IMG",
+        help="Image of the same size, for the colours of a point cloud or --side-by-side.",
+    )
+    include: list[str] | None = option(
+        None,
+        metavar="GLOB",
+        help="Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.",
+    )
+    exclude: list[str] | None = option(
+        None, metavar="GLOB", help="Of a folder, skip matching files and folders; repeatable."
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,21 +62,17 @@ class StatedCameraOptions(CameraOptions):
     """Camera."""
 
     # Unlike those of predict, they do not scale depth.
-    focal_px: Annotated[
-        float | None,
-        typer.Option(
-            callback=focal_length,
-            help="Focal length in pixels, for point clouds and for the metadata of the outputs; "
-            "depth stays as it is. Default: what the input states.",
-        ),
-    ] = None
-    hfov: Annotated[
-        float | None,
-        typer.Option(
-            callback=field_of_view,
-            help="Horizontal field of view in degrees, instead of --focal-px.",
-        ),
-    ] = None
+    focal_px: float | None = option(
+        None,
+        callback=focal_length,
+        help="Focal length in pixels, for point clouds and for the metadata of the outputs; "
+        "depth stays as it is. Default: what the input states.",
+    )
+    hfov: float | None = option(
+        None,
+        callback=field_of_view,
+        help="Horizontal field of view in degrees, instead of --focal-px.",
+    )
 
 
 def _options_of(name: Format) -> tuple[str, ...]:
@@ -123,11 +111,11 @@ def convert(
         ),
     ] = None,
     out: Annotated[
-        str | None, usual("-o", "--out", metavar="OUT", help="Output, as the argument OUT.")
+        str | None, typer.Option("-o", "--out", metavar="OUT", help="Output, as the argument OUT.")
     ] = None,
     form: Annotated[
         Format | None,
-        usual(
+        typer.Option(
             "--format",
             help="Output format; required for a folder, else if the suffix does not determine it.",
         ),

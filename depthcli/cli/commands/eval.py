@@ -14,6 +14,7 @@ from depthcli.cli.options import (
     ScreenOptions,
     WeightsOption,
     WorkersOption,
+    option,
     png_scale_range,
     positive,
     usual,
@@ -44,74 +45,56 @@ def _eval_group() -> None:
 class ProtocolDetail(DetailOptions):
     """Metrics."""
 
-    upsample: Annotated[
-        Upsampling,
-        typer.Option(
-            help="Upsampling of the models' depth: bilinear as in the protocol, or guided as in "
-            "predict."
-        ),
-    ] = Upsampling.BILINEAR
+    upsample: Upsampling = option(
+        Upsampling.BILINEAR,
+        help="Upsampling of the models' depth: bilinear as in the protocol, or guided as in "
+        "predict.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelOptions:
     """Metrics."""
 
-    model: Annotated[
-        list[str] | None,
-        usual(
-            "--model",
-            metavar="MODEL",
-            autocompletion=completion.models,
-            help="Name or path of a model; repeatable. Default: the bundled model.",
-        ),
-    ] = None
-    predictions: Annotated[
-        list[Path] | None,
-        usual(
-            metavar="DIR",
-            help="Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; "
-            "repeatable.",
-        ),
-    ] = None
-    predictions_kind: Annotated[
-        str | None,
-        typer.Option(
-            metavar="metric|relative|inverse",
-            help="Depth kind of --predictions, if the files do not state it.",
-        ),
-    ] = None
-    predictions_scale: Annotated[
-        float | None,
-        typer.Option(
-            callback=png_scale_range,
-            help="Units per metre of --predictions in PNG and in NPY of integers, if the files do "
-            "not state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
-        ),
-    ] = None
+    model: list[str] | None = usual(
+        None,
+        "--model",
+        metavar="MODEL",
+        autocompletion=completion.models,
+        help="Name or path of a model; repeatable. Default: the bundled model.",
+    )
+    predictions: list[Path] | None = usual(
+        None,
+        metavar="DIR",
+        help="Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable.",
+    )
+    predictions_kind: str | None = option(
+        None,
+        metavar="metric|relative|inverse",
+        help="Depth kind of --predictions, if the files do not state it.",
+    )
+    predictions_scale: float | None = option(
+        None,
+        callback=png_scale_range,
+        help="Units per metre of --predictions in PNG and in NPY of integers, if the files do "
+        "not state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
+    )
     detail: ProtocolDetail
     workers: WorkersOption = None
-    average: Annotated[Averaging, typer.Option(help="Average over images, or over all pixels.")] = (
-        Averaging.IMAGE
+    average: Averaging = option(Averaging.IMAGE, help="Average over images, or over all pixels.")
+    compare_at: int | None = option(
+        None,
+        metavar="N",
+        min=1,
+        max=20_000,
+        help="Resize prediction and ground truth to N×N first (for example 256).",
     )
-    compare_at: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            max=20_000,
-            help="Resize prediction and ground truth to N×N first (for example 256).",
-        ),
-    ] = None
-    boundary: Annotated[
-        bool,
-        typer.Option(
-            "--boundary", help="Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1."
-        ),
-    ] = False
-    per_image: Annotated[
-        bool, typer.Option("--per-image", help="With --json, also print the scores of each image.")
-    ] = False
+    boundary: bool = option(
+        False, "--boundary", help="Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1."
+    )
+    per_image: bool = option(
+        False, "--per-image", help="With --json, also print the scores of each image."
+    )
 
     @property
     def kind(self) -> "DepthKind | None":
@@ -134,34 +117,23 @@ class ModelOptions:
 class TableOptions:
     """Table and figures."""
 
-    align: Annotated[
-        list[Alignment] | None,
-        usual(
-            help="Alignment to ground truth per image: none, median (scale), depth or disparity "
-            "(least-squares scale and shift); repeatable, one row each. Default: none."
-        ),
-    ] = None
-    limit: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."
-        ),
-    ] = None
+    align: list[Alignment] | None = usual(
+        None,
+        help="Alignment to ground truth per image: none, median (scale), depth or disparity "
+        "(least-squares scale and shift); repeatable, one row each. Default: none.",
+    )
+    limit: int | None = option(
+        None, metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."
+    )
     runtime: RuntimeOptions
-    csv: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write the table as CSV.")
-    ] = None
-    figures: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Write figures of sample images, in gray and in colour."),
-    ] = None
-    ids: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Image ids to show in the figures.")
-    ] = None
-    html: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write table and figures to one HTML file."),
-    ] = None
+    csv: Path | None = option(None, metavar="FILE", help="Also write the table as CSV.")
+    figures: Path | None = option(
+        None, metavar="DIR", help="Write figures of sample images, in gray and in colour."
+    )
+    ids: str | None = option(None, metavar="A,B", help="Image ids to show in the figures.")
+    html: Path | None = option(
+        None, metavar="FILE", help="Write table and figures to one HTML file."
+    )
     screen: ScreenOptions
 
     @property
@@ -192,7 +164,7 @@ def nyu(
     *,
     data: Annotated[
         Path,
-        usual(
+        typer.Option(
             envvar="DEPTHCLI_NYU",
             help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
         ),
@@ -291,7 +263,7 @@ def runs(
     *,
     data: Annotated[
         Path,
-        usual(envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."),
+        typer.Option(envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."),
     ],
     split: Annotated[
         SplitName,

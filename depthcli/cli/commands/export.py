@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli.groups import Command, grouped
-from depthcli.cli.options import ScreenOptions, WeightsOption, field_of_view, not_negative, usual
+from depthcli.cli.options import (
+    ScreenOptions,
+    WeightsOption,
+    field_of_view,
+    not_negative,
+    option,
+    usual,
+)
 from depthcli.cli.screen import console
 from depthcli.core.options import Weights
 from depthcli.errors import ExitCode, UsageError
@@ -25,62 +32,48 @@ class NetworkOptions:
     """Network."""
 
     weights: WeightsOption = Weights.AVERAGED
-    fp16: Annotated[
-        bool, typer.Option("--fp16", help="Store weights as float16; computes in float32.")
-    ] = False
-    int8: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Quantize weights and activations to int8, calibrated and checked on the "
-            "images in DIR.",
-        ),
-    ] = None
-    mirror: Annotated[
-        bool,
-        typer.Option(
-            "--mirror",
-            help="Average with the prediction for the mirrored image; doubles the cost.",
-        ),
-    ] = False
-    opset: Annotated[int, typer.Option(min=16, max=20, help="ONNX opset version.")] = 17
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            callback=not_negative,
-            help="Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
-            "0.02, with --int8 0.2.",
-        ),
-    ] = None
+    fp16: bool = option(False, "--fp16", help="Store weights as float16; computes in float32.")
+    int8: Path | None = option(
+        None,
+        metavar="DIR",
+        help="Quantize weights and activations to int8, calibrated and checked on the "
+        "images in DIR.",
+    )
+    mirror: bool = option(
+        False,
+        "--mirror",
+        help="Average with the prediction for the mirrored image; doubles the cost.",
+    )
+    opset: int = option(17, min=16, max=20, help="ONNX opset version.")
+    tolerance: float | None = option(
+        None,
+        callback=not_negative,
+        help="Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
+        "0.02, with --int8 0.2.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CardOptions:
     """Model card."""
 
-    name: Annotated[str, usual("--name", metavar="NAME", help="Model name in the card.")] = "custom"
-    model_version: Annotated[
-        str, typer.Option(metavar="VERSION", help="Model version in the card.")
-    ] = "1.0.0"
-    license_name: Annotated[
-        str, typer.Option("--license", help="SPDX license identifier of the weights, for the card.")
-    ] = "NOASSERTION"
-    hfov: Annotated[
-        float | None,
-        typer.Option(
-            callback=field_of_view,
-            help="Horizontal field of view of the training images in degrees, for the card. "
-            "Only if the run does not know its camera: NYU's and that of cameras.csv are known.",
-        ),
-    ] = None
-    float_model: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="With --int8: name of the same model in floats, for the card; it is used in "
-            "place of this one on GPUs and OpenVINO.",
-        ),
-    ] = None
+    name: str = usual("custom", "--name", metavar="NAME", help="Model name in the card.")
+    model_version: str = option("1.0.0", metavar="VERSION", help="Model version in the card.")
+    license_name: str = option(
+        "NOASSERTION", "--license", help="SPDX license identifier of the weights, for the card."
+    )
+    hfov: float | None = option(
+        None,
+        callback=field_of_view,
+        help="Horizontal field of view of the training images in degrees, for the card. "
+        "Only if the run does not know its camera: NYU's and that of cameras.csv are known.",
+    )
+    float_model: str | None = option(
+        None,
+        metavar="NAME",
+        help="With --int8: name of the same model in floats, for the card; it is used in "
+        "place of this one on GPUs and OpenVINO.",
+    )
 
 
 @app.command(cls=Command)
@@ -92,7 +85,7 @@ def export_onnx(
     ],
     out: Annotated[
         Path | None,
-        usual(
+        typer.Option(
             "-o",
             "--out",
             metavar="OUT",

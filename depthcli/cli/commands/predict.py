@@ -32,24 +32,19 @@ app = typer.Typer(rich_markup_mode=None)
 class OutputOptions:
     """Output."""
 
-    out: Annotated[
-        str | None,
-        usual(
-            "-o",
-            "--out",
-            metavar="OUT",
-            help="Output file (for one input), folder (existing, or ending in '/'), or '-' for "
-            "stdout. Default: next to each input.",
-        ),
-    ] = None
-    formats: Annotated[
-        list[Format] | None,
-        usual(
-            "--format",
-            help="Output format; repeatable. Default: from the suffix of -o, else png16 and "
-            "preview.",
-        ),
-    ] = None
+    out: str | None = usual(
+        None,
+        "-o",
+        "--out",
+        metavar="OUT",
+        help="Output file (for one input), folder (existing, or ending in '/'), or '-' for "
+        "stdout. Default: next to each input.",
+    )
+    formats: list[Format] | None = usual(
+        None,
+        "--format",
+        help="Output format; repeatable. Default: from the suffix of -o, else png16 and preview.",
+    )
     sidecar: SidecarOption = False
 
 

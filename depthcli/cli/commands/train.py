@@ -14,7 +14,7 @@ import typer
 
 from depthcli.cli import completion
 from depthcli.cli.groups import Command, grouped
-from depthcli.cli.options import MAX_THREADS, ScreenOptions, not_negative, usual
+from depthcli.cli.options import MAX_THREADS, ScreenOptions, not_negative, option, usual
 from depthcli.cli.process import ending_signals
 from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
@@ -33,118 +33,92 @@ app = typer.Typer(rich_markup_mode=None)
 class RunOptions:
     """Several runs."""
 
-    methods: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="A,B",
-            autocompletion=completion.method_lists,
-            help="Train these methods one after another, each in the folder METHOD-seedK of --out "
-            "(for example cut,proposed); repeatable.",
-        ),
-    ] = None
-    seeds: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="K,L",
-            help="One run of each method for each of these seeds, in the folder METHOD-seedK of "
-            "--out (for example 0,1); repeatable.",
-        ),
-    ] = None
+    methods: list[str] | None = option(
+        None,
+        metavar="A,B",
+        autocompletion=completion.method_lists,
+        help="Train these methods one after another, each in the folder METHOD-seedK of --out "
+        "(for example cut,proposed); repeatable.",
+    )
+    seeds: list[str] | None = option(
+        None,
+        metavar="K,L",
+        help="One run of each method for each of these seeds, in the folder METHOD-seedK of "
+        "--out (for example 0,1); repeatable.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataOptions:
     """Data and initial weights."""
 
-    data: Annotated[
-        Path | None,
-        usual(
-            help="NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
-            "folder with rgb/ and depth/; for masked, any folder of images."
-        ),
-    ] = None
-    pseudo_labels: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Additional pairs with less reliable depth, such as predictions of another model: "
-            "rgb/ and depth/ in millimetres.",
-        ),
-    ] = None
-    init: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="MODEL|CKPT",
-            help="Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
-            "Repeatable: from the mean of their weights.",
-        ),
-    ] = None
+    data: Path | None = usual(
+        None,
+        help="NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
+        "folder with rgb/ and depth/; for masked, any folder of images.",
+    )
+    pseudo_labels: Path | None = option(
+        None,
+        metavar="DIR",
+        help="Additional pairs with less reliable depth, such as predictions of another model: "
+        "rgb/ and depth/ in millimetres.",
+    )
+    init: list[Path] | None = option(
+        None,
+        metavar="MODEL|CKPT",
+        help="Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
+        "Repeatable: from the mean of their weights.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfigOptions:
     """Configuration."""
 
-    preset: Annotated[
-        str | None,
-        usual(
-            metavar="NAME",
-            autocompletion=completion.presets,
-            help=f"Configuration preset: {', '.join(preset_names())}.",
-        ),
-    ] = None
-    config: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE", help="TOML file that overrides the configuration; repeatable."
-        ),
-    ] = None
-    settings: Annotated[
-        list[str] | None,
-        usual(
-            "--set",
-            metavar="NAME=VALUE",
-            help="Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
-            "repeatable.",
-        ),
-    ] = None
-    show_config: Annotated[
-        bool, usual("--show-config", help="Print the full configuration and exit.")
-    ] = False
+    preset: str | None = usual(
+        None,
+        metavar="NAME",
+        autocompletion=completion.presets,
+        help=f"Configuration preset: {', '.join(preset_names())}.",
+    )
+    config: list[Path] | None = option(
+        None, metavar="FILE", help="TOML file that overrides the configuration; repeatable."
+    )
+    settings: list[str] | None = usual(
+        None,
+        "--set",
+        metavar="NAME=VALUE",
+        help="Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
+        "repeatable.",
+    )
+    show_config: bool = usual(False, "--show-config", help="Print the full configuration and exit.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceOptions:
     """Time and devices."""
 
-    max_minutes: Annotated[
-        float | None,
-        usual(
-            min=0.0,
-            callback=not_negative,
-            help="Time limit in minutes, for all runs together; they can be resumed.",
-        ),
-    ] = None
-    accelerator: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", autocompletion=completion.accelerators, help="auto, cpu, cuda or mps."
-        ),
-    ] = "auto"
-    devices: Annotated[
-        int,
-        typer.Option(
-            min=1,
-            max=MAX_THREADS,
-            help="Number of GPUs (or CPU processes) for data-parallel training.",
-        ),
-    ] = 1
-    threads: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=MAX_THREADS, help="CPU threads. Default: the fastest in a short trial."
-        ),
-    ] = None
+    max_minutes: float | None = usual(
+        None,
+        min=0.0,
+        callback=not_negative,
+        help="Time limit in minutes, for all runs together; they can be resumed.",
+    )
+    accelerator: str = option(
+        "auto",
+        metavar="NAME",
+        autocompletion=completion.accelerators,
+        help="auto, cpu, cuda or mps.",
+    )
+    devices: int = option(
+        1,
+        min=1,
+        max=MAX_THREADS,
+        help="Number of GPUs (or CPU processes) for data-parallel training.",
+    )
+    threads: int | None = option(
+        None, min=1, max=MAX_THREADS, help="CPU threads. Default: the fastest in a short trial."
+    )
 
 
 @app.command(cls=Command)
@@ -162,7 +136,7 @@ def train(
     *,
     out: Annotated[
         Path,
-        usual(
+        typer.Option(
             "-o",
             "--out",
             metavar="DIR",

@@ -19,6 +19,7 @@ from depthcli.cli.options import (
     WorkersOption,
     WritingOptions,
     not_negative,
+    option,
     usual,
 )
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
@@ -37,104 +38,82 @@ FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 class OutputOptions:
     """Output."""
 
-    out: Annotated[
-        str | None,
-        usual(
-            "-o",
-            "--out",
-            metavar="OUT",
-            help="Output .mkv, .mp4, .webm or .mov file, numbered files (d.%04d.exr), folder "
-            "(existing, ending in '/', or without suffix), or '-' for stdout. Default: next to the "
-            "video.",
-        ),
-    ] = None
-    formats: Annotated[
-        list[VideoFormat] | None,
-        usual(
-            "--format",
-            help="Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
-            "(previews), png16, exr, npy (one file per frame), json. Default: from the suffix of "
-            "OUT, else mkv and mp4, or mkv alone to stdout.",
-        ),
-    ] = None
+    out: str | None = usual(
+        None,
+        "-o",
+        "--out",
+        metavar="OUT",
+        help="Output .mkv, .mp4, .webm or .mov file, numbered files (d.%04d.exr), folder "
+        "(existing, ending in '/', or without suffix), or '-' for stdout. Default: next to the "
+        "video.",
+    )
+    formats: list[VideoFormat] | None = usual(
+        None,
+        "--format",
+        help="Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
+        "(previews), png16, exr, npy (one file per frame), json. Default: from the suffix of "
+        "OUT, else mkv and mp4, or mkv alone to stdout.",
+    )
     sidecar: SidecarOption = False
-    start_number: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            max=1_000_000_000,
-            help="Number of the first frame in names of files. Default: its number in the input.",
-        ),
-    ] = None
+    start_number: int | None = option(
+        None,
+        min=0,
+        max=1_000_000_000,
+        help="Number of the first frame in names of files. Default: its number in the input.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameOptions:
     """Choosing frames."""
 
-    start: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME", help="First frame: seconds (12.5, 1:02.5) or a frame number (300f)."
-        ),
-    ] = None
-    end: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME", help="End frame (exclusive), in the same notation as --start."
-        ),
-    ] = None
-    every: Annotated[
-        str | None,
-        typer.Option(
-            metavar="STEP",
-            help="Process every STEP-th frame (2), or one frame per interval (0.5s).",
-        ),
-    ] = None
-    fps: Annotated[
-        str | None,
-        typer.Option(
-            metavar="RATE",
-            help="Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
-            "its EXR headers state, else 25.",
-        ),
-    ] = None
+    start: str | None = option(
+        None, metavar="TIME", help="First frame: seconds (12.5, 1:02.5) or a frame number (300f)."
+    )
+    end: str | None = option(
+        None, metavar="TIME", help="End frame (exclusive), in the same notation as --start."
+    )
+    every: str | None = option(
+        None,
+        metavar="STEP",
+        help="Process every STEP-th frame (2), or one frame per interval (0.5s).",
+    )
+    fps: str | None = option(
+        None,
+        metavar="RATE",
+        help="Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
+        "its EXR headers state, else 25.",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreviewVideoOptions:
     """Preview."""
 
-    lock: Annotated[
-        float,
-        typer.Option(
-            callback=not_negative,
-            help="Time constant in seconds for stabilizing the preview's range. 0: range of each "
-            "frame.",
-        ),
-    ] = 1.0
-    codec: Annotated[
-        PreviewCodec | None,
-        typer.Option(
-            help="Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
-            "Default: h264 in mp4, vp9 in webm, prores in mov."
-        ),
-    ] = None
-    audio: Annotated[bool, typer.Option(help="Include the audio of the video in previews.")] = True
+    lock: float = option(
+        1.0,
+        callback=not_negative,
+        help="Time constant in seconds for stabilizing the preview's range. 0: range of each "
+        "frame.",
+    )
+    codec: PreviewCodec | None = option(
+        None,
+        help="Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
+        "Default: h264 in mp4, vp9 in webm, prores in mov.",
+    )
+    audio: bool = option(True, help="Include the audio of the video in previews.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SmoothOptions(DetailOptions):
     """Detail."""
 
-    smooth: Annotated[
-        float,
-        typer.Option(
-            callback=not_negative,
-            help="Time constant of temporal smoothing in static regions, in seconds (for example "
-            "0.2). 0 disables it.",
-        ),
-    ] = 0.0
+    smooth: float = option(
+        0.0,
+        callback=not_negative,
+        help="Time constant of temporal smoothing in static regions, in seconds (for example "
+        "0.2). 0 disables it.",
+    )
 
 
 @app.command(cls=Command)
