@@ -76,6 +76,11 @@ class Message(str):
         return Message(f"{subject}: {self.problem}", self.advice, option=self.option)
 
 
+def about(subject: str, text: str) -> str:
+    """A line that begins with what it is about; a :class:`Message` stays one."""
+    return text.about(subject) if isinstance(text, Message) else f"{subject}: {text}"
+
+
 def _message(problem: str, advice: str, option: str) -> Message:
     return Message(problem, advice, option=option)
 

@@ -6,7 +6,6 @@ import io
 import json
 import os
 import re
-import struct
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -40,8 +39,8 @@ from depthcli.io.exr.image import read_exr_picture, read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
-from depthcli.io.images.decode import find_problem, picture_size
-from depthcli.io.images.exif import read_exif
+from depthcli.io.images.decode import image_size
+from depthcli.io.images.exif import parse_exif
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import is_own_picture
@@ -468,14 +467,8 @@ def _read_setting(path: Path) -> None:
 
 def _read_headers(path: Path) -> None:
     data = path.read_bytes()
-    read_exif(data)
-    picture_size(data)
-    with_struct = struct.error
-    try:
-        find_problem(data)
-    except with_struct:
-        if picture_size(data) is not None:  # which is asked first
-            raise
+    parse_exif(data)
+    image_size(data)
 
 
 def _read_journal(path: Path) -> None:

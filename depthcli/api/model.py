@@ -27,7 +27,7 @@ from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction, load
 from depthcli.inference.providers import AUTO
-from depthcli.io.images.decode import check_white_level
+from depthcli.io.images.pixels import check_white_level
 from depthcli.io.images.read import frame_of
 from depthcli.models.catalog import DEFAULT_MODEL
 

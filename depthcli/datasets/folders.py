@@ -8,13 +8,13 @@ the focal length of each picture, are optional.
 import math
 import os
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -23,8 +23,9 @@ from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.read import read_metadata
 from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.images.decode import MAX_FILE_BYTES, check, decoded
+from depthcli.io.images.decode import MAX_FILE_BYTES, decode, read_bytes
 from depthcli.io.images.png import SIGNATURE
+from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.storage.paths import read_regular
 from depthcli.io.tables import read_lenses
@@ -64,37 +65,34 @@ def read_depth_m(path: Path, units_per_metre: float) -> npt.NDArray[np.float32]:
         DatasetError: the file is missing, truncated, or of another format.
     """
     depth_shape(path)
-    stored = _decode(path, cv2.IMREAD_UNCHANGED)
+    with _as_dataset_error():
+        stored = decode(read_bytes(path), str(path))
     # Division in float64 gives the float32 nearest to 2.718 for 2718 mm.
     depth_m: npt.NDArray[np.float32] = (stored / units_per_metre).astype(np.float32)
     return depth_m
 
 
 def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
-    """Pixels of a picture: (H, W, 3) RGB uint8.
+    """Pixels of an image: (H, W, 3) RGB uint8, upright; gray has three equal channels.
 
     Raises:
-        DatasetError: the file is missing, truncated, or not a picture.
+        DatasetError: the file is missing, truncated, or not an image.
     """
-    pixels = cv2.cvtColor(_decode(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-    return pixels.astype(np.uint8, copy=False)
+    with _as_dataset_error():
+        pixels: npt.NDArray[Any] = read_image(path).pixels
+    if pixels.dtype == np.uint16:
+        pixels = (pixels >> 8).astype(np.uint8)
+    if pixels.dtype != np.uint8:
+        raise DatasetError(f"{path} has {pixels.dtype} pixels", "save it with 8 or 16 bits")
+    return pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, axis=2)  # noqa: PLR2004
 
 
-def _decode(path: Path, flags: int) -> npt.NDArray[np.integer]:
+@contextmanager
+def _as_dataset_error() -> Iterator[None]:
     try:
-        data = read_regular(path, MAX_FILE_BYTES)
-    except OSError as error:
-        raise DatasetError(f"cannot read {path}: {error.strerror}") from error
-    try:
-        check(data, str(path))
-        pixels = decoded(data, flags)
+        yield
     except InputError as error:
-        raise DatasetError(f"{path} cannot be decoded: {error}") from error
-    except cv2.error:
-        pixels = None
-    if pixels is None:
-        raise DatasetError(f"{path} cannot be decoded: it is damaged; copy it again")
-    return np.asarray(pixels)
+        raise DatasetError(error.message) from error
 
 
 class PlausibleDepth(NamedTuple):

@@ -25,7 +25,7 @@ from depthcli.io.formats.table import (
     format_of,
     stem_of,
 )
-from depthcli.io.images.native_log import silent_opencv
+from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import (
     ANY,

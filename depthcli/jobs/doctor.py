@@ -156,9 +156,9 @@ def _check_providers(name: str | None) -> Iterator[Check]:
 
 
 def _check_codecs() -> Iterator[Check]:
-    from depthcli.io.images.decode import PICTURE_SUFFIXES, can_round_trip
+    from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 
-    for suffix in PICTURE_SUFFIXES:
+    for suffix in IMAGE_SUFFIXES:
         works = can_round_trip(suffix)
         detail = "reads and writes" if works else "not in this OpenCV; convert such pictures"
         yield Check(f"codec {suffix}", "ok" if works else "warning", detail)
@@ -172,7 +172,7 @@ def _check_openexr() -> Iterator[Check]:
 
 def _check_heif() -> Iterator[Check]:
     from depthcli.core.text import INSTALL_HEIF
-    from depthcli.io.images.libheif import libheif_version
+    from depthcli.io.images.heif import libheif_version
     from depthcli.io.listing.folder import reads_heif
 
     found = f"libheif {libheif_version()}" if reads_heif() else f"not read; {INSTALL_HEIF}"

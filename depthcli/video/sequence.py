@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions
 from depthcli.core.types import Frame, Window
-from depthcli.errors import InputError, Message, UsageError
+from depthcli.errors import InputError, Message, UsageError, about
 from depthcli.io.exr.image import read_exr_picture, read_exr_rate
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_exr, is_picture
@@ -185,7 +185,7 @@ class ImageSequence(FrameSource):
             found_px = (frame.width, frame.height), frame.display_size_px
             if sizes_px is None:
                 sizes_px, self._overscan = found_px, _overscan(frame)
-                told += tuple(f"{frame.path}: {warning}" for warning in frame.warnings)
+                told += tuple(about(str(frame.path), warning) for warning in frame.warnings)
                 self.warnings = told
             if found_px != sizes_px:
                 self.problem = f"{frame.path} has another size; the pictures before it are done"

@@ -20,7 +20,7 @@ from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixe
 from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
-from depthcli.io.images.read import upright
+from depthcli.io.images.pixels import upright
 from depthcli.io.storage.paths import path_of
 from depthcli.video.container import InputPipe, is_incomplete_matroska, open_video, pipe_advice
 from depthcli.video.decoder import FrameDecoder

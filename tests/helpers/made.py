@@ -159,33 +159,6 @@ def _entropy_coded(blocks: Sequence[Sequence[int]]) -> bytes:
     return data.replace(b"\xff", b"\xff\0")
 
 
-def _box(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body) + 8) + kind + body
-
-
-def avif_properties(quarters: int, axis: int | None) -> bytes:
-    """The boxes of an AVIF file that say how it was held, without the picture."""
-    properties = _box(b"ispe", bytes(12)) + _box(b"irot", bytes([quarters]))
-    if axis is not None:
-        properties += _box(b"imir", bytes([axis]))
-    meta = bytes(4) + _box(b"hdlr", bytes(24)) + _box(b"iprp", _box(b"ipco", properties))
-    return _box(b"ftyp", b"avif" + bytes(4)) + _box(b"meta", meta)
-
-
-def avif_turned(avif: bytes, quarters: int) -> bytes:
-    """The same AVIF with a property that turns it; it is not tied to the picture, only there."""
-    irot = _box(b"irot", bytes([quarters]))
-    data = bytearray(avif)
-    for kind in (b"meta", b"iprp", b"ipco"):
-        at = avif.index(kind) - 4
-        struct.pack_into(">I", data, at, struct.unpack_from(">I", avif, at)[0] + len(irot))
-    end = avif.index(b"ipco") - 4 + struct.unpack_from(">I", avif, avif.index(b"ipco") - 4)[0]
-    pixels = avif.index(b"mdat") + 4
-    moved = avif[:pixels].rindex(struct.pack(">I", pixels))  # where iloc says the pixels begin
-    struct.pack_into(">I", data, moved, pixels + len(irot))
-    return bytes(data[:end]) + irot + bytes(data[end:])
-
-
 def bmp(
     rows: Sequence[bytes], width: int, bits: int = 24, *, start: int = 54, masks: Sequence[int] = ()
 ) -> bytes:

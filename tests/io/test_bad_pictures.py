@@ -1,26 +1,26 @@
-"""Every bad picture is refused with one line; what is only unusual is read."""
+"""Every bad image is refused with one line before it costs anything; the only unusual is read."""
 
 from __future__ import annotations
 
 import io
 import os
-import platform
 import struct
-import threading
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import pytest
-from helpers.bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH
+from helpers import made
+from helpers.bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from PIL import Image
 
 from depthcli.datasets.folders import depth_shape, read_image_rgb
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.images import native_log as decoder_messages
-from depthcli.io.images.decode import PICTURE_SUFFIXES, can_round_trip, decoded
-from depthcli.io.images.native_log import WARNINGS, set_log_level
+from depthcli.io.images.decode import image_size
+from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.paths import read_regular
@@ -30,18 +30,76 @@ if TYPE_CHECKING:
 
     from helpers.command_line import Cli
 
-if platform.libc_ver()[0] != "glibc":
-    pytest.skip("only glibc lets libjpeg's warnings be heard", allow_module_level=True)
+FILES = {
+    **JPEGS,
+    "png": encoded(".png"),
+    "tiff": encoded(".tiff"),
+    "webp": encoded(".webp", cv2.IMWRITE_WEBP_QUALITY, 80),
+    "lossless webp": encoded(".webp"),
+    "extended webp": made.webp_with_exif(encoded(".webp"), made.exif(), WIDTH, HEIGHT),
+    "avif": encoded(".avif"),
+    "bmp": encoded(".bmp"),
+    "gif": encoded(".gif"),
+    "pnm": encoded(".ppm"),
+}
+
+
+def reason(data: bytes, **options: int) -> str:
+    with pytest.raises(InputError) as caught:
+        read_image(None, data, **options)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_picture_is_one_line(name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    data, message = BAD[name]
-    with pytest.raises(InputError) as caught:
-        read_image(None, data)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_bad_image_is_refused_in_one_line(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert reason(BAD[name])
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.5, 0.8, 0.97])
+def test_truncated_image_is_refused(
+    name: str, share: float, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert reason(FILES[name][: int(len(FILES[name]) * share)])
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_pixel_limit_holds_before_decoding(name: str) -> None:
+    assert image_size(FILES[name]) == (WIDTH, HEIGHT)
+    assert f"{WIDTH}×{HEIGHT}" in reason(FILES[name], max_pixels=WIDTH * HEIGHT - 1)
+    assert read_image(None, FILES[name], max_pixels=WIDTH * HEIGHT).pixels.shape == PIXELS.shape
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "form"),
+    [("baseline", None, ">HH"), ("png", 16, ">II"), ("bmp", 18, "<II"), ("gif", 6, "<HH")],
+)
+def test_decompression_bomb_and_empty_image_are_refused(
+    name: str, at: int | None, form: str
+) -> None:
+    data = bytearray(FILES[name])
+    at = data.index(b"\xff\xc0") + 5 if at is None else at
+    struct.pack_into(form, data, at, 50_000, 50_000)
+    assert "50000×50000" in reason(bytes(data))
+    struct.pack_into(form, data, at, 0, 0)
+    assert "0×0" in reason(bytes(data))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(sorted(FILES)), st.data())
+def test_damage_is_an_error_or_an_image(name: str, draw: st.DataObject) -> None:
+    data = bytearray(FILES[name])
+    for at in draw.draw(st.lists(st.integers(0, len(data) - 1), min_size=1, max_size=4)):
+        data[at] = draw.draw(st.integers(0, 255))
+    try:
+        frame = read_image(None, bytes(data), max_pixels=100_000)
+    except InputError:
+        return
+    assert frame.pixels.ndim in (2, 3)
 
 
 def _saved(kind: str, mode: str = "RGB", **options: object) -> bytes:
@@ -51,23 +109,19 @@ def _saved(kind: str, mode: str = "RGB", **options: object) -> bytes:
 
 
 UNUSUAL = {
-    "Pillow": _saved("JPEG"),
-    "worst": _saved("JPEG", quality=1),
-    "best": _saved("JPEG", quality=100, subsampling=0),
-    "progressive": _saved("JPEG", progressive=True),
-    "restarts": _saved("JPEG", restart_marker_blocks=1),
     "progressive restarts": _saved("JPEG", restart_marker_rows=1, progressive=True),
-    "gray": _saved("JPEG", "L", progressive=True),
-    "CMYK": _saved("JPEG", "CMYK"),
     "several in one": _saved("MPO", save_all=True, append_images=[Image.new("RGB", (8, 8))]),
     "padded before the end": JPEGS["baseline"][:-2] + b"padding" + b"\xff\xd9",
-    "fill before the end": JPEGS["baseline"][:-2] + b"\xff" * 100_000 + b"\xff\xd9",
     "fill before a marker": b"\xff\xd8" + b"\xff" * 100_000 + JPEGS["baseline"][2:],
-    "TIFF of LZW": _saved("TIFF", compression="tiff_lzw"),
-    "TIFF of Deflate": _saved("TIFF", compression="tiff_adobe_deflate"),
-    "TIFF of old Deflate": _saved("TIFF", compression="tiff_deflate"),
-    "TIFF of PackBits": _saved("TIFF", compression="packbits"),
-    "TIFF of JPEG": _saved("TIFF", compression="jpeg"),
+    "JPEG before other data": JPEGS["baseline"] + bytes(100_000),
+    "JPEG with a thumbnail": made.jpeg_with_exif(
+        JPEGS["baseline"], made.exif() + made.jpeg([[128]])
+    ),
+    "PNG before other data": encoded(".png") + bytes(100_000),
+    **{
+        f"TIFF of {coding}": _saved("TIFF", compression=coding)
+        for coding in ("tiff_lzw", "tiff_adobe_deflate", "tiff_deflate", "packbits", "jpeg")
+    },
     "fax": _saved("TIFF", "1", compression="group4"),
     "BigTIFF": _saved("TIFF", big_tiff=True),
     "unknown colour profile": _saved("PNG", icc_profile=b"nothing that is known"),
@@ -75,97 +129,54 @@ UNUSUAL = {
 
 
 @pytest.mark.parametrize("name", UNUSUAL)
-def test_what_is_only_unusual_is_read(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_unusual_image_is_read_silently(name: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert read_image(None, UNUSUAL[name]).pixels.shape[:2] == (HEIGHT, WIDTH)
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    "name", sorted(BAD.keys() & {"baseline cut at 50 %, closed", "TIFF of damaged LZW"})
-)
-def test_each_thread_hears_of_its_own_picture(name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    damaged, _ = BAD[name]
-    set_log_level(WARNINGS)
-    wrong: list[bool] = []
-
-    def decode_often(data: bytes, *, whole: bool) -> None:
-        seen = [decoded(data, cv2.IMREAD_COLOR) is not None for _ in range(100)]
-        wrong.extend(one for one in seen if one is not whole)
-
-    threads = [
-        threading.Thread(target=decode_often, args=(data,), kwargs={"whole": whole})
-        for data, whole in [(damaged, False), (JPEGS["baseline"], True)] * 3
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not wrong
-    assert set_log_level(WARNINGS) == WARNINGS
-    assert capfd.readouterr().err == ""
+@pytest.mark.parametrize("sampling", [0x411111, 0x211111, 0x221111, 0x121111, 0x111111])
+@pytest.mark.parametrize("shape", [(1, 1), (7, 1), (15, 17), (99, 101, 3), (64, 96, 3)])
+def test_jpeg_has_the_pixels_that_opencv_decodes(shape: tuple[int, ...], sampling: int) -> None:
+    pixels = np.resize(PIXELS, shape)
+    ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling])
+    assert ok
+    expected = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    found = read_image(None, data.tobytes()).pixels
+    np.testing.assert_array_equal(found, expected[..., ::-1] if expected.ndim == 3 else expected)
 
 
-@pytest.mark.parametrize(
-    "name", sorted(BAD.keys() & {"baseline cut at 50 %, closed", "TIFF of damaged LZW"})
-)
-def test_a_new_listener_hears_decoders_too(name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    decoder_messages._stderr.cache_clear()
-    data = np.frombuffer(BAD[name][0], np.uint8)
-    for _ in range(2):
-        with decoder_messages.decoder_messages() as said:
-            cv2.imdecode(data, cv2.IMREAD_COLOR)
-        assert said
-    assert capfd.readouterr().err == ""
+@pytest.mark.parametrize("options", [{}, {"progressive": True}, {"quality": 30}])
+def test_cmyk_jpeg_has_the_pixels_that_opencv_decodes(options: dict[str, object]) -> None:
+    data = _saved("JPEG", "CMYK", **options)
+    expected = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    np.testing.assert_array_equal(read_image(None, data).pixels, expected)
 
 
-@pytest.mark.parametrize("suffix", PICTURE_SUFFIXES)
-def test_this_build_knows_every_format(suffix: str) -> None:
+@pytest.mark.parametrize("suffix", IMAGE_SUFFIXES)
+def test_opencv_reads_and_writes_each_format(suffix: str) -> None:
     assert can_round_trip(suffix)
     assert not can_round_trip(".none")
 
 
-def test_a_training_picture_with_lost_pixels_is_refused(tmp_path: Path) -> None:
+def test_training_image_with_lost_pixels_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
-    path.write_bytes(BAD["baseline without its middle"][0])
-    with pytest.raises(DatasetError, match=r"a\.jpg cannot be decoded"):
+    path.write_bytes(BAD["baseline without its middle"])
+    with pytest.raises(DatasetError, match=r"a\.jpg"):
         read_image_rgb(path)
 
 
-def _animated() -> bytes:
-    file = io.BytesIO()
-    first, *others = (Image.fromarray(np.roll(PIXELS, by, 1)) for by in range(3))
-    first.save(file, "AVIF", save_all=True, append_images=others, quality=50)
-    return file.getvalue()
-
-
-@pytest.mark.parametrize("kind", ["still", "with alpha", "animated"])
-def test_an_avif_is_as_large_as_what_it_codes(kind: str) -> None:
-    makers = {
-        "still": lambda: _saved("AVIF"),
-        "with alpha": lambda: _saved("AVIF", "RGBA"),
-        "animated": _animated,
-    }
-    whole = makers[kind]()
-    assert read_image(None, whole, max_pixels=WIDTH * HEIGHT).width == WIDTH
-    claim = b"ispe" + struct.pack(">III", 0, WIDTH, HEIGHT)
-    assert claim in whole
-    lying = whole.replace(claim, b"ispe" + struct.pack(">III", 0, 8, 8))
-    with pytest.raises(InputError, match=f"claims {WIDTH}×{HEIGHT} pixels"):
-        read_image(None, lying, max_pixels=WIDTH * HEIGHT - 1)
-
-
 @pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "/proc/kmsg", "/proc/self/status"])
-def test_what_has_no_end_is_not_read(name: str) -> None:
+def test_device_is_not_read(name: str) -> None:
     assert not is_own_picture(name)
-    with pytest.raises(InputError, match=r"pipe or a device|is empty"):
+    with pytest.raises(InputError):
         read_image(name)
 
 
-@pytest.mark.parametrize("name", ["a\0.png", "\ud800.png"])
-def test_what_no_file_is_called_is_refused(name: str) -> None:
+@pytest.mark.parametrize("name", ["a\0.png", "\ud800.png", "a" * 300])
+def test_impossible_name_is_refused(name: str) -> None:
     assert not is_own_picture(name)
     for read in (read_image, read_stored_depth):
-        with pytest.raises(InputError, match="cannot be read: no file has such a name"):
+        with pytest.raises(InputError):
             read(name)
 
 
@@ -174,14 +185,11 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(pipe)
     assert not is_own_picture(pipe)
     for read in (read_image, read_stored_depth):
-        with pytest.raises(InputError, match=r"a\.png cannot be read: it is a pipe"):
+        with pytest.raises(InputError):
             read(pipe)
     for read_pair in (read_image_rgb, depth_shape):
-        with pytest.raises(DatasetError, match=r"cannot read .*a\.png: it is a pipe"):
+        with pytest.raises(DatasetError):
             read_pair(pipe)
-
-
-def test_a_pipe_is_no_sidecar(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))
     os.mkfifo(tmp_path / "a.json")
     assert read_stored_depth(tmp_path / "a.npy").displayed.values.shape == (4, 4)
@@ -195,10 +203,20 @@ def test_files_are_read_up_to_a_bound(tmp_path: Path) -> None:
         read_regular(path, 4)
 
 
-def test_each_bad_picture_costs_a_line_and_no_more(inside: Cli) -> None:
+def test_hundred_megapixels_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.png"
+    ok, data = cv2.imencode(".png", np.full((10_000, 10_000), 7, np.uint8))
+    assert ok
+    path.write_bytes(data.tobytes())
+    frame = read_image(path)
+    assert frame.pixels.shape == (10_000, 10_000)
+    assert (frame.pixels[::999, ::999] == 7).all()
+
+
+def test_each_bad_image_costs_a_line_and_no_more(inside: Cli) -> None:
     folder = inside.folder / "in"
     folder.mkdir()
-    for number, (data, _) in enumerate(BAD.values()):
+    for number, data in enumerate(BAD.values()):
         (folder / f"{number:03d}.bin").write_bytes(data)
     (folder / "good.jpg").write_bytes(JPEGS["progressive"])
     names = sorted(path.name for path in folder.iterdir())
@@ -207,7 +225,6 @@ def test_each_bad_picture_costs_a_line_and_no_more(inside: Cli) -> None:
     assert [path.name for path in (inside.folder / "out").iterdir()] == ["good.depth.png"]
     *lines, total = done.stderr.decode().splitlines()
     assert total.startswith(f"{len(BAD)} of {len(BAD) + 1} inputs failed: ")
-    assert len(lines) == len(BAD)
-    for number, (line, (_, message)) in enumerate(zip(lines, BAD.values(), strict=True)):
+    for number, line in enumerate(lines):
         assert line.startswith(f"depthcli: error: in/{number:03d}.bin ")
-        assert message in line
+    assert len(lines) == len(BAD)

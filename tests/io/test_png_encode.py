@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import cv2
 import numpy as np
 import pytest
+from helpers import made
 from helpers.strict_png import read_strictly
 from hypothesis import given
 from hypothesis import strategies as st
@@ -113,3 +114,12 @@ def test_the_quickest_level_compresses() -> None:
     (packed,) = (bytes(b) for k, b, _ in read_chunks(png_encode.encode_png(SLOPE)) if k == b"IDAT")
     deflate = pytest.importorskip("deflate")
     assert packed == bytes(deflate.zlib_compress(zlib.decompress(packed), 1))
+
+
+def test_texts_of_other_programs_are_read() -> None:
+    packed = made.chunk(b"iTXt", b"packed\0\1\0\0\0" + zlib.compress(b"hidden"))
+    translated = made.chunk(b"iTXt", b"c\0\0\0en\0translated\0text\0more")
+    latin = b"".join(png_encode.text_chunk("a", "é"))
+    data = made.png([b"\0"], 1, 8, 0, latin, translated, packed)
+    assert read_text(data) == {"a": "é", "c": "text\0more"}
+    assert read_text(data[: data.index(b"translated")]) == {"a": "é"}

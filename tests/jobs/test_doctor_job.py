@@ -15,7 +15,7 @@ from helpers.tiny import write_model
 from depthcli.errors import ModelError
 from depthcli.inference import providers
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.images import decode as codecs
+from depthcli.io.images import opencv as codecs
 from depthcli.jobs.doctor import (
     Check,
     check_conflicts,

@@ -9,7 +9,7 @@ from depthcli.cli.screen.progress import show_progress
 from depthcli.core.progress import Interrupt
 from depthcli.core.text import one_line
 from depthcli.core.types import DepthRange
-from depthcli.errors import SIGNAL_BASE, Message, ModelError, UsageError
+from depthcli.errors import SIGNAL_BASE, Message, ModelError, UsageError, about
 from depthcli.io.formats.metadata import DepthMetadata, anchor_fields, camera_text
 from depthcli.io.listing.folder import skip_summary
 from depthcli.jobs.batch.options import Tally
@@ -76,7 +76,7 @@ class BatchScreen:
             console.out_json(result.row.as_json() | {"kept": result.is_kept})
         elif not self.quiet and not result.is_kept:
             for warning in result.row.warnings:
-                console.warn(f"{result.row.input}: {warning}")
+                console.warn(about(result.row.input, warning))
 
     def _print_summary(self, plan: Plan, batch: Batch, *, resumes: bool) -> None:
         """Print the failures, then the counts."""
@@ -157,7 +157,7 @@ def print_picture(
     elif not quiet:
         (console.note if to_stderr else console.report)(picture_text(result))
         for warning in result.warnings:
-            console.warn(f"{result.name}: {warning}")
+            console.warn(about(result.name, warning))
 
 
 def print_failed(failed: FailedInput, *, as_json: bool) -> None:
@@ -184,7 +184,7 @@ def picture_json(done: PictureResult) -> dict[str, object]:
         **anchor_fields(done.depth),
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
-        "warnings": list(done.warnings),
+        "warnings": [console.worded(warning) for warning in done.warnings],
     }
 
 
@@ -215,14 +215,9 @@ def print_video(
     elif not quiet:
         (console.note if to_stderr else console.report)(video_text(result))
         for warning in result.warnings:
-            console.warn(_about(result.name, warning))
+            console.warn(about(result.name, warning))
     if result.problem:
-        console.error(_about(result.name, f"{result.problem}; frames written: {result.frames}"))
-
-
-def _about(name: str, text: str) -> str:
-    """A message that begins with the name of what it is about."""
-    return text.about(name) if isinstance(text, Message) else f"{name}: {text}"
+        console.error(about(result.name, f"{result.problem}; frames written: {result.frames}"))
 
 
 def video_json(done: VideoResult) -> dict[str, object]:
@@ -374,7 +369,7 @@ def _outcome(done: ConvertResult) -> dict[str, object]:
         "output": done.target,
         "unit": "m" if done.depth.is_metric else None,
         **(asdict(done.round_trip) if done.round_trip else _NOT_READ_BACK),
-        "warnings": list(done.warnings),
+        "warnings": [console.worded(warning) for warning in done.warnings],
     }
 
 

@@ -17,7 +17,7 @@ from depthcli.io.depth.quantization import denormalized, dequantized
 from depthcli.io.depth.sidecar import with_sidecar
 from depthcli.io.depth.stored import StepScale, StoredDepth, step_scale
 from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.images.decode import OPENCV_MAX_PIXELS, decode, picture_size, read_bytes
+from depthcli.io.images.decode import OPENCV_MAX_PIXELS, decode, image_size, read_bytes
 from depthcli.io.images.png import read_text
 from depthcli.io.storage.paths import path_of
 
@@ -104,7 +104,7 @@ def _png(path: Path, png_scale: float | None, unstated_scale: float | None) -> S
 
 
 def _png_metadata(path: Path, data: bytes) -> tuple[dict[str, str], tuple[str, ...]]:
-    return with_sidecar(path, own_metadata(read_text(data)), picture_size(data) or (0, 0))
+    return with_sidecar(path, own_metadata(read_text(data)), image_size(data) or (0, 0))
 
 
 def _npy(

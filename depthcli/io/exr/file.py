@@ -18,7 +18,6 @@ from depthcli.core.options import MAX_PIXELS, check_pixel_count
 from depthcli.core.types import Window, over_window
 from depthcli.errors import InputError
 from depthcli.io.images.decode import read_bytes
-from depthcli.io.images.native_log import decoder_messages
 from depthcli.io.storage.paths import RemotePath
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.storage.transfer import local_copy
@@ -43,9 +42,9 @@ class _OtherThreads:
 
 @contextmanager
 def silenced() -> Iterator[None]:
-    """Keep OpenEXR from printing to standard output and error."""
+    """Keep OpenEXR's bindings from printing to standard output, where results go."""
     others = cast("TextIO", _OtherThreads(sys.stdout))
-    with _LOCK, decoder_messages(), redirect_stdout(others):
+    with _LOCK, redirect_stdout(others):
         yield
 
 

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame, Window, Windows
-from depthcli.errors import InputError, OutputError
+from depthcli.errors import InputError, Message
 from depthcli.io.listing.folder import is_exr
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.temporary import temporary_copy
 
 _LINEAR_UP_TO = 0.0031308
 _REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
@@ -76,9 +76,9 @@ def clip_warning(share: float) -> str | None:
     """
     if share < _MANY:
         return None
-    return (
-        f"{share:.0%} of its pixels are above 1 and become white; for better depth, give a lower "
-        "exposure (--exposure -1)"
+    return Message(
+        f"{share:.0%} of its pixels are above 1 and become white",
+        "for better depth, give a lower exposure, such as {exposure} -1",
     )
 
 
@@ -200,14 +200,7 @@ def read_exr_data(
         InputError: damaged, without colours or the layer, or too large.
         OutputError: there is no room for a temporary copy, which OpenEXR needs.
     """
-    with temporary_folder() as folder:
-        copy = folder / "picture.exr"
-        try:
-            copy.write_bytes(data)
-        except OSError as error:
-            raise OutputError(
-                f"cannot write a temporary file: {error.strerror}; set TMPDIR"
-            ) from error
+    with temporary_copy(data, "image.exr") as copy:
         frame = read_exr_picture(copy, name=name, max_pixels=max_pixels, options=options)
     return replace(frame, path=None)
 

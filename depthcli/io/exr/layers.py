@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 
 from depthcli.core.text import one_line
-from depthcli.errors import InputError
+from depthcli.errors import InputError, Message
 
 _DEPTHS = ("Z", "V", "Y", "R")
 
@@ -154,4 +154,4 @@ def _doubt(likely: Sequence[str]) -> str | None:
     used, *others = (one_line(layer.removesuffix(".")) for layer in likely)
     more = f" and {len(others) - _MAX_SHOWN} others" if len(others) > _MAX_SHOWN else ""
     shown = ", ".join(others[:_MAX_SHOWN])
-    return f"its layer {used} is used; if the picture is in {shown}{more}, give --layer"
+    return Message(f"its layer {used} is used", f"if it is in {shown}{more}, give {{layer}}")

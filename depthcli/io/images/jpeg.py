@@ -1,18 +1,87 @@
-"""The segments of a JPEG, and whether it has an end marker (ITU-T T.81, annex B)."""
+"""JPEG files: their segments (ITU-T T.81, annex B), and decoding them with libjpeg-turbo."""
 
 import re
+import struct
 from collections.abc import Iterator
 
+import numpy as np
+import numpy.typing as npt
+import simplejpeg
+
+from depthcli.errors import InputError
+from depthcli.io.images.headers import Decoded, Header
+from depthcli.io.images.opencv import decode_with_opencv
+
 JPEG_START = b"\xff\xd8"
-_END, _SCAN = 0xD9, 0xDA
+_FRAMES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")
+_SCAN, _APP1, _EXIF = 0xDA, 0xE1, b"Exif\0\0"
 _STANDALONE = frozenset(b"\x01\xd0\xd1\xd2\xd3\xd4\xd5\xd6\xd7")
 _FILLED_MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)  # fill, however long, and the marker
-# A marker is 0xFF and a byte; 0 escapes an 0xFF of the pixels, 0xD0-0xD7 only restart them.
-# Not 0xFF+: a long run of 0xFF would take quadratic time.
-_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd8\xff]")
+_COLOURS = {1: "GRAY", 4: "CMYK"}
+"""What pixels are decoded to by the number of components; others to RGB."""
+# After such messages of libjpeg pixels are made up. Other warnings are harmless, above all that of
+# extraneous bytes before the end (0xd9), which some cameras write.
+_DATA_LOSS = re.compile(
+    r"premature end|bad Huffman code|bad arithmetic code|instead of RST"
+    r"|extraneous bytes before marker 0x(?:c4|da|d[0-7])",
+    re.IGNORECASE,
+)
 
 
-def jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+def jpeg_header(data: bytes) -> Header:
+    """Size of a JPEG."""
+    width, height, _ = _frame(data)
+    return Header(width, height)
+
+
+def decode_jpeg(data: bytes) -> Decoded:
+    """Pixels of a JPEG; gray stays gray, and CMYK becomes RGB as in OpenCV.
+
+    Raises:
+        InputError: it is truncated or damaged.
+        ValueError: it is not decodable.
+    """
+    colours = _COLOURS.get(_frame(data)[2], "RGB")
+    exifs = (body for marker, body in _segments(data) if marker == _APP1 and body[:6] == _EXIF)
+    exif = next(exifs, b"")
+    try:
+        pixels = _decompressed(data, colours)
+    except ValueError as error:
+        if "subsampling" not in str(error):
+            raise InputError(f"is damaged ({error})", "copy it again") from error
+        return decode_with_opencv(data)  # TurboJPEG has no name for its subsampling
+    if colours == "CMYK":
+        pixels = _rgb_of_inverted_cmyk(pixels)
+    return Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif)
+
+
+def _decompressed(data: bytes, colours: str) -> npt.NDArray[np.uint8]:
+    try:
+        pixels: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(data, colours)
+    except ValueError as error:
+        if _DATA_LOSS.search(str(error)):
+            raise
+        pixels = simplejpeg.decode_jpeg(data, colours, strict=False)
+    return pixels
+
+
+def _rgb_of_inverted_cmyk(cmyk: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """(H, W, 3) of (H, W, 4), in which 255 is no ink, as Adobe's programs write it."""
+    wide = cmyk.astype(np.uint16)
+    black = wide[..., 3:]
+    return (black - ((255 - wide[..., :3]) * black >> 8)).astype(np.uint8)
+
+
+def _frame(data: bytes) -> tuple[int, int, int]:
+    """Width, height and number of components."""
+    for marker, body in _segments(data):
+        if marker in _FRAMES:
+            height, width, components = struct.unpack_from(">HHB", body, 1)
+            return width, height, components
+    raise InputError("is not a picture, or a truncated JPEG", "copy it again")
+
+
+def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Marker and content of each segment before the pixels, up to the first invalid one."""
     at = len(JPEG_START)
     while (found := _FILLED_MARKER.match(data, at)) and found[1][0] != _SCAN:
@@ -21,14 +90,3 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
             length = int.from_bytes(data[at : at + 2], "big")
             yield found[1][0], data[at + 2 : at + length]
             at += length
-
-
-def has_jpeg_end(data: bytes) -> bool:
-    """Whether there is an end marker, not counting that of a thumbnail inside a segment."""
-    at = len(JPEG_START)
-    while found := _MARKER.search(data, at):
-        at = found.end()
-        if data[at - 1] == _END:
-            return True
-        at += int.from_bytes(data[at : at + 2], "big")
-    return False

@@ -9,10 +9,11 @@ import struct
 import zlib
 from contextlib import suppress
 from functools import cache, partial
-from itertools import chain
+from itertools import chain, takewhile
 from typing import TYPE_CHECKING, TypeAlias
 
-from depthcli.errors import OutputError
+from depthcli.errors import InputError, OutputError
+from depthcli.io.images.headers import ANIMATED, Header
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_LENGTH = 2**31 - 1
 """Most bytes of a chunk, and most columns or rows of a picture."""
-_ANIMATION = (b"acTL", b"fcTL", b"fdAT")
+_STILL = frozenset((b"IHDR", b"PLTE", b"tRNS", b"eXIf", b"IDAT", b"IEND"))
 
 
 def chunk(kind: bytes, body: bytes | bytearray | memoryview) -> tuple[bytes | memoryview, ...]:
@@ -49,15 +50,32 @@ def read_chunks(png: bytes) -> Iterator[tuple[bytes, memoryview, int]]:
             at += 12 + length
 
 
-def static_image(png: bytes) -> bytes:
-    """The static image of an animated PNG, which OpenCV does not always decode.
+def png_header(png: bytes) -> Header:
+    """Size of a PNG, and whether it is animated."""
+    width, height = struct.unpack_from(">II", png, 16)
+    before_pixels = takewhile(lambda kind: kind != b"IDAT", (kind for kind, *_ in read_chunks(png)))
+    return Header(width, height, ANIMATED if b"acTL" in before_pixels else None)
 
-    All other files are returned unchanged.
+
+def still_image(png: bytes) -> bytes:
+    """A PNG reduced to the chunks that make its still image, and its EXIF.
+
+    OpenCV does not decode the still image of every animation, and libpng prints what it thinks of
+    colour profiles.
+
+    Raises:
+        InputError: it is truncated or damaged.
     """
-    if not png.startswith(SIGNATURE) or b"acTL" not in png:
-        return png
-    chunks = (chunk(kind, body) for kind, body, _ in read_chunks(png) if kind not in _ANIMATION)
-    return b"".join((SIGNATURE, *(part for parts in chunks for part in parts)))
+    parts: list[bytes | memoryview] = [SIGNATURE]
+    for kind, body, checksum in read_chunks(png):
+        if kind not in _STILL:
+            continue
+        parts += chunk(kind, body)
+        if parts[-1] != struct.pack(">I", checksum):
+            raise InputError("is damaged (a checksum of the PNG is wrong)", "copy it again")
+        if kind == b"IEND":
+            return b"".join(parts)
+    raise InputError("is truncated (its end is missing)", "copy it again")
 
 
 def text_chunk(keyword: str, text: str) -> tuple[bytes | memoryview, ...]:
@@ -105,7 +123,7 @@ def encode_png(pixels: Pixels, texts: Mapping[str, str] | None = None) -> bytes:
     """
     height, width = pixels.shape[:2]
     if not (0 < height <= MAX_LENGTH and 0 < width <= MAX_LENGTH):
-        raise OutputError(f"pixels of shape {pixels.shape} do not go into a PNG; use EXR or NPY")
+        raise OutputError(f"pixels of shape {pixels.shape} do not go into a PNG", "use EXR or NPY")
     colour = _GRAY if pixels.ndim == 2 else _RGB  # noqa: PLR2004
     header = struct.pack(">IIBBBBB", width, height, 8 * pixels.itemsize, colour, 0, 0, 0)
     data = memoryview(_compressor()(_filtered(pixels)))

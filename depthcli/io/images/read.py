@@ -1,4 +1,4 @@
-"""Reading a picture from a file or from bytes to an upright frame."""
+"""Reading an image from a file, bytes, an array or PIL to an upright frame."""
 
 import os
 from dataclasses import replace
@@ -9,26 +9,22 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.imageops import transfer_warning
-from depthcli.core.options import MAX_PIXELS, ReadOptions
-from depthcli.core.types import Frame, is_out_of_range
+from depthcli.core.options import EXPOSURE, MAX_PIXELS, ReadOptions
+from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.io.images.decode import (
-    check_exposure,
-    check_white_level,
-    count_warnings,
-    decode,
-    full_range,
-    read_bytes,
-)
-from depthcli.io.images.exif import EXIF_IFD, FOCAL_35MM, ORIENTATION, plausible_focal, read_exif
-from depthcli.io.images.isobmff import avif_transfer, is_heif
-from depthcli.io.images.libheif import read_heif_picture
-from depthcli.io.images.tiff import TIFF_STARTS
+from depthcli.io.exr.image import clip_warning, encode
+from depthcli.io.images.decode import CheckedImage, check, read_bytes
+from depthcli.io.images.exif import EXIF_IFD, FOCAL_35MM, ORIENTATION, Exif, parse_exif
+from depthcli.io.images.headers import Decoded
+from depthcli.io.images.pixels import as_frame_dtype, check_white_level, full_range, upright
 from depthcli.io.listing.own_outputs import EXR_MAGIC, is_own_exr
 from depthcli.io.storage.paths import RemotePath, path_of
 
-_MIRRORED = {2, 4, 5, 7}
-_QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
+_GRAY_MODES = ("1", "LA")
+_PLAIN_MODES = ("L", "RGB", "I", "F")  # Frame refuses unsupported pixels of the last two
+_COLOUR_RANK = 3
+_ALPHA = {2: 1, 4: 3}
+"""Number of channels with alpha, to that without."""
 
 
 def read_image(
@@ -69,7 +65,8 @@ def read_image(
             from -20 to 20.
     """
     check_white_level(white_level)
-    check_exposure(exposure)
+    if not EXPOSURE.holds(exposure):
+        raise UsageError(f"an exposure of {exposure!r} is not {EXPOSURE.what}")
     path = None if path is None else path_of(path)
     name = name if path is None else str(path)
     file = path if data is None else None
@@ -80,21 +77,34 @@ def read_image(
     if data.startswith(EXR_MAGIC):
         options = ReadOptions(exposure=exposure, layer=layer)
         return replace(_exr_picture(file, data, name, max_pixels, options), path=path)
-    if is_heif(data):
-        return replace(read_heif_picture(data, name, max_pixels), path=path)
-    pixels, warnings = full_range(decode(data, name, max_pixels=max_pixels), data, white_level)
-    pixels = _as_frame_dtype(pixels, name)
-    hdr = transfer_warning(avif_transfer(data) if data[4:8] == b"ftyp" else 0, "picture", "sRGB")
-    exif = read_exif(data)
-    if not data.startswith(TIFF_STARTS):  # TIFF comes upright from the decoder
-        pixels = upright(pixels, exif.orientation)
+    image = check(data, name, max_pixels)
+    decoded = image.decode()
+    exif, header = parse_exif(decoded.exif), image.header
+    orientation = header.orientation or exif.orientation
+    pixels, warnings = _frame_pixels(decoded, image, white_level, exposure)
+    if not header.is_upright:
+        pixels = upright(pixels, orientation)
     return Frame(
         np.ascontiguousarray(pixels),
         path,
-        orientation=exif.orientation,
+        orientation=orientation,
         focal_35mm=exif.focal_35mm,
-        warnings=(*count_warnings(data), *warnings, *filter(None, [hdr])),
+        warnings=tuple(filter(None, (header.warning, *warnings))),
     )
+
+
+def _frame_pixels(
+    decoded: Decoded, image: CheckedImage, white_level: int | None, exposure: float
+) -> tuple[npt.NDArray[Any], tuple[str | None, ...]]:
+    """Pixels of a frame, not turned yet, and warnings about them."""
+    header, pixels = image.header, decoded.pixels
+    if decoded.is_linear:
+        light = pixels.reshape(*pixels.shape[:2], -1)
+        above = encode(light, exposure)
+        return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
+    pixels, warnings = full_range(pixels, header.white, white_level)
+    hdr = transfer_warning(header.transfer, "picture", "sRGB")
+    return as_frame_dtype(pixels, image.name), (*warnings, hdr)
 
 
 def _exr_picture(
@@ -116,38 +126,6 @@ def _exr_picture(
     if file is None or isinstance(file, RemotePath):
         return read_exr_data(data, name, max_pixels, options)
     return read_exr_picture(file, max_pixels=max_pixels, options=options)
-
-
-def _as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
-    """Pixels as one of the three types of a frame."""
-    if pixels.dtype in (np.uint8, np.uint16):
-        return pixels
-    if pixels.dtype.kind != "f":
-        raise InputError(f"{name} has {pixels.dtype} pixels; save it with 8 or 16 bits or as float")
-    if not np.isfinite(pixels).any():
-        raise InputError(f"{name} has no finite pixel; write it again")
-    values = np.nan_to_num(pixels.astype(np.float32), posinf=0.0)
-    low, high = float(values.min()), float(values.max())
-    if is_out_of_range(values, low, high):
-        raise InputError(f"{name} has float pixels from {low:g} to {high:g}; scale them to 0-1")
-    return np.clip(values, 0, 1)
-
-
-def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Undo an EXIF orientation, 1-8, of pixels (H, W) or (H, W, C) as stored.
-
-    It mirrors left to right, then turns counter-clockwise.
-    """
-    if orientation in _MIRRORED:
-        pixels = pixels[:, ::-1]
-    return np.rot90(pixels, _QUARTER_TURNS.get(orientation, 0))
-
-
-_GRAY_MODES = ("1", "LA")
-_PLAIN_MODES = ("L", "RGB", "I", "F")  # Frame refuses unsupported pixels of the last two
-_COLOUR_RANK = 3
-_ALPHA = {2: 1, 4: 3}
-"""Number of channels with alpha, to that without."""
 
 
 class ArrayLike(Protocol):
@@ -199,7 +177,7 @@ def frame_of(picture: Picture, white_level: int | None = None) -> Frame:
         name = "the picture in memory"
         return read_image(None, bytes(picture), name=name, white_level=white_level)
     frame = _of_pil(picture) if hasattr(picture, "getexif") else Frame(_pixels(picture))
-    pixels, warnings = full_range(frame.pixels, b"", white_level)
+    pixels, warnings = full_range(frame.pixels, None, white_level)
     return replace(frame, pixels=pixels, warnings=warnings)
 
 
@@ -232,13 +210,12 @@ def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
     if image.format is None:  # made or changed by a program: its EXIF may be outdated
         return Frame(pixels)
     exif = image.getexif()
-    orientation, focal_35mm = exif.get(ORIENTATION), exif.get_ifd(EXIF_IFD).get(FOCAL_35MM)
-    orientation = orientation if orientation in range(2, 9) else 1
+    facts = Exif.of(exif.get(ORIENTATION), exif.get_ifd(EXIF_IFD).get(FOCAL_35MM))
     return Frame(
-        np.ascontiguousarray(upright(pixels, orientation)),
+        np.ascontiguousarray(upright(pixels, facts.orientation)),
         Path(image.filename) if getattr(image, "filename", "") else None,
-        orientation=orientation,
-        focal_35mm=plausible_focal(focal_35mm),
+        orientation=facts.orientation,
+        focal_35mm=facts.focal_35mm,
     )
 
 

@@ -38,6 +38,24 @@ def temporary_folder() -> Iterator[Path]:
         yield Path(name)
 
 
+@contextmanager
+def temporary_copy(data: bytes, name: str) -> Iterator[Path]:
+    """A temporary file of this content, which is removed when the block or the process ends.
+
+    Raises:
+        OutputError: there is no room for it.
+    """
+    with temporary_folder() as folder:
+        copy = folder / name
+        try:
+            copy.write_bytes(data)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write a temporary file: {error.strerror}", "set TMPDIR"
+            ) from error
+        yield copy
+
+
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND
 # No link is followed and no pipe waited for; Windows has neither, but changes line ends.
 for _name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):

@@ -31,7 +31,7 @@ from depthcli._version import __version__
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.text import INSTALL_RAY, one_line
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
-from depthcli.io.images.native_log import silent_opencv
+from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.manifest.row import Origin
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.batch.tasks import Result

@@ -18,7 +18,7 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.images.decode import check
-from depthcli.io.images.native_log import silent_opencv
+from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
 from depthcli.io.manifest.row import Origin

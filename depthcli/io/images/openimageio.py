@@ -1,0 +1,116 @@
+"""Formats of film, print and the web that OpenImageIO reads, and rarer layouts of TIFF.
+
+It is an extra; the only module that imports it.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.text import INSTALL_FORMATS
+from depthcli.errors import InputError
+from depthcli.io.images.headers import Decoded, Header
+from depthcli.io.images.pixels import upright
+from depthcli.io.storage.temporary import temporary_copy
+
+_FORMATS = {
+    b"SDPX": "DPX",
+    b"XPDS": "DPX",
+    b"\x80\x2a\x5f\xd7": "Cineon",
+    b"\xd7\x5f\x2a\x80": "Cineon",
+    b"#?RADIANCE": "Radiance HDR",
+    b"#?RGBE": "Radiance HDR",
+    b"8BPS": "a Photoshop document",
+    b"\xff\x0a": "JPEG XL",
+    b"\0\0\0\x0cJXL ": "JPEG XL",
+    b"\0\0\0\x0cjP  ": "JPEG 2000",
+    b"\xff\x4f\xff\x51": "JPEG 2000",
+}
+"""Names of formats by the first bytes of their files."""
+_TGA_END = b"TRUEVISION-XFILE.\0"
+_TYPES = ("uint8", "uint16")  # that pixels keep; others become float
+_WHITE_IS_ZERO, _GRAY_ALPHA, _RGB = 0, 2, 3
+
+
+def is_for_openimageio(data: bytes) -> bool:
+    """Whether a file is of a format that only OpenImageIO reads."""
+    return _format_of(data) is not None
+
+
+def needs_openimageio(problem: str) -> None:
+    """Check that OpenImageIO is there.
+
+    Args:
+        problem: what needs it, as the middle of a sentence.
+
+    Raises:
+        InputError: it is missing.
+    """
+    if find_spec("OpenImageIO") is None:
+        raise InputError(f"{problem}, which needs OpenImageIO", INSTALL_FORMATS)
+
+
+def openimageio_header(data: bytes) -> Header:
+    """Size of an image.
+
+    Raises:
+        InputError: it is damaged, or OpenImageIO is missing.
+    """
+    needs_openimageio(f"is {_format_of(data)}")
+    with _opened(data) as file:
+        spec = file.spec()
+        return Header(spec.width, spec.height, is_upright=True)
+
+
+def decode_with_openimageio(data: bytes) -> Decoded:
+    """Pixels of the first image, upright and without alpha; white is the maximum of their type.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    with _opened(data) as file:
+        spec = file.spec()
+        kind = str(spec.format) if str(spec.format) in _TYPES else "float"
+        channels = _RGB if spec.nchannels >= _RGB else 1
+        pixels: npt.NDArray[Any] | None = file.read_image(0, 0, 0, channels, kind)
+        if pixels is None or file.has_error:
+            raise InputError(f"is damaged ({_reason(file.geterror())})", "copy it again")
+        if spec.getattribute("tiff:PhotometricInterpretation") == _WHITE_IS_ZERO:
+            pixels = (np.iinfo(pixels.dtype).max if kind in _TYPES else 1) - pixels
+        space = str(spec.getattribute("oiio:ColorSpace"))
+        pixels = upright(pixels, spec.getattribute("Orientation") or 1)
+    return Decoded(
+        np.ascontiguousarray(pixels if channels == _RGB else pixels[..., 0]),
+        is_linear=kind == "float" and space.startswith("lin"),
+    )
+
+
+def _format_of(data: bytes) -> str | None:
+    if data.endswith(_TGA_END):
+        return "Targa"
+    return next((name for start, name in _FORMATS.items() if data.startswith(start)), None)
+
+
+@contextmanager
+def _opened(data: bytes) -> Iterator[Any]:
+    """The file, opened from a temporary copy, because OpenImageIO reads no memory from Python."""
+    import OpenImageIO as oiio  # noqa: N813, PLC0415 - an extra, and slow to load
+
+    with temporary_copy(data, "image") as path:
+        options = oiio.ImageSpec()
+        options["oiio:UnassociatedAlpha"] = 1  # colours as they are stored
+        file = oiio.ImageInput.open(str(path), options)
+        if file is None:
+            raise InputError(f"is damaged ({_reason(oiio.geterror())})", "copy it again")
+        try:
+            yield file
+        finally:
+            file.close()
+
+
+def _reason(text: str) -> str:
+    return " ".join(text.split()) or "it cannot be decoded"

@@ -1,0 +1,119 @@
+"""Pixels as they were decoded: turned upright, scaled to full range, of the types of a frame."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.imageops import row_bands
+from depthcli.core.options import WHITE_LEVEL
+from depthcli.core.types import is_out_of_range
+from depthcli.errors import InputError, Message, UsageError
+
+_MIRRORED = {2, 4, 5, 7}
+_QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
+_MAX = {np.dtype(np.uint8): 0xFF, np.dtype(np.uint16): 0xFFFF}
+_SENSOR_WHITES = {0x3FF: 10, 0xFFF: 12}
+"""Bits of the data whose white this is."""
+_CLIPPED_SHARE = 1e-4
+
+
+def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
+    """Undo an EXIF orientation, 1-8, of pixels (H, W) or (H, W, C) as stored.
+
+    It mirrors left to right, then turns counter-clockwise.
+    """
+    if orientation in _MIRRORED:
+        pixels = pixels[:, ::-1]
+    return np.rot90(pixels, _QUARTER_TURNS.get(orientation, 0))
+
+
+def full_range(
+    pixels: npt.NDArray[Any], stated: int | None, white_level: int | None = None
+) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
+    """Pixels scaled so that white is the maximum of their type.
+
+    Args:
+        pixels: as they were decoded, of any type.
+        stated: value of white that the file states; None for none.
+        white_level: value of white in 16-bit pixels, from 1 to 65535, unless the file itself
+            states one below 65535; None for what it states.
+
+    Returns:
+        The pixels, and warnings about them, one line each.
+    """
+    top = _MAX.get(pixels.dtype)
+    if top is None:
+        return pixels, ()
+    if stated is not None and stated < top:
+        return scaled(pixels, stated), ()
+    if pixels.dtype != np.uint16:
+        return pixels, ()
+    if white_level is None:
+        return pixels, _white_warnings(pixels)
+    return scaled(pixels, white_level), _clip_warnings(pixels, white_level)
+
+
+def check_white_level(white_level: int | None) -> None:
+    """Check the value of white.
+
+    Raises:
+        UsageError: it is not a whole number from 1 to 65535.
+    """
+    is_number = isinstance(white_level, int | np.integer)
+    if white_level is not None and not (is_number and WHITE_LEVEL.holds(white_level)):
+        raise UsageError(f"a white level of {white_level!r} is not {WHITE_LEVEL.what}")
+
+
+def scaled(pixels: npt.NDArray[Any], white: int) -> npt.NDArray[Any]:
+    """Pixels of 8 or 16 bits times their maximum over ``white``; larger ones become white."""
+    top = _MAX[pixels.dtype]
+    levels = np.rint(np.minimum(np.arange(top + 1), white) * top / white).astype(pixels.dtype)
+    found = np.empty_like(pixels)
+    height, width = pixels.shape[:2]
+    for rows in row_bands(width, height):  # indexing takes several times the memory of the pixels
+        found[rows] = levels[pixels[rows]]
+    return found
+
+
+def as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
+    """Pixels as one of the three types of a frame.
+
+    Floats that are not a number or infinite become 0, the rest is clipped to [0, 1].
+
+    Raises:
+        InputError: integers of other sizes, or floats in another range than [0, 1].
+    """
+    if pixels.dtype in (np.uint8, np.uint16):
+        return pixels
+    if pixels.dtype.kind != "f":
+        raise InputError(f"{name} has {pixels.dtype} pixels", "save it with 8 or 16 bits or float")
+    if not np.isfinite(pixels).any():
+        raise InputError(f"{name} has no finite pixel", "write it again")
+    values = np.nan_to_num(pixels.astype(np.float32), posinf=0.0)
+    low, high = float(values.min()), float(values.max())
+    if is_out_of_range(values, low, high):
+        raise InputError(f"{name} has float pixels from {low:g} to {high:g}", "scale them to 0-1")
+    return np.clip(values, 0, 1)
+
+
+def _white_warnings(pixels: npt.NDArray[Any]) -> tuple[str, ...]:
+    """A warning about 16-bit pixels that are clipped at the white of a sensor of 10 or 12 bits.
+
+    Dark images do not end in a plateau at exactly this value, so they give none.
+    """
+    white = int(pixels.max())
+    bits = _SENSOR_WHITES.get(white)
+    if bits is None or np.count_nonzero(pixels == white) < _CLIPPED_SHARE * pixels.size:
+        return ()
+    bright = f"its brightest pixels are {white} of 65535, as in data of {bits} bits"
+    return (Message(bright, f"if that is white, give {{white_level}} {white}"),)
+
+
+def _clip_warnings(pixels: npt.NDArray[Any], white_level: int) -> tuple[str, ...]:
+    brightest = int(pixels.max())
+    if brightest <= white_level:
+        return ()
+    return (
+        f"has pixels up to {brightest}, above the white level of {white_level}; they are white",
+    )

@@ -1,0 +1,105 @@
+"""Formats of the extra with OpenImageIO: film, print, and rarer layouts of TIFF."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from helpers import made
+
+from depthcli.errors import InputError
+from depthcli.io.images import openimageio
+from depthcli.io.images.decode import check
+from depthcli.io.images.read import read_image
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+oiio = pytest.importorskip("OpenImageIO")
+
+_ROWS, _COLUMNS = np.mgrid[:24, :40]
+BYTES = np.dstack([_COLUMNS * 6, _ROWS * 10, 255 - _COLUMNS * 6]).astype(np.uint8)
+WORDS = BYTES.astype(np.uint16) * 257
+LIGHT = (BYTES / 255).astype(np.float32)
+
+
+def written(path: Path, pixels: npt.NDArray[Any], **facts: Any) -> bytes:
+    height, width, channels = np.atleast_3d(pixels).shape
+    kind = {"float32": "float", "float16": "half"}.get(str(pixels.dtype), str(pixels.dtype))
+    spec = oiio.ImageSpec(width, height, channels, kind)
+    for name, value in facts.items():
+        spec[name.replace("__", ":")] = value
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec), output.geterror()
+    output.write_image(np.ascontiguousarray(pixels))
+    output.close()
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "pixels", "facts"),
+    [
+        ("a.dpx", WORDS, {}),
+        ("a.dpx", WORDS, {"oiio__BitsPerSample": 10}),
+        ("a.tga", BYTES, {}),
+        ("a.jxl", BYTES, {"compression": "jpegxl:100"}),
+        ("a.tif", WORDS, {"planarconfig": "separate"}),
+        ("a.tif", LIGHT, {"planarconfig": "separate"}),
+        ("a.tif", LIGHT.astype(np.float16), {}),
+        ("a.tif", np.dstack([BYTES, BYTES[..., :2]]), {}),
+    ],
+)
+def test_image_is_read(
+    name: str, pixels: npt.NDArray[Any], facts: dict[str, Any], tmp_path: Path
+) -> None:
+    data = written(tmp_path / name, pixels, **facts)
+    frame = read_image(None, data)
+    top = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1
+    found_top = np.iinfo(frame.pixels.dtype).max if frame.pixels.dtype.kind == "u" else 1
+    assert frame.pixels.shape == BYTES.shape
+    np.testing.assert_allclose(frame.pixels / found_top, pixels[..., :3] / top, atol=0.02)
+    with pytest.raises(InputError):
+        check(data, name, max_pixels=24 * 40 - 1)
+
+
+def test_linear_light_is_encoded_as_srgb(tmp_path: Path) -> None:
+    data = written(tmp_path / "a.hdr", LIGHT)
+    curve = np.where(LIGHT <= 0.0031308, 12.92 * LIGHT, 1.055 * LIGHT ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(read_image(None, data).pixels, curve, atol=0.01)
+    darker = read_image(None, data, exposure=-1).pixels
+    assert darker.mean() < curve.mean()
+    (warning,) = read_image(None, data, exposure=6).warnings
+    assert "are above 1" in warning
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+def test_gray_tiff_with_alpha_or_inverted_has_its_brightness(kind: int) -> None:
+    gray = WORDS[..., :2]
+    found = read_image(None, made.tiff(gray, photometric=1, extra=(2,))).pixels
+    np.testing.assert_array_equal(found, gray[..., 0])
+    inverted = read_image(None, made.tiff(gray[..., kind], photometric=0)).pixels
+    np.testing.assert_array_equal(inverted, 65535 - gray[..., kind])
+
+
+def test_damaged_file_is_refused(tmp_path: Path) -> None:
+    data = written(tmp_path / "a.dpx", WORDS)
+    for damaged in (data[:100], data[: len(data) // 2]):
+        with pytest.raises(InputError):
+            read_image(None, damaged)
+
+
+@pytest.mark.parametrize(
+    "start", [b"SDPX", b"8BPS", b"#?RADIANCE", b"\xff\x0a", b"\x80\x2a\x5f\xd7"]
+)
+def test_without_the_extra_one_line_says_what_to_install(
+    start: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(openimageio, "find_spec", lambda _: None)
+    for data in (start + bytes(2000), made.tiff(np.zeros((2, 2, 5), np.uint8))):
+        with pytest.raises(InputError, match="pip install OpenImageIO"):
+            read_image(None, data)
+    assert "OpenImageIO" in sys.modules
