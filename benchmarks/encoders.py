@@ -21,8 +21,8 @@ import OpenEXR
 from timing import Timing, alternate
 
 import depthcli
-from depthcli.io.depth.quantization import quantized
-from depthcli.io.formats.metadata import metadata_texts
+from depthcli.io.depth.metadata import metadata_texts
+from depthcli.io.depth.scale import quantized
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.images.png import encode_png
 

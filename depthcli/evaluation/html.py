@@ -6,7 +6,7 @@ from html import escape
 
 from depthcli.evaluation.figures import Figure
 from depthcli.evaluation.text import Page
-from depthcli.io.formats.metadata import SOFTWARE
+from depthcli.io.depth.metadata import SOFTWARE
 
 _STYLE = """\
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;

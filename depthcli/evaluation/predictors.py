@@ -21,8 +21,7 @@ from depthcli.errors import DatasetError, InputError
 from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.depth.stored import StoredDepth
+from depthcli.io.depth.read import StoredDepth, read_stored_depth
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 from depthcli.training.trained import TrainedRun
 
@@ -204,7 +203,7 @@ def open_predictions(
 
 def _read(path: Path, kind: DepthKind | None, scale: float | None) -> StoredDepth:
     try:
-        return read_stored_depth(path, unstated_kind=kind, unstated_scale=scale)
+        return read_stored_depth(path, kind=kind, unstated_scale=scale)
     except InputError as error:
         raise DatasetError(error.message) from error
 

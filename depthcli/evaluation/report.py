@@ -11,7 +11,7 @@ from typing import Any
 
 from depthcli.datasets.base import ALL_PAIRS, SplitName
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.io.formats.metadata import SOFTWARE
+from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS, Scores

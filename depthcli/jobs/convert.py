@@ -15,8 +15,7 @@ from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.types import DepthMap, Frame, displayed_frame, with_camera
 from depthcli.errors import DepthcliError, InputError, UsageError
-from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.depth.stored import StoredDepth
+from depthcli.io.depth.read import StoredDepth, read_stored_depth
 from depthcli.io.formats.table import (
     FILE_SUFFIXES,
     MILLIMETRES,

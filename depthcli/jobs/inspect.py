@@ -8,8 +8,8 @@ import numpy as np
 
 from depthcli.core.types import DepthMap, DepthRange, Window
 from depthcli.errors import UsageError
-from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.depth.stored import StoredDepth, step_scale
+from depthcli.io.depth.read import StoredDepth, read_stored_depth
+from depthcli.io.depth.scale import depth_scale
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.convert import check_scale, is_depth_video
@@ -133,7 +133,7 @@ def _video_info(video: DepthVideo, file: str, scale: float | None) -> DepthVideo
         height, width = depth.values.shape
         low = min(low, float(known.min(initial=np.inf)))
         high = max(high, float(known.max(initial=-np.inf)))
-    stated, source = step_scale(video.labels, scale) or (None, None)
+    stated, source = depth_scale(video.labels, scale) or (None, None)
     return DepthVideoInfo(
         input=file,
         kind=video.kind.value,

@@ -14,8 +14,8 @@ import numpy as np
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import kind_named, number, pixel_aspect_in, provenance_of
-from depthcli.io.depth.quantization import denormalized, dequantized
-from depthcli.io.depth.stored import StoredDepth, step_scale
+from depthcli.io.depth.read import StoredDepth
+from depthcli.io.depth.scale import denormalized, depth_scale, dequantized
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.video.container import open_video
 from depthcli.video.formats import DEPTH_PIXELS
@@ -76,7 +76,7 @@ class DepthVideo:
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
         self.rate = parse_rate(self.labels.get("frame_rate")) or exact_rate(fps or 0)
         self.kind = kind_named(self.labels.get("kind"))
-        stated = step_scale(self.labels, scale)
+        stated = depth_scale(self.labels, scale)
         self.scale = stated and stated.units_per_metre
 
     def __iter__(self) -> Iterator[DepthMap]:
@@ -249,7 +249,7 @@ def depth_frames(
     Raises:
         InputError: a frame is damaged or missing; those before it have been yielded.
     """
-    labels, stated = _labels(video), step_scale(video.labels, scale)
+    labels, stated = _labels(video), depth_scale(video.labels, scale)
     first_s, number = None, labels.first - 1
     for count, (stated_number, depth) in enumerate(video.numbered_maps()):
         time_s = (depth.provenance and depth.provenance.time_s) or 0.0

@@ -9,8 +9,8 @@ from typing import Any, Protocol, Self
 import av
 
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
-from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
-from depthcli.io.formats.metadata import metadata_texts, step_unit
+from depthcli.io.depth.metadata import metadata_texts, step_unit
+from depthcli.io.depth.scale import UINT16_MAX, normalized, quantized
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import LABEL_PREFIX, Writer
 from depthcli.io.storage.atomic import atomic_path

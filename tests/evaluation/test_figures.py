@@ -18,7 +18,7 @@ from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures, s
 from depthcli.evaluation.html import html_page
 from depthcli.evaluation.task import EvalTask
 from depthcli.evaluation.text import Page
-from depthcli.io.formats.contact_sheet import contact_sheet
+from depthcli.io.formats.drawing import contact_sheet
 from depthcli.io.formats.preview import PreviewWriter
 
 CELL = (240, 180)

@@ -23,8 +23,9 @@ from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth import sidecar
 from depthcli.io.depth.metadata import positive_number
-from depthcli.io.depth.quantization import denormalized, dequantized, normalized, quantized
 from depthcli.io.depth.read import read_metadata, read_stored_depth
+from depthcli.io.depth.scale import denormalized, dequantized, normalized, quantized
+from depthcli.io.exr import file as exr_channels
 from depthcli.io.exr.file import _has_all_rows, read_exr_channels, silenced, write_exr
 from depthcli.io.exr.image import read_exr_picture, read_exr_rate
 from depthcli.io.formats.png16 import Png16Writer, stretched

@@ -15,8 +15,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.io.formats.colormaps import colour_table
-from depthcli.io.formats.legend import label, tick_value, with_legend
+from depthcli.io.formats.drawing import colour_table, label, tick_value, with_legend
 from depthcli.io.formats.preview import PreviewWriter, nearness
 
 if TYPE_CHECKING:

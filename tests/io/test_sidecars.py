@@ -15,10 +15,9 @@ import pytest
 import depthcli
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
-from depthcli.io.depth.metadata import provenance_of
+from depthcli.io.depth.metadata import metadata_texts, provenance_of
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.metadata import metadata_texts
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
@@ -26,7 +25,7 @@ from depthcli.io.formats.table import FORMATS, Format, writer_class
 from depthcli.io.images.png import encode_png
 
 if TYPE_CHECKING:
-    from depthcli.io.depth.stored import StoredDepth
+    from depthcli.io.depth.read import StoredDepth
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 STATED = Provenance("m", "ab" * 32, focal_px=3.0, orientation=6, camera_source=CameraSource.OPTION)

@@ -28,8 +28,8 @@ import depthcli
 from depthcli.core.camera import Anchor
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.metadata import camera_text
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.formats.metadata import camera_text
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest.row import OK

@@ -10,7 +10,7 @@ from depthcli.core.progress import Interrupt
 from depthcli.core.text import one_line
 from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, Message, ModelError, UsageError, about
-from depthcli.io.formats.metadata import DepthMetadata, anchor_fields, camera_text
+from depthcli.io.depth.metadata import DepthMetadata, anchor_fields, camera_text
 from depthcli.io.listing.folder import skip_summary
 from depthcli.jobs.batch.options import Tally
 from depthcli.jobs.batch.plan import Plan
@@ -237,7 +237,7 @@ def video_json(done: VideoResult) -> dict[str, object]:
 
 def video_text(done: VideoResult) -> str:
     """One line: outputs, number of frames, flicker, camera."""
-    from depthcli.io.formats.metadata import camera_text
+    from depthcli.io.depth.metadata import camera_text
 
     files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"

@@ -1,13 +1,117 @@
-"""The values of a depth file's metadata, which are texts by name."""
+"""The metadata of a depth map in files and reports: texts by name, the same names everywhere."""
 
 from collections.abc import Mapping
+from typing import NamedTuple, Self, TypeAlias
 
-from depthcli.core.camera import CameraSource
-from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthKind, Provenance
-from depthcli.io.formats.table import KEY_PREFIX
+from depthcli._version import __version__
+from depthcli.core.camera import CameraSource, hfov_deg
+from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthKind, DepthMap, Provenance
+from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
 
+SOFTWARE = f"depthcli {__version__}"
+_Value: TypeAlias = str | float | tuple[float, float]
+_UNKNOWN = Provenance()
+_SOURCE_TEXTS = {
+    CameraSource.OPTION: "given",
+    CameraSource.EXIF: "from EXIF",
+    CameraSource.CARD: "assumed, from the model's card",
+}
 _LEAST, _MOST = 1e-9, 1e12
 _ORIENTATIONS = frozenset("12345678")
+
+
+class DepthMetadata(NamedTuple):
+    """Metadata of a map in all formats; the names are those in JSON."""
+
+    kind: str  #: metric, relative or inverse
+    unit: str | None  #: ``m``; None for relative and inverse maps
+    model: str | None  #: name of the model; None if unknown
+    model_sha256: str | None  #: checksum of its file; None if unknown
+    #: focal length that the metres are for, in pixels of the map; None if unknown
+    focal_px: float | None
+    #: (cx, cy), principal point in pixels of the map; None for the middle of the map
+    centre_px: tuple[float, float] | None
+    #: ``option``, ``exif``, or ``card`` if it is assumed; None if unknown
+    camera_source: str | None
+    pixel_aspect: float  #: width by height of a pixel; focal_px is in widths of pixels
+    camera: str | None  #: focal length and source as a text; None if unknown
+
+    @classmethod
+    def of(cls, depth: DepthMap) -> Self:
+        """The metadata of a map."""
+        source = depth.provenance or _UNKNOWN
+        return cls(
+            kind=depth.kind.value,
+            unit="m" if depth.is_metric else None,
+            model=source.model,
+            model_sha256=source.model_sha256,
+            focal_px=source.focal_px,
+            centre_px=source.centre_px,
+            camera_source=source.camera_source,
+            pixel_aspect=source.pixel_aspect,
+            camera=camera_text(depth),
+        )
+
+    def origin(self) -> dict[str, _Value | None]:
+        """The fields about model and camera, ``ORIGIN_FIELDS``, by name."""
+        return {name: getattr(self, name) for name in ORIGIN_FIELDS}
+
+
+ORIGIN_FIELDS = tuple(name for name in DepthMetadata._fields if name not in {"kind", "unit"})
+"""Names of the fields about model and camera; formats without metadata have them in a sidecar."""
+
+
+def anchor_fields(depth: DepthMap) -> dict[str, dict[str, float] | None]:
+    """How well a map fits known points, for JSON: ``anchors``, None if it was not fitted."""
+    fit = depth.provenance.anchor_fit if depth.provenance else None
+    return {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
+
+
+def metadata_texts(depth: DepthMap) -> dict[str, str]:
+    """The metadata, the software, a frame's time and the fit to anchors as texts by name.
+
+    What is unknown is left out, and the shape of square pixels. The unit of a map without one is
+    ``none``.
+    """
+    known, source = DepthMetadata.of(depth), depth.provenance or _UNKNOWN
+    texts = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
+    if source.time_s is not None:
+        texts["time_s"] = f"{source.time_s:.12g}"
+    if source.anchor_fit is not None:
+        used, given, residual_m = source.anchor_fit
+        texts["anchors"] = f"{used},{given},{residual_m:.6g}"
+    origin = known.origin()
+    if known.pixel_aspect == 1:
+        del origin["pixel_aspect"]
+    return texts | {name: _value_text(value) for name, value in origin.items() if value}
+
+
+def _value_text(value: _Value) -> str:
+    if isinstance(value, tuple):
+        return ",".join(f"{part:.9g}" for part in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def camera_text(depth: DepthMap) -> str | None:
+    """The camera that a map's metres are for, its source, and use of anchors; None if unknown."""
+    source = depth.provenance or _UNKNOWN
+    fitted = _fit_text(source.anchor_fit) if source.anchor_fit else ""
+    if source.focal_px is None:
+        return f"unknown{fitted}" if fitted else None
+    hfov = f"hfov {hfov_deg(source.focal_px, depth.width):.1f}°"
+    known = "" if source.camera_source is None else f" ({_SOURCE_TEXTS[source.camera_source]})"
+    return f"{hfov}{known}{fitted}"
+
+
+def _fit_text(fit: AnchorFit) -> str:
+    of_all = "" if fit.used == fit.given else f"{fit.used} of "
+    error = f", median error {fit.residual_m:.3f} m" if fit.given > 1 else ""
+    return f"; depth fitted to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
+
+
+def step_unit(scale: float) -> str:
+    """Unit of quantized depth: ``mm`` for 1000 units per metre."""
+    return "mm" if scale == MILLIMETRES else f"1/{scale:g} m"
 
 
 def own_metadata(texts: Mapping[str, str]) -> dict[str, str]:

@@ -1,15 +1,23 @@
 """OpenEXR: floating-point depth, for compositing."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthMap, Frame, Provenance, Window, over_window
-from depthcli.io.depth.metadata import own_texts
-from depthcli.io.exr.file import write_exr
-from depthcli.io.formats.metadata import metadata_texts
+from depthcli.core.text import one_line
+from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, over_window
+from depthcli.errors import InputError
+from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth
+from depthcli.io.exr.file import StoredChannel, read_exr_channels, read_exr_texts, write_exr
+from depthcli.io.exr.layers import depth_channel, layer_of
+from depthcli.io.formats.sidecar import with_sidecar
+from depthcli.io.storage.transfer import local_copy
+
+_COLOURS = ("G", "B", "RY", "BY")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,3 +70,44 @@ def _windowed(
     data = corner if windows.valid.is_empty else windows.valid
     shown, stored = (over_window(depth.values, windows.pixels, one) for one in (display, data))
     return replace(depth, values=shown), stored, (data, display)
+
+
+def read(path: Path, options: DepthReadOptions) -> StoredDepth:
+    """Depth of an EXR of any program, over its data window.
+
+    Raises:
+        InputError: missing, damaged, without depth, or too large.
+    """
+    with local_copy(path) as file:  # one download for both
+        channels, texts = read_exr_channels(file), read_exr_texts(file)
+    name = depth_channel(list(channels))
+    if name is None or _is_coloured(name, channels):
+        raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
+    stored, part = channels[name], channels[name].part
+    metadata = with_sidecar(path, own_metadata(texts), (part.display.width, part.display.height))
+    found = StoredDepth.of(path, stored.over(part.data), metadata, options)
+    if part.pixel_aspect != 1:
+        source = found.depth.provenance or Provenance()
+        source = replace(source, pixel_aspect=part.pixel_aspect)
+        found = replace(found, depth=replace(found.depth, provenance=source))
+    frame = Frame(
+        np.zeros((1, 1), np.uint8),
+        rate=part.rate,
+        pixel_aspect=part.pixel_aspect,
+        windows=Windows(part.data, part.data, part.display),
+        time_code=part.time_code,
+    )
+    return replace(found, frame=frame, channel=name)
+
+
+def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:
+    """Whether a channel belongs to a colour picture; gray may be stored as three equal colours."""
+    layer = layer_of(name)
+    others = [] if name == layer + "Z" else [channels.get(layer + colour) for colour in _COLOURS]
+    return not all(other is None or _is_same(other, channels[name]) for other in others)
+
+
+def _is_same(one: StoredChannel, other: StoredChannel) -> bool:
+    """Whether two channels have the same values, as gray has that is stored as three colours."""
+    shown, other_shown = (stored.over(stored.part.display) for stored in (one, other))
+    return np.array_equal(shown, other_shown, equal_nan=True)

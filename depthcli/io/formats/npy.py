@@ -1,11 +1,22 @@
 """NumPy's own format: float32, bit for bit."""
 
+import warnings
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stated_kind
+from depthcli.io.depth.scale import DepthScale, dequantized
+from depthcli.io.formats.sidecar import with_sidecar
+from depthcli.io.images.decode import read_bytes
+
+_DIMENSIONS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,3 +36,51 @@ class NpyWriter:
         return (
             f"{depth.kind} depth has no unit, which npy cannot say; a --sidecar beside it does",
         )
+
+
+def read(path: Path, options: DepthReadOptions) -> StoredDepth:
+    """Depth of one array of floats, or of integers of a known scale.
+
+    Raises:
+        InputError: it cannot be read, is no depth map, or holds metric integers without a scale.
+        UsageError: there is a scale for floats, which are metres.
+    """
+    values = _array(path)
+    is_float, units = values.dtype.kind == "f", options.scale
+    if is_float and units is not None:
+        raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}", "remove it")
+    if not is_float and units is None:
+        units = options.unstated_scale
+    if units is not None and not is_float:
+        depth = dequantized(values, units)
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is no depth
+            depth = np.ascontiguousarray(values, np.float32)
+    height, width = depth.shape
+    metadata = with_sidecar(path, {}, (width, height), depth)
+    scale = None if is_float or units is None else DepthScale(units, "option")
+    if not is_float and scale is None and stated_kind(metadata, options) is DepthKind.METRIC:
+        raise InputError(
+            f"{path} holds {values.dtype}, not float metres",
+            "state its units per metre, 1000 for millimetres",
+        )
+    return StoredDepth.of(path, depth, metadata, options, scale)
+
+
+def _array(path: Path) -> npt.NDArray[Any]:
+    """The (H, W) numbers in an NPY file."""
+    data = read_bytes(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the header is read as Python, which may warn
+            values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
+    except Exception as error:
+        raise InputError(f"{path} is not a NumPy file that can be read") from error
+    while values.ndim > _DIMENSIONS and 1 in values.shape:
+        # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
+        values = values.squeeze(values.shape.index(1))
+    if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
+        raise InputError(
+            f"{path} holds {values.shape} {values.dtype}; depth is one (H, W) array of numbers"
+        )
+    return values

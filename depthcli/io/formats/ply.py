@@ -11,7 +11,7 @@ from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.text import one_line
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
-from depthcli.io.formats.metadata import metadata_texts
+from depthcli.io.depth.metadata import metadata_texts
 from depthcli.io.formats.table import KEY_PREFIX
 
 _NYU_HFOV_DEG = 63.3  # assumed if the map states no focal length

@@ -1,5 +1,6 @@
 """16-bit PNG, by default in millimetres; 0 means no depth."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,11 +9,24 @@ import numpy.typing as npt
 
 from depthcli.core.imageops import row_bands
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.depth.metadata import own_texts
-from depthcli.io.depth.quantization import UINT16_MAX, normalized, quantized
-from depthcli.io.formats.metadata import metadata_texts, step_unit
+from depthcli.errors import InputError
+from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts, step_unit
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth
+from depthcli.io.depth.scale import (
+    UINT16_MAX,
+    denormalized,
+    depth_scale,
+    dequantized,
+    normalized,
+    quantized,
+)
+from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
 from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.images.png import encode_png
+from depthcli.io.images.decode import OPENCV_MAX_PIXELS, decode, image_size, read_bytes
+from depthcli.io.images.png import encode_png, read_text
+
+_GRAY_RANK = 2
+_FARTHEST = 1e12  # no depth is larger, in any unit
 
 
 class Png16Writer(NamedTuple):
@@ -57,3 +71,47 @@ def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
     for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
         steps[rows] = normalized(values[rows].astype(np.float64), known[rows], low, high)
     return steps, low, high
+
+
+def read(path: Path, options: DepthReadOptions) -> StoredDepth:
+    """Depth of a 16-bit gray PNG of any program.
+
+    Raises:
+        InputError: it cannot be read, or is not 16-bit gray.
+    """
+    data = read_bytes(path)
+    steps = decode(data, str(path), max_pixels=OPENCV_MAX_PIXELS)
+    if steps.dtype != np.uint16 or steps.ndim != _GRAY_RANK:
+        raise InputError(
+            f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or a picture"
+        )
+    metadata = _metadata(path, data)
+    scale = depth_scale(metadata.texts, options.scale, options.unstated_scale)
+    span = _normalized_range(metadata.texts) if scale is None else None
+    if span is None:
+        values = dequantized(steps, scale.units_per_metre if scale else MILLIMETRES)
+    else:
+        values = denormalized(steps, *span)
+    return StoredDepth.of(path, values, metadata, options, scale)
+
+
+def read_metadata(path: Path) -> Mapping[str, str]:
+    """Metadata of a PNG and its sidecar, texts by name; the pixels are not decoded.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    return _metadata(path, read_bytes(path)).texts
+
+
+def _metadata(path: Path, data: bytes) -> FileMetadata:
+    return with_sidecar(path, own_metadata(read_text(data)), image_size(data) or (0, 0))
+
+
+def _normalized_range(metadata: Mapping[str, str]) -> tuple[float, float] | None:
+    """The values of 1 and 65535 in a normalized PNG of depthcli; None if it states none."""
+    try:
+        low, high = (float(word) for word in metadata.get("range", "").split())
+    except ValueError:
+        return None
+    return (low, high) if -_FARTHEST < low <= high < _FARTHEST else None

@@ -11,9 +11,8 @@ import numpy.typing as npt
 from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.io.formats.colormaps import colour_table
-from depthcli.io.formats.legend import with_legend
-from depthcli.io.formats.metadata import SOFTWARE
+from depthcli.io.depth.metadata import SOFTWARE
+from depthcli.io.formats.drawing import colour_table, with_legend
 from depthcli.io.formats.table import SOFTWARE_KEY
 from depthcli.io.images.png import encode_png
 

@@ -1,12 +1,37 @@
-"""A JSON file with the metadata of the other outputs."""
+"""A JSON file with the metadata of the other outputs, and what it adds to a file that is read."""
 
 import json
+import math
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
-from depthcli.core.types import DepthMap, DepthRange, Frame, Provenance
-from depthcli.io.formats.metadata import SOFTWARE, DepthMetadata, anchor_fields
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame, Provenance, has_depth
+from depthcli.core.validation import FieldError, parsed_json
+from depthcli.errors import Message, OutputError
+from depthcli.io.depth.metadata import (
+    ORIGIN_FIELDS,
+    SOFTWARE,
+    DepthMetadata,
+    anchor_fields,
+    kind_named,
+    number,
+)
 from depthcli.io.formats.table import MILLIMETRES
+from depthcli.io.storage.paths import read_regular
+
+_MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
+_NUMBER = re.compile(r"[._\- ]*(\d+)", re.ASCII)
+_SHARED = (
+    *("software", "kind", "orientation", "time_s", "network_size_px", "anchors"),
+    *ORIGIN_FIELDS,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,3 +60,154 @@ class SidecarWriter:
         }
         path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()
+
+
+class FileMetadata(NamedTuple):
+    """What a depth file and the sidecar beside it state."""
+
+    texts: Mapping[str, str]  #: by name
+    warnings: tuple[str, ...] = ()  #: about the sidecar, one line each
+
+
+class _Sidecar(NamedTuple):
+    path: Path
+    fields: dict[str, object]
+
+
+def with_sidecar(
+    path: Path,
+    own: Mapping[str, str],
+    size_px: tuple[int, int],
+    values: npt.NDArray[np.float32] | None = None,
+) -> FileMetadata:
+    """The metadata of a depth file, completed from its sidecar, or from that of its video.
+
+    Args:
+        path: the file.
+        own: what the file itself states, by name.
+        size_px: (columns, rows) of its map.
+        values: (H, W), all values of a file that states nothing itself; None for other files.
+
+    Returns:
+        The metadata, with a warning if the sidecar is that of another map.
+    """
+    found = _find_sidecar(path)
+    if found is None:
+        return FileMetadata(own)
+    if not _describes(found.fields, own, size_px, values):
+        ignored = f"{found.path} describes another map than {path.name} and is ignored"
+        return FileMetadata(own, (Message(ignored, "remove it, or write it again with {sidecar}"),))
+    texts = _shared_texts(found.fields, own)
+    if path.suffix.lower() == ".png" and "scale" not in own:
+        texts |= _png_scale_texts(found.fields)
+    return FileMetadata({**texts, **own})
+
+
+def remove_video_sidecar(path: Path) -> None:
+    """Remove the sidecar of a video's numbered files, if depthcli wrote it.
+
+    Raises:
+        OutputError: it cannot be removed.
+    """
+    try:
+        if "times_s" in _read_sidecar(path):
+            path.unlink()
+    except OSError as error:
+        raise OutputError(
+            f"cannot remove {path}, which describes an earlier video: {error.strerror}"
+        ) from error
+
+
+def _find_sidecar(path: Path) -> _Sidecar | None:
+    """The sidecar of a file, or of the video that the file is a frame of; None if there is none.
+
+    The latter has the time of that frame as ``time_s``.
+    """
+    own = path.with_suffix(".json")
+    if fields := _read_sidecar(own):
+        return _Sidecar(own, fields)
+    numbers = list(_NUMBER.finditer(own.stem))
+    for found in reversed(numbers):
+        # The frame's number is not always the last one: d.0001.v003.npy. It stands by itself then.
+        if found is not numbers[-1] and found.start() and found[0].isdigit():
+            continue
+        shared = own.with_stem(own.stem[: found.start()] or "sequence")
+        fields = _read_sidecar(shared)
+        times_s = fields.pop("times_s", None)
+        if isinstance(times_s, dict):
+            time_s = times_s.get(str(int(found[1])))
+            if time_s is not None:
+                return _Sidecar(shared, fields | {"time_s": time_s})
+    return None
+
+
+def _read_sidecar(path: Path) -> dict[str, object]:
+    """The content of a sidecar of depthcli; empty if there is none."""
+    try:
+        fields = _parsed(read_regular(path, _MAX_SIDECAR_BYTES))
+    except (OSError, FieldError):
+        return {}
+    if not (isinstance(fields, dict) and str(fields.get("software")).startswith("depthcli ")):
+        return {}
+    return dict(fields)
+
+
+@lru_cache(maxsize=1)
+def _parsed(sidecar: bytes) -> object:
+    """The value of a sidecar, which all frames of a long video share; not to be changed."""
+    return parsed_json(sidecar)
+
+
+def _describes(
+    fields: Mapping[str, object],
+    own: Mapping[str, str],
+    size_px: tuple[int, int],
+    values: npt.NDArray[np.float32] | None,
+) -> bool:
+    """Whether a sidecar is that of this map, as far as both state the same facts."""
+    # A video's camera is that of its first frame.
+    names = ("model_sha256",) if "frames" in fields else ("model_sha256", "camera")
+    if any(fields.get(name) != own[name] for name in names if name in own):
+        return False
+    width, height = size_px
+    if (fields.get("width", width), fields.get("height", height)) != size_px:
+        return False
+    return values is None or "min" not in fields or _has_range(fields, values)
+
+
+def _has_range(fields: Mapping[str, object], values: npt.NDArray[np.float32]) -> bool:
+    """Whether the least and the largest depth are those that a sidecar states."""
+    known = values[has_depth(values, kind_named(_text(fields.get("kind"))))]
+    low, high = (number(_text(fields.get(name))) for name in ("min", "max"))
+    if low is None or high is None or not known.size:
+        return low is None and high is None and not known.size
+    return _is_close(low, float(known.min())) and _is_close(high, float(known.max()))
+
+
+def _is_close(stated: float, found: float) -> bool:
+    # The map may have been saved again as half floats.
+    return math.isclose(stated, found, rel_tol=1e-3)
+
+
+def _shared_texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[str, str]:
+    """What a sidecar states for the files beside it, as texts."""
+    texts = {name: _text(fields[name]) for name in _SHARED if fields.get(name) is not None}
+    if "software" in own:  # without a principal point, the file has that of its middle
+        texts.pop("centre_px", None)
+    return texts
+
+
+def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
+    """What a sidecar states of the integers in the 16-bit PNG beside it."""
+    scale = fields.get("png16_scale", fields.get("scale"))  # of a picture, of a video
+    if scale is not None:
+        return {"scale": _text(scale)}
+    if "png16_scale" not in fields:
+        return {}
+    return {"scale": "normalized", "range": f"{fields.get('min')} {fields.get('max')}"}
+
+
+def _text(value: object) -> str:
+    if isinstance(value, dict):  # of the anchors
+        value = [value.get(name) for name in AnchorFit._fields]
+    return ",".join(map(str, value)) if isinstance(value, list) else str(value)

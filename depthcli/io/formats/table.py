@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import PurePath
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from depthcli.core.options import Colormap, Near
 from depthcli.io.storage.paths import read_regular
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from pathlib import Path
 
     from depthcli.core.types import DepthMap, Frame
@@ -79,6 +79,10 @@ class FormatFacts(NamedTuple):
     def parameters(self) -> tuple[str, ...]:
         """Parameters of the commands that it uses besides those of all formats."""
         return (*self.options, "centre_px") if self.has_camera else self.options
+
+    def is_readable_as(self, suffix: str) -> bool:
+        """Whether files with this suffix are read in this format."""
+        return self.is_readable and suffix == self.file_suffix
 
 
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
@@ -146,6 +150,8 @@ class Format(StrEnum):
 FORMATS = {format_: format_.facts for format_ in Format}
 FILE_SUFFIXES = tuple(facts.file_suffix for facts in FORMATS.values() if facts.file_suffix)
 """File suffixes that choose a format."""
+READABLE_SUFFIXES = tuple(str(facts.file_suffix) for facts in FORMATS.values() if facts.is_readable)
+"""File suffixes of the formats that are read back."""
 # Video files have labels, if their container is Matroska.
 _MARKS = {PurePath(f"a{facts.suffix}").suffix: facts.mark for facts in FORMATS.values()} | {
     ".mkv": LABEL_PREFIX.encode(),
@@ -213,6 +219,19 @@ def read_head(path: Path) -> bytes:
         OSError: it cannot be read, or is not a regular file.
     """
     return read_regular(path, sys.maxsize, first=_HEAD_BYTES)
+
+
+def readable_format(path: str | PurePath) -> Format | None:
+    """The format that a depth file is read in, by its suffix; None if it is not read."""
+    suffix = PurePath(path).suffix.lower()
+    return next((f for f, facts in FORMATS.items() if facts.is_readable_as(suffix)), None)
+
+
+def reader_of(name: Format) -> Callable[..., Any]:
+    """The function ``read`` of a format; its module is loaded now."""
+    module = FORMATS[name].writer.partition(":")[0]
+    found: Callable[..., Any] = resolve_name(f"depthcli.io.formats.{module}:read")
+    return found
 
 
 def writer_class(name: Format) -> type[Writer]:

@@ -17,7 +17,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import check_network
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import Session
-from depthcli.io.formats.metadata import camera_text
+from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.read import read_image

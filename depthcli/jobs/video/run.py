@@ -18,9 +18,9 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.sidecar import remove_video_sidecar
-from depthcli.io.formats.metadata import SOFTWARE, DepthMetadata
+from depthcli.io.depth.metadata import SOFTWARE, DepthMetadata
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.guard import Guard

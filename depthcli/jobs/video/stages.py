@@ -20,7 +20,7 @@ from depthcli.core.temporal import (
 )
 from depthcli.core.types import DepthMap, Frame, Windows, masked_to_data_window, over_window
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.quantization import dequantized, quantized
+from depthcli.io.depth.scale import dequantized, quantized
 from depthcli.io.formats.preview import percentiles
 from depthcli.jobs.video.plan import VideoSettings
 from depthcli.video.outputs import DepthFrame

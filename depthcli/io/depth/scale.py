@@ -1,6 +1,8 @@
-"""Quantization of depth to 16-bit integers."""
+"""Depth as 16-bit integers, and the scale of such integers in a file."""
 
 import math
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -8,8 +10,17 @@ import numpy.typing as npt
 from depthcli.core.imageops import row_bands
 from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
+from depthcli.io.depth.metadata import positive_number
+from depthcli.io.formats.table import MILLIMETRES
 
 UINT16_MAX = 65535
+
+
+class DepthScale(NamedTuple):
+    """The scale of depth that is stored as integers."""
+
+    units_per_metre: float  #: 1000 for millimetres
+    source: Literal["file", "option", "assumed"]  #: who states it
 
 
 def check_units_per_metre(scale: float) -> None:
@@ -20,6 +31,33 @@ def check_units_per_metre(scale: float) -> None:
     """
     if not 0 < scale < math.inf:
         raise UsageError(f"a scale of {scale:g} units per metre is not a number above 0")
+
+
+def depth_scale(
+    metadata: Mapping[str, str], option: float | None, unstated: float | None = None
+) -> DepthScale | None:
+    """Scale of the integers in a file; None if they are normalized.
+
+    Args:
+        metadata: metadata of the file.
+        option: units per metre that the user states; None for what the file states.
+        unstated: units per metre of a file that states none; None for millimetres.
+
+    Raises:
+        UsageError: the option is not a number above 0.
+    """
+    if option is not None:
+        check_units_per_metre(option)
+        return DepthScale(option, "option")
+    if metadata.get("scale") == "normalized":
+        return None
+    stated = positive_number(metadata.get("scale"))
+    if stated is not None:
+        return DepthScale(stated, "file")
+    assumed = DepthScale(MILLIMETRES, "assumed")
+    return assumed if unstated is None else DepthScale(unstated, "option")
+        DepthScale(MILLIMETRES, "assumed") if unstated is None else DepthScale(unstated, "option")
+    )
 
 
 def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArray[np.uint16], int]:
