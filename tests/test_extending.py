@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.rooms import Rooms, rooms, write_rooms
+from tests.helpers.videos import flat_frames, write_mp4
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = re.compile(
@@ -57,7 +58,7 @@ class Extended(NamedTuple):
 
     folder: Path
 
-    def run(self, *words: str) -> str:
+    def run(self, *words: str, exit_code: int = 0) -> str:
         """What Python prints, in the folder of the copy."""
         done = subprocess.run(
             [sys.executable, *words],
@@ -68,7 +69,7 @@ class Extended(NamedTuple):
             check=False,
             timeout=120,
         )
-        assert done.returncode == 0, done.stderr
+        assert done.returncode == exit_code, done.stderr
         return done.stdout
 
     def train(self, method: str, data: str, *more: str) -> list[dict[str, float]]:
@@ -92,12 +93,43 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Extended:
 
 
 def test_an_output_format(extended: Extended) -> None:
-    words = ("predict", "room.jpg", "-o", "out/", "--format", "pfm", "--format", "npy")
-    extended.run("-m", "depthcli", *words)
-    written = cv2.imread(str(extended.folder / "out" / "room.depth.pfm"), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(written, np.load(extended.folder / "out" / "room.depth.npy"))
-    extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "room.pfm")
-    assert (extended.folder / "room.pfm").read_bytes().startswith(b"Pf\n640 480\n")
+    folder = extended.folder
+    (folder / "in").mkdir()
+    shutil.copy(folder / "room.jpg", folder / "in")
+    write_mp4(folder / "in" / "clip.mp4", flat_frames([40, 200]))
+    formats = ("--format", "pfm", "--format", "npy")
+    extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "out/", *formats)
+    extended.run("-m", "depthcli", "batch", "in", "--out", "all", *formats)
+    extended.run("-m", "depthcli", "video", "in/clip.mp4", "--out", "one/", *formats)
+    code = "import depthcli; depthcli.load_model().predict('room.jpg').save('out/api.depth.pfm')"
+    extended.run("-c", code)
+    depth = np.load(folder / "out" / "room.depth.npy")
+    for name in ("out/room.depth.pfm", "out/api.depth.pfm", "all/room.depth.pfm"):
+        written = cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(written, depth)
+    for place in ("all/clip", "one/clip"):
+        for i in range(2):
+            written = cv2.imread(str(folder / f"{place}.depth.{i:06d}.pfm"), cv2.IMREAD_UNCHANGED)
+            np.testing.assert_array_equal(written, np.load(folder / f"{place}.depth.{i:06d}.npy"))
+    told = json.loads(extended.run("-m", "depthcli", "info", "out/room.depth.pfm", "--json"))
+    assert (told["width"], told["max"]) == (640, pytest.approx(float(depth.max())))
+    extended.run("-m", "depthcli", "convert", "out/room.depth.pfm", "out/back.npy")
+    np.testing.assert_array_equal(np.load(folder / "out" / "back.npy"), depth)
+
+
+def test_an_output_format_never_replaces_a_foreign_file(extended: Extended) -> None:
+    foreign = extended.folder / "scan.pfm"
+    extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "scan.pfm")
+    foreign.write_bytes(b"Pf\n1 1\n-1.0\n0000")
+    words = ("predict", "room.jpg", "-o", "scan.pfm")
+    extended.run("-m", "depthcli", *words, exit_code=1)
+    assert foreign.read_bytes() == b"Pf\n1 1\n-1.0\n0000"
+    code = "import depthcli; depthcli.load_model().predict('room.jpg').save('scan.pfm', {})"
+    extended.run("-c", code.format(""), exit_code=1)
+    extended.run("-c", code.format("overwrite=True"))
+    assert foreign.stat().st_size > 1_000_000
+    for _ in range(2):  # its own is replaced
+        extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "again/", "--format", "pfm")
 
 
 def test_a_metric(extended: Extended) -> None:

@@ -22,10 +22,11 @@ from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.read import StoredDepth, read_stored_depth
+from depthcli.io.formats.table import READABLE
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 from depthcli.training.trained import TrainedRun
 
-SUFFIXES = (".npy", ".depth.npy", ".exr", ".depth.exr", ".png", ".depth.png")
+SUFFIXES = tuple(f"{middle}{f.facts.file_suffix}" for f in READABLE for middle in ("", ".depth"))
 """Suffixes of predictions in order of precision; those with ``.depth`` are of ``predict``."""
 TRIVIAL_NAMES = ("constant mean", "per-pixel mean")
 """Names of the rows of :func:`fit_trivial`, in its order."""

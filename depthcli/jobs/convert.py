@@ -19,6 +19,7 @@ from depthcli.io.depth.read import StoredDepth, read_stored_depth
 from depthcli.io.formats.table import (
     FILE_SUFFIXES,
     MILLIMETRES,
+    READABLE_SUFFIXES,
     Format,
     WriterOptions,
     format_of,
@@ -60,7 +61,6 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.numbering import check_folders, is_pattern, numbered_name
 
 _VIDEO_SUFFIX = ".mkv"
-_SCALED_SUFFIXES = (".png", _VIDEO_SUFFIX, ".npy")
 
 
 def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> StoredDepth:
@@ -72,7 +72,6 @@ def read_map(path: Path, *, scale: float | None = None, frame: int | None = None
         InputError: missing, damaged, without depth, or a video without this frame.
         UsageError: a video without a frame number, or a frame number or scale for another file.
     """
-    check_scale(path, scale)
     if is_depth_video(path):
         if frame is None:
             raise UsageError(
@@ -91,19 +90,6 @@ def is_depth_video(path: Path) -> bool:
     return path.suffix.lower() == _VIDEO_SUFFIX
 
 
-def check_scale(path: Path, scale: float | None) -> None:
-    """Refuse a scale for a file that cannot hold integers.
-
-    Raises:
-        UsageError: there is one.
-    """
-    if scale is not None and path.suffix.lower() not in _SCALED_SUFFIXES:
-        raise UsageError(
-            f"a scale is for PNG, depth videos (.mkv) and NPY of integers, but {path} is none of "
-            "them; remove it"
-        )
-
-
 def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int) -> StoredDepth:
     from depthcli.video.depth_video import depth_frames  # noqa: PLC0415 - loads FFmpeg
 
@@ -112,9 +98,6 @@ def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int)
         if count > number:
             return stored
     raise InputError(f"{name} has no frame {number}; its last one is {count - 1}")
-
-
-_READABLE = (Format.PNG16, Format.EXR, Format.NPY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +181,7 @@ def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResu
     with atomic_path(path_of(name), guard=guard) as temporary:
         writing = _sidecar_options(request, stored) if wanted is Format.JSON else request.writing
         warnings = writing.writer(wanted).write(depth, temporary, picture)
-        is_readable = wanted in _READABLE
+        is_readable = wanted.facts.is_readable
         read_back = read_stored_depth(temporary, kind=depth.kind).depth if is_readable else None
     round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
     of_picture = given.warnings if given else ()
@@ -248,7 +231,6 @@ def _colours(request: ConvertRequest, picture: str, depth: DepthMap) -> Frame:
     return frame
 
 
-_SUFFIXES = (".png", ".exr", ".npy")
 _FRAME = r"(?i)\.depth\.\d{6,}$"
 """End of the stem of a numbered file, ``clip.depth.000001``."""
 
@@ -308,7 +290,9 @@ def plan_conversion(request: ConvertFolderRequest) -> FolderPlan:
         rest = f": {skip_summary(skipped)}" if skipped else ""
         if found:
             raise UsageError(f"--include and --exclude leave nothing of {safe_name(root)}{rest}")
-        raise InputError(f"no depth file (.png, .exr, .npy) in {safe_name(root)}{rest}")
+        raise InputError(
+            f"no depth file ({', '.join(READABLE_SUFFIXES)}) in {safe_name(root)}{rest}"
+        )
     targets = [join(out, _target(names.base(file.name), request.format)) for file in inputs]
     check_collisions(
         [
@@ -358,7 +342,7 @@ def _why_no_depth(path: str) -> str | None:
     name = PurePosixPath(path)
     if name.name.startswith("."):
         return HIDDEN
-    if name.suffix.lower() not in _SUFFIXES:
+    if name.suffix.lower() not in READABLE_SUFFIXES:
         return name.suffix.lower() or "without suffix"
     is_preview = format_of(name) is Format.PREVIEW and is_own_picture(path)
     return "preview" if is_preview else None

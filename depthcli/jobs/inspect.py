@@ -12,7 +12,7 @@ from depthcli.io.depth.read import StoredDepth, read_stored_depth
 from depthcli.io.depth.scale import depth_scale
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
-from depthcli.jobs.convert import check_scale, is_depth_video
+from depthcli.jobs.convert import is_depth_video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import FALLBACK_RATE, rate_text
 from depthcli.video.time_code import time_code_text
@@ -68,7 +68,6 @@ def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthV
         UsageError: a scale for a file that stores metres.
     """
     path = path_of(file)
-    check_scale(path, scale)
     if is_depth_video(path):
         with local_copy(path) as video:
             return _video_info(DepthVideo(video, scale=scale), safe_name(file), scale)

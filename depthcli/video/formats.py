@@ -32,6 +32,11 @@ class VideoFormatFacts:
         return FRAME_NUMBER in self.suffix
 
     @property
+    def is_exact(self) -> bool:
+        """Whether its files store the values of depth bit for bit, unless they are halved."""
+        return self.is_sequence and self.picture is not None and self.picture.facts.is_exact
+
+    @property
     def is_preview(self) -> bool:
         """Whether it is a video of previews."""
         return self.picture is Format.PREVIEW
@@ -86,6 +91,11 @@ class VideoFormat(StrEnum):
         "json",
         VideoFormatFacts(".depth.json", ".json", None, Format.JSON, Format.JSON.facts.parameters),
     )
+    # Every other format of images that is read back is that of a sequence as well.
+    _ignore_ = "picture"
+    for picture in Format:
+        if picture.facts.is_readable and picture.name not in vars():
+            vars()[picture.name] = picture.value, _frames(picture)
 
 
 VIDEO_FORMATS = {which: which.facts for which in VideoFormat}

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import DEPTH_M
 from depthcli.core.validation import Rule
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.images.decode import read_bytes
+from depthcli.io.formats.table import READABLE_SUFFIXES
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.io.tables import CsvTable
 
-SUFFIXES = (".csv", ".png", ".exr", ".npy")
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from depthcli.core.anchors import AnchorPoints
+
+SUFFIXES = (".csv", *READABLE_SUFFIXES)
 """Suffixes of files with known depth."""
 _OUTPUT = ".depth"
 """What the outputs of ``convert`` have before their suffix."""
@@ -90,7 +91,6 @@ def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:
     return [file for file in files if picture is None or not is_same_file(file, picture)]
 
 
-_WITHOUT_SCALE = (".csv", ".exr")
 _PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: -0.5 <= px < 1e9)  # noqa: PLR2004
 _COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}
 
@@ -107,15 +107,19 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
         InputError: it cannot be read, or holds no known depth, or there is a scale and its format
             has none.
     """
+    from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
+    from depthcli.io.depth.read import read_stored_depth  # noqa: PLC0415
+    from depthcli.io.images.decode import read_bytes  # noqa: PLC0415
+
     suffix = path.suffix.lower()
-    if scale is not None and suffix in _WITHOUT_SCALE:
-        raise InputError(f"{path} is in metres; --anchors-scale is for PNG and NPY")
+    if suffix == ".csv" and scale is not None:
+        raise InputError(f"{path} is in metres", "remove {anchors_scale}")
     if suffix == ".csv":
         return _table(read_bytes(path), str(path))
     try:
         stored = read_stored_depth(path, png_scale=scale)
     except UsageError as error:  # of this file, not of all that the scale is given for
-        raise InputError(f"--anchors-scale: {error}") from error
+        raise InputError(error.message, option="anchors_scale") from error
     depth = stored.displayed
     if not depth.is_metric:
         raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
@@ -136,4 +140,8 @@ def _table(data: bytes, name: str) -> AnchorPoints:
     points = [[row.number(column, rule) for column, rule in _COLUMNS.items()] for row in table]
     if not points:
         raise InputError(f"{name} has no points")
+    import numpy as np  # noqa: PLC0415
+
+    from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415
+
     return AnchorPoints.of_table(np.array(points, np.float64))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, displayed_depth
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.metadata import kind_named, provenance_of
 from depthcli.io.depth.scale import DepthScale
 from depthcli.io.formats.sidecar import FileMetadata
@@ -107,7 +107,7 @@ def read_stored_depth(
 
     Raises:
         InputError: missing, damaged, without depth, or metric integers without a scale.
-        UsageError: a scale for an NPY file of floats, which are metres.
+        UsageError: a scale for a file of floats, which are metres.
     """
     path = path_of(path)
     which = readable_format(path)
@@ -118,6 +118,8 @@ def read_stored_depth(
         )
     options = DepthReadOptions(png_scale, kind, unstated_scale)
     stored: StoredDepth = reader_of(which)(path, options)
+    if png_scale is not None and stored.scale is None:
+        raise UsageError(f"a scale is for integers, and {path} holds none", "remove it")
     return stored
 
 

@@ -56,8 +56,6 @@ def depth_scale(
         return DepthScale(stated, "file")
     assumed = DepthScale(MILLIMETRES, "assumed")
     return assumed if unstated is None else DepthScale(unstated, "option")
-        DepthScale(MILLIMETRES, "assumed") if unstated is None else DepthScale(unstated, "option")
-    )
 
 
 def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArray[np.uint16], int]:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stated_kind
 from depthcli.io.depth.scale import DepthScale, dequantized
 from depthcli.io.formats.sidecar import with_sidecar
@@ -43,13 +43,10 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
 
     Raises:
         InputError: it cannot be read, is no depth map, or holds metric integers without a scale.
-        UsageError: there is a scale for floats, which are metres.
     """
     values = _array(path)
     is_float, units = values.dtype.kind == "f", options.scale
-    if is_float and units is not None:
-        raise UsageError(f"a scale is for integers, but {path} holds {values.dtype}", "remove it")
-    if not is_float and units is None:
+    if units is None:
         units = options.unstated_scale
     if units is not None and not is_float:
         depth = dequantized(values, units)

@@ -123,10 +123,7 @@ class Format(StrEnum):
             is_exact=True,
         ),
     )
-    NPY = (
-        "npy",
-        FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True),
-    )
+    NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True)
     PREVIEW = (
         "preview",
         FormatFacts("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS),
@@ -150,7 +147,12 @@ class Format(StrEnum):
 FORMATS = {format_: format_.facts for format_ in Format}
 FILE_SUFFIXES = tuple(facts.file_suffix for facts in FORMATS.values() if facts.file_suffix)
 """File suffixes that choose a format."""
-READABLE_SUFFIXES = tuple(str(facts.file_suffix) for facts in FORMATS.values() if facts.is_readable)
+READABLE = sorted(
+    (name for name in reversed(Format) if name.facts.is_readable),
+    key=lambda name: not name.facts.is_exact,
+)
+"""The formats that are read back, the exact ones first."""
+READABLE_SUFFIXES = tuple(str(f.facts.file_suffix) for f in Format if f.facts.is_readable)
 """File suffixes of the formats that are read back."""
 # Video files have labels, if their container is Matroska.
 _MARKS = {PurePath(f"a{facts.suffix}").suffix: facts.mark for facts in FORMATS.values()} | {

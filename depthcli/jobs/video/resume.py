@@ -9,14 +9,13 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.table import READABLE
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frame_journal import FrameJournal, remove_journal
 from depthcli.video.frames import FrameSource
 from depthcli.video.numbering import base_name, numbered_name
-
-_BEST_FIRST = (VideoFormat.NPY, VideoFormat.EXR, VideoFormat.PNG16)
 
 
 class EarlierFrames:
@@ -29,7 +28,8 @@ class EarlierFrames:
         self, plan: VideoPlan, kind: DepthKind, journal: FrameJournal | None = None
     ) -> None:
         self._plan, self._kind, self._journal = plan, kind, journal
-        self._formats = [which for which in _BEST_FIRST if which in plan.names]
+        best_first = (VideoFormat(name) for name in READABLE)
+        self._formats = [which for which in best_first if which in plan.names]
 
     def kept(self, number: int) -> DepthMap | None:
         """Depth of a frame that the earlier run wrote, else None; thread-safe."""
@@ -61,7 +61,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
     """
     writing = settings.writing
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
-    is_finer = {VideoFormat.EXR, VideoFormat.NPY} & set(plan.names)
+    is_finer = any(which.facts.is_exact for which in plan.names)
     is_metric = pipeline.card.output.kind is DepthKind.METRIC
     if settings.smooth_s or writing.png_normalize or is_finer or not (is_in_steps and is_metric):
         return None
@@ -87,10 +87,9 @@ def earlier_frames(
         yield EarlierFrames(plan, kind)
         return
     name = base_name(plan.names[numbered[0]])
-    is_whole = (
-        rounding_scale(plan, pipeline, settings) is not None
-        or VideoFormat.NPY in numbered
-        or (VideoFormat.EXR in numbered and not settings.writing.half)
+    is_whole = rounding_scale(plan, pipeline, settings) is not None or any(
+        which.facts.is_exact and not (settings.writing.half and "half" in which.facts.options)
+        for which in numbered
     )
     is_alone = set(plan.names) <= set(SEQUENCES)
     can_resume = not settings.smooth_s and bool(source.paths) and (is_whole or is_alone)

@@ -76,9 +76,9 @@ def open_output(
     writer = writing.writer(picture)
     if not isinstance(writer, PreviewWriter):
         name = partial(numbered_name, plan.names[which])
-        is_exr = which is VideoFormat.EXR
+        has_overscan = picture.facts.has_overscan
         return nullcontext(
-            SequenceOutput(which.value, plan.folder, name, writer, guard, has_overscan=is_exr)
+            SequenceOutput(which.value, plan.folder, name, writer, guard, has_overscan=has_overscan)
         )
     codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
     audio = None
@@ -204,8 +204,8 @@ def write_video(
         # Closed before the outputs, so that no thread writes into a file that is being removed.
         with closing(_process_frames(frames, stages, outputs, workers)) as numbers:
             for count, number in enumerate(numbers):
-                if count == 0 and VideoFormat.NPY in plan.names and sidecar is None:
-                    _remove_stale_sidecar(plan)
+                if count == 0 and sidecar is None:
+                    _remove_stale_sidecars(plan)
                 earlier.add(number)
                 advance(1)
         if stages.first is None:
@@ -219,10 +219,12 @@ def write_video(
     return dataclasses.replace(done, seconds=seconds, warnings=(*done.warnings, *warnings))
 
 
-def _remove_stale_sidecar(plan: VideoPlan) -> None:
+def _remove_stale_sidecars(plan: VideoPlan) -> None:
     """Remove the sidecar of an earlier run, which would state its camera for files without one."""
-    base = base_name(plan.names[VideoFormat.NPY])
-    remove_video_sidecar(plan.folder / f"{base}.json")
+    for which, name in plan.names.items():
+        picture = VIDEO_FORMATS[which].picture
+        if which in SEQUENCES and picture is not None and not picture.facts.has_camera:
+            remove_video_sidecar(plan.folder / f"{base_name(name)}.json")
 
 
 def _sidecar(plan: VideoPlan, guard: Guard, stack: ExitStack) -> Path | None:
