@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.rooms import Rooms, rooms, write_rooms
-from tests.helpers.videos import flat_frames, write_mp4
+from helpers.videos import flat_frames, write_mp4
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = re.compile(

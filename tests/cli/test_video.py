@@ -97,13 +97,10 @@ def test_frames_take_what_they_lack_from_their_video_s_sidecar(cli: Cli) -> None
     sidecar = json.loads(path.read_text())
     assert (len(sidecar["model_sha256"]), sidecar["focal_px"]) == (64, 60)
     assert sidecar["camera"].endswith("° (given)")
-    # Version 0.1 called the checksum sha256; other models' sidecars say nothing of a frame.
-    old = {"sha256" if name == "model_sha256" else name: v for name, v in sidecar.items()}
-    other = sidecar | {"model_sha256": "0" * 64}
-    for facts, orientation in ((sidecar, "1"), (old, "1"), (other, None)):
+    other = sidecar | {"model_sha256": "0" * 64}  # which says nothing of a frame
+    for facts, orientation in ((other, None), (sidecar, "1")):
         path.write_text(json.dumps(facts))
         assert read_metadata(cli.folder / "clip.depth.000001.png").get("orientation") == orientation
-    path.write_text(json.dumps(old))
     made_by = read_stored_depth(cli.folder / "clip.depth.000001.npy").displayed.provenance
     assert made_by is not None
     assert (made_by.model_sha256, made_by.focal_px) == (sidecar["model_sha256"], 60)

@@ -80,7 +80,7 @@ def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
     np.save(tmp_path / "b.npy", steps.astype(np.float32))
     with pytest.raises(InputError, match="a scale is for integers"):
         AnchorFiles(str(tmp_path / "b.npy"), 256.0).read()
-    with pytest.raises(InputError, match="--anchors-scale"):
+    with pytest.raises(InputError, match="not float metres"):
         AnchorFiles(str(tmp_path / "a.npy")).read()
     with pytest.raises(InputError, match=r"a\.csv is in metres"):
         AnchorFiles(str(tmp_path / "a.csv"), 256.0).read()

@@ -131,7 +131,7 @@ def test_exr_on_a_full_disk_is_one_clear_error(tmp_path: Path) -> None:
     words = [sys.executable, "-c", script, tmp_path / "a.exr"]
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=unmeasured())
     assert done.stderr.splitlines()[-1].endswith(
-        f"{tmp_path}/a.exr: File too large; choose another -o"
+        f"{tmp_path}/a.exr: File too large; choose another out"
     )
     assert list(tmp_path.iterdir()) == []
 

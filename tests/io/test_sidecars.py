@@ -56,7 +56,7 @@ def is_used(stored: StoredDepth) -> bool:
     (warning,) = stored.warnings
     assert warning.endswith(
         f"a.json describes another map than {stored.name.rpartition('/')[2]} and is ignored; "
-        "remove it, or write it again with --sidecar"
+        "remove it, or write it again with sidecar"
     )
     return False
 
@@ -114,7 +114,7 @@ def test_the_kind_comes_from_the_sidecar(suffix: str, tmp_path: Path) -> None:
     SidecarWriter().write(DepthMap(DEPTH_M, DepthKind.INVERSE), tmp_path / "a.json")
     write_map(path, DEPTH_M)
     assert read_stored_depth(path).displayed.kind is DepthKind.INVERSE
-    assert read_stored_depth(path, kind=DepthKind.RELATIVE).displayed.kind is DepthKind.RELATIVE
+    assert read_stored_depth(path, kind=DepthKind.RELATIVE).displayed.kind is DepthKind.INVERSE
 
 
 @pytest.mark.parametrize("kind", DepthKind)

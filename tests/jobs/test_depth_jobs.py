@@ -166,7 +166,7 @@ def test_the_scale_of_a_file_says_who_states_it(tmp_path: Path, depth_npy: Path)
 def test_integers_need_a_scale(tmp_path: Path, dtype: type[np.integer[Any]]) -> None:
     path, metres = tmp_path / "mm.npy", tmp_path / "m.npy"
     np.save(path, np.array([[100, 0], [25, 120]], dtype))
-    problem = f"{re.escape(str(path))} holds {np.dtype(dtype)}, not float metres; .*--from-scale"
+    problem = f"{re.escape(str(path))} holds {np.dtype(dtype)}, not float metres"
     with pytest.raises(InputError, match=problem):
         inspect_file(str(path))
     convert(ConvertRequest(str(path), str(metres), scale=100))

@@ -133,9 +133,3 @@ def test_the_sidecar_of_a_depth_video_does_not_describe_arrays(
         video(dataclasses.replace(asked, settings=settings, sidecar=formats == (MKV,)))
     place = tmp_path / "out" / "clip.depth.000003.npy"
     assert read_stored_depth(place).depth.provenance is None
-    sidecar = place.with_name("clip.depth.json")
-    fields = json.loads(sidecar.read_text())
-    sidecar.write_text(json.dumps(fields | {"software": "depthcli 0.6.0"}))  # had no times
-    found = read_stored_depth(place).depth.provenance
-    assert found is not None
-    assert found.focal_px == pytest.approx(32 / np.tan(np.deg2rad(20)))
