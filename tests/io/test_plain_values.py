@@ -24,7 +24,6 @@ from depthcli.errors import InputError
 from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.depth.scale import denormalized, dequantized, normalized, quantized
-from depthcli.io.exr import file as exr_channels
 from depthcli.io.exr.file import _has_all_rows, read_exr_channels, silenced, write_exr
 from depthcli.io.exr.image import read_exr_picture, read_exr_rate
 from depthcli.io.formats import sidecar
