@@ -11,7 +11,7 @@ import sys
 import warnings
 
 from depthcli._version import __version__
-from depthcli.cli.process import open_streams
+from depthcli.cli.streams import open_streams
 from depthcli.cli.table import PROGRAM, help_text
 
 TYPE_CHECKING = False  # as in depthcli/__init__.py
@@ -64,17 +64,6 @@ def _prepare() -> None:
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     # For modules that import onnxruntime themselves; see depthcli/inference/providers.py.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    if _is_limited():  # OpenBLAS would crash where it cannot start its threads
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-
-def _is_limited() -> bool:
-    """Whether the address space of this process is limited, as by ``ulimit -v``."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return False
-    return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
 
 
 def _exit(code: int) -> NoReturn:

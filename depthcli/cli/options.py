@@ -309,6 +309,13 @@ SidecarOption = Annotated[
         help="Also write a .json file with unit, scale, kind and model.",
     ),
 ]
+OverwriteOption = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Replace existing files that depthcli did not write; an input is never replaced.",
+    ),
+]
 WorkersOption = Annotated[
     int | None,
     typer.Option(

@@ -1,10 +1,12 @@
 """Values of options as the objects that the jobs take."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from fractions import Fraction
+from typing import TYPE_CHECKING
 
 from depthcli.cli import options as groups
 from depthcli.cli.options import (
@@ -20,11 +22,12 @@ from depthcli.core.options import AUTO_TILE, Colormap, Detail, Near, ReadOptions
 from depthcli.core.text import short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
-from depthcli.video.frames import Point, Span, exact_rate
+
+if TYPE_CHECKING:
+    from depthcli.io.depth.anchors import AnchorFiles
 
 ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov"),
@@ -34,10 +37,6 @@ ALTERNATIVES = (
 )
 """Parameters of which only one is given, because they state the same."""
 _LARGEST_PX = 20_000
-_MINUTE = 60
-_POINT = re.compile(r"(?a)(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)")
-_MAX_POINT_LENGTH = 40
-_RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
 
 
 def session_loader(
@@ -156,6 +155,8 @@ def anchors(options: AnchorOptions, *, is_folder: bool = False) -> AnchorFiles |
     if not isinstance(place, RemotePath) and place.is_dir() != is_folder:
         kind = "a folder with a file for each image" if is_folder else "a file"
         raise UsageError(f"{safe_name(path)} is not {kind}", option="anchors")
+    from depthcli.io.depth.anchors import AnchorFiles
+
     return AnchorFiles(path, scale)
 
 
@@ -246,61 +247,6 @@ def hfov_range(word: str) -> tuple[float, float]:
             option="hfov",
         )
     return angles
-
-
-def span(start: str | None, end: str | None, every: str | None) -> Span:
-    """Parse the part of a video to process.
-
-    Raises:
-        UsageError: one is not a time or frame number, or the span is empty.
-    """
-    first = _point(start or "0", "start")
-    last = None if end is None else _point(end, "end")
-    step = _point(every or "1", "every", bare_is_frames=True)
-    if not step.value:
-        raise UsageError("0 is not a step", "give 1 or more", option="every")
-    if last and first.in_frames == last.in_frames and last.value <= first.value:
-        raise UsageError(f"{end} is not after {start or 0}; the span is empty", option="end")
-    return Span(first, last, step)
-
-
-def frame_rate(word: str | None) -> Fraction | None:
-    """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``.
-
-    Raises:
-        UsageError: it is not of this form.
-    """
-    if word is None:
-        return None
-    match = _RATE.fullmatch(word.strip())
-    value = Fraction(match[0]) if match and Fraction(match[2] or 1) else None
-    found = value if value is None or "/" in word else exact_rate(value)
-    if not found:
-        raise UsageError(
-            f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001", option="fps"
-        )
-    return found
-
-
-def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
-    """Parse ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f``.
-
-    A number without a unit is in seconds, or in frames with ``bare_is_frames``.
-    """
-    match = _POINT.fullmatch(word.strip()) if len(word) <= _MAX_POINT_LENGTH else None
-    outer, inner, number, letter = match.groups() if match else (None, None, "nan", "")
-    parts = [int(part) for part in (outer, inner) if part is not None]
-    in_frames = letter == "f" or (not letter and not parts and bare_is_frames)
-    if match is None or (in_frames and (parts or not number.isdecimal())):
-        raise UsageError(
-            f"{short_repr(word)} is not a time or frame number",
-            "give seconds (12.5s), minutes (1:02.5) or a frame number (300f)",
-            option=option,
-        )
-    value = Fraction(number.removesuffix("."))
-    for power, part in enumerate(reversed(parts), start=1):
-        value += part * _MINUTE**power
-    return Point(value, in_frames)
 
 
 def names(text: str | None) -> tuple[str, ...]:

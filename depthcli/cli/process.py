@@ -7,7 +7,6 @@ commands that shut down gracefully.
 
 from __future__ import annotations
 
-import io
 import os
 import select
 import signal
@@ -15,15 +14,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from depthcli.core.progress import Interrupt, run_exit_hooks
 from depthcli.errors import SIGNAL_BASE
 from depthcli.io.storage.temporary import remove_own
-
-if TYPE_CHECKING:
-    from typing import Any
-
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 
@@ -93,72 +88,3 @@ def _end(number: int, _frame: object) -> NoReturn:
 def _clean_up() -> None:
     run_exit_hooks()
     remove_own()
-
-
-_SETTINGS = ("encoding", "errors", "line_buffering", "write_through")
-
-
-class Stream(io.TextIOWrapper):
-    """A standard stream that stores the first error (``problem``) instead of raising it.
-
-    A broken pipe is raised if ``needs_reader`` is set, as for standard output.
-    """
-
-    problem: OSError | None = None
-    needs_reader = False
-
-    def write(self, text: str) -> int:
-        """Write as much as possible."""
-        try:
-            return super().write(text)
-        except OSError as error:
-            self._store(error)
-            return len(text)
-
-    def flush(self) -> None:
-        """Flush as much as possible."""
-        try:
-            super().flush()
-        except OSError as error:
-            self._store(error)
-
-    def _store(self, error: OSError) -> None:
-        if self.needs_reader and isinstance(error, BrokenPipeError):
-            raise error
-        self.problem = self.problem or error
-
-
-def open_streams() -> Stream:
-    """Make closed streams raise on reading and writing, and the others store errors.
-
-    If a stream were left closed, the next file that is opened would get its number, and C libraries
-    would write warnings into that file.
-
-    Returns:
-        Standard output.
-    """
-    for number, name, flags in (
-        (0, "stdin", os.O_WRONLY),
-        (1, "stdout", os.O_RDONLY),
-        (2, "stderr", os.O_RDONLY),
-    ):
-        if getattr(sys, name) is None:
-            _open_devnull(number, flags)
-            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
-    sys.stderr = _wrap(sys.stderr)
-    sys.stdout = stdout = _wrap(sys.stdout)
-    stdout.needs_reader = True
-    return stdout
-
-
-def _wrap(original: Any) -> Stream:  # noqa: ANN401 - TextIO has no detach
-    settings = {name: getattr(original, name) for name in _SETTINGS}
-    return Stream(original.detach(), **settings)
-
-
-def _open_devnull(number: int, flags: int) -> None:
-    handle = os.open(os.devnull, flags)
-    if handle != number:
-        os.dup2(handle, number)
-        os.close(handle)
-    os.set_inheritable(number, True)

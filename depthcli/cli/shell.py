@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -25,20 +23,16 @@ from depthcli.cli.table import (
 )
 from depthcli.core.text import INSTALL_TRAIN
 from depthcli.errors import (
-    NO_THREADS,
     DepthcliError,
     ExitCode,
     UsageError,
     is_out_of_memory,
-    is_out_of_threads,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
-_DLOPEN_NO_MEMORY = "failed to map segment"  # part of dlopen's message
-_CHECK_EACH_INPUT = {"predict", "video"}  # one that is empty fails, and the others are processed
 # Metavars in help, instead of typer's type names, which depend on its version.
 _PLACEHOLDERS = {
     "int": "N",
@@ -97,7 +91,6 @@ def run(arguments: Sequence[str]) -> int:
     """Run a command; prints its error, if any, and returns the exit code."""
     state = console.State()
     try:
-        _refuse_empty(arguments)
         result = get_command(app)(
             args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state
         )
@@ -119,34 +112,6 @@ def run(arguments: Sequence[str]) -> int:
     return result if isinstance(result, int) else ExitCode.OK
 
 
-def _refuse_empty(arguments: Sequence[str]) -> None:
-    """Refuse empty words: a variable of a script that is not set, which would be the folder '.'."""
-    words = list(arguments)
-    if "--" in words:  # what follows are inputs, of any name
-        words = words[: words.index("--")]
-    for before, word in zip((PROGRAM, *words), words, strict=False):
-        is_value = before.startswith("-") and before != "-"
-        if word == "" and (is_value or words[0] not in _CHECK_EACH_INPUT):
-            if words[0] in _CHECK_EACH_INPUT and before in _flags(words[0]):
-                continue
-            name = before if is_value else f"the word after {before!r}"
-        elif re.fullmatch(r"--[\w-]+=", word):
-            name = word[:-1]
-        else:
-            continue
-        raise UsageError(f"{name} is empty; is a variable of the command not set?")
-
-
-def _flags(name: str) -> set[str]:
-    parameters = plain_command(name).params
-    return {
-        word
-        for p in parameters
-        if getattr(p, "is_flag", False)
-        for word in (*p.opts, *p.secondary_opts)
-    }
-
-
 def _explain(error: Exception) -> tuple[str, int]:
     """One-line message and exit code of an error."""
     if isinstance(error, DepthcliError):
@@ -161,26 +126,12 @@ def _explain(error: Exception) -> tuple[str, int]:
 
 
 def _unexpected(error: Exception) -> str:
-    """Message of an error that is not depthcli's own, with advice for common causes."""
+    """Message of an error that is not depthcli's own, or how to install what it needs."""
     if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _TRAIN_EXTRA:
         return f"this command needs {error.name}; install it with: {INSTALL_TRAIN}"
-    if isinstance(error, ImportError) and _DLOPEN_NO_MEMORY in str(error):
-        return "there is too little memory to start; see 'ulimit -v'"
-    if is_out_of_threads(error):
-        return NO_THREADS
-    if isinstance(error, FileNotFoundError) and _is_cwd_missing():
-        return "the current folder was removed; change to one that exists"
     if isinstance(error, OSError) and error.strerror and error.filename:
         return f"{error.filename}: {error.strerror}"
     return f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
-
-
-def _is_cwd_missing() -> bool:
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return True
-    return False
 
 
 def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types

@@ -14,8 +14,6 @@ from pathlib import Path
 from threading import Thread
 from typing import Generic, TypeVar
 
-import cv2
-
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -159,6 +157,8 @@ def share_cores(workers: int | None = None, threads: int | None = None) -> tuple
 @contextmanager
 def one_thread_each(workers: int) -> Iterator[None]:
     """Let OpenCV use the calling thread alone while there are two workers or more."""
+    import cv2  # noqa: PLC0415 - not for those that only need a thread
+
     threads = cv2.getNumThreads()
     if workers > 1:
         cv2.setNumThreads(1)

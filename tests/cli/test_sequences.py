@@ -15,7 +15,7 @@ import pytest
 from helpers.file_trees import contents
 from helpers.videos import flat_frames, write_video
 
-from depthcli.cli.parse import frame_rate
+from depthcli.cli.commands.video import parse_rate
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
@@ -126,13 +126,13 @@ def test_an_unknown_notation_of_numbers_names_the_known_ones(name: str, inside: 
     [("24", Fraction(24)), ("23.976", FILM), ("24000/1001", FILM), ("12.5", Fraction(25, 2))],
 )
 def test_frame_rates_of_sequences(word: str, rate: Fraction) -> None:
-    assert frame_rate(word) == rate
+    assert parse_rate(word) == rate
 
 
 @pytest.mark.parametrize("word", ["", "0", "-1", "a", "1/0", "0/1", "1e3"])
-def test_what_is_no_frame_rate(word: str) -> None:
+def test_text_that_is_no_frame_rate(word: str) -> None:
     with pytest.raises(UsageError):
-        frame_rate(word)
+        parse_rate(word)
 
 
 def test_linear_light_is_seen_as_on_a_display(tmp_path: Path) -> None:

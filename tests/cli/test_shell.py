@@ -10,7 +10,6 @@ import pytest
 from helpers.tiny import write_model
 
 import depthcli
-from depthcli.cli.app import main
 from depthcli.cli.table import COMMANDS
 
 if TYPE_CHECKING:
@@ -199,19 +198,3 @@ def test_offered_names_are_those_that_are_taken() -> None:
     from depthcli.inference.providers import AUTO, PROVIDERS  # noqa: PLC0415
 
     assert {*completion.PROVIDERS} == {AUTO, *PROVIDERS}
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("batch", "in", "--out", "out", "--shard", ""),
-        ("render", "rooms", "--out=", "--count", "1"),
-        ("export-onnx", ""),
-        ("predict", "a.png", "--calibration", ""),
-    ],
-)
-def test_a_variable_that_is_not_set_is_noticed(
-    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(list(words)) == 2
-    assert "is empty; is a variable of the command not set?" in capsys.readouterr().err

@@ -92,7 +92,7 @@ def test_a_closed_standard_input_is_one_line(cli: Cli, words: str, code: int) ->
 
 
 def test_no_file_takes_the_place_of_a_closed_stream(cli: Cli) -> None:
-    script = "import os, sys; from depthcli.cli.process import open_streams; open_streams()\n"
+    script = "import os, sys; from depthcli.cli.streams import open_streams; open_streams()\n"
     script += "assert os.open(sys.argv[1], os.O_RDONLY) > 2; print('heard')"
     done = subprocess.run(
         ["bash", "-c", f"{shlex.join([sys.executable, '-c', script, __file__])} <&- >&- 2>&-"],

@@ -18,7 +18,7 @@ from helpers.folders import here
 from helpers.tiny import write_model
 from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
 
-from depthcli.cli import parse
+from depthcli.cli.commands.video import parse_span
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.video.depth_video import DepthVideo
@@ -282,24 +282,24 @@ def test_info_reads_a_depth_video(cli: Cli) -> None:
 )
 def test_places_in_a_video(word: str, bare: bool, point: Point) -> None:
     options = (None, None, word) if bare else (word, None, None)
-    span = parse.span(*options)
+    span = parse_span(*options)
     assert (span.every if bare else span.start) == point
 
 
 @pytest.mark.parametrize("word", ["", "-1", "1e3", "1.5f", "1:2f", "a", "1:2:3:4", "nan", "٣"])
 def test_what_is_no_place(word: str) -> None:
     with pytest.raises(UsageError):
-        parse.span(word, None, None)
+        parse_span(word, None, None)
 
 
 def test_no_span_is_the_whole_video() -> None:
-    assert parse.span(None, None, None) == Span()
+    assert parse_span(None, None, None) == Span()
 
 
 @pytest.mark.parametrize("words", [("", None, None), (None, "", None), (None, None, "")])
 def test_an_empty_place_is_no_default(words: tuple[str | None, str | None, str | None]) -> None:
     with pytest.raises(UsageError):
-        parse.span(*words)
+        parse_span(*words)
 
 
 def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:

@@ -18,6 +18,7 @@ from depthcli.cli.options import (
     DetailOptions,
     ImageOptions,
     ModelOptions,
+    OverwriteOption,
     ScreenOptions,
     SidecarOption,
     WorkersOption,
@@ -68,6 +69,7 @@ class OutputOptions:
         None, "--format", help="Output format; repeatable. Default: png16."
     )
     sidecar: SidecarOption = False
+    overwrite: OverwriteOption = False
     manifest: ManifestFormat | None = option(
         None,
         help="Format of the manifest: JSON lines, or Parquet for millions of inputs. Default: "
@@ -203,6 +205,7 @@ def batch(
         camera=parse.camera(camera),
         detail=parse.detail(detail),
         max_pixels=read.max_pixels,
+        overwrite=output.overwrite,
         anchors=parse.anchors(anchors, is_folder=True),
         reading=parse.reading(read),
     )

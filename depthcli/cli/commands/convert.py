@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,6 +11,7 @@ from depthcli.cli.groups import Command, Given, grouped
 from depthcli.cli.options import (
     CameraOptions,
     FrameOption,
+    OverwriteOption,
     ReadOptions,
     ScreenOptions,
     WorkersOption,
@@ -23,10 +24,6 @@ from depthcli.cli.options import (
 )
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import FORMATS, Format
-
-if TYPE_CHECKING:
-    from depthcli.core.camera import Intrinsics
-    from depthcli.io.formats.table import WriterOptions
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -121,6 +118,7 @@ def convert(
         ),
     ] = None,
     *,
+    overwrite: OverwriteOption = False,
     inputs: InputOptions,
     workers: WorkersOption = None,
     camera: StatedCameraOptions,
@@ -136,11 +134,10 @@ def convert(
     from depthcli.cli import parse
     from depthcli.cli.checks import without_effect
     from depthcli.cli.screen import console
-    from depthcli.cli.screen.results import print_conversion, print_frames
+    from depthcli.cli.screen.results import FolderScreen, print_conversion, print_frames
     from depthcli.core.parallel import share_cores
     from depthcli.io.storage.paths import path_of, safe_name
     from depthcli.jobs import convert as job
-    from depthcli.jobs.convert import convert_video, is_sequence_name
 
     if (target is None) == (out is None):
         raise UsageError(f"name one output: depthcli convert {safe_name(source)} OUT")
@@ -155,16 +152,29 @@ def convert(
     parse.refuse_replacing(camera.calibration, output)
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
     if not screen.quiet:
-        kinds = [
-            "a folder" if is_folder else "one file",
-            *(["--picture"] if inputs.picture else []),
-        ]
+        kinds = {"a folder" if is_folder else "one file", "--picture" if inputs.picture else ""}
         console.warn_all(seen_by.warnings)
         console.warn_all(without_effect(given, FORMAT_OPTIONS, (format_,)))
         console.warn_all(without_effect(given, SOURCE_OPTIONS, kinds))
     count = share_cores(workers)[0]
     if is_folder:
-        return _convert_folder(source, output, format_, inputs, seen_by, options, count, screen)
+        from depthcli.io.listing.folder import NameFilter
+
+        folder = job.ConvertFolderRequest(
+            root=source,
+            out=output,
+            format=format_,
+            wanted=NameFilter.of(inputs.include or (), inputs.exclude or ()),
+            scale=inputs.from_scale,
+            camera=seen_by,
+            writing=options,
+            overwrite=overwrite,
+            workers=count,
+        )
+        plan = job.plan_conversion(folder)
+        shown = FolderScreen(as_json=screen.as_json, quiet=screen.quiet)
+        failed = shown.run(job.convert_folder(folder, plan), plan)
+        return ExitCode.SOME_FAILED if failed else ExitCode.OK
     request = job.ConvertRequest(
         source=source,
         target=output,
@@ -175,40 +185,11 @@ def convert(
         reading=parse.reading(read),
         picture=inputs.picture,
         writing=options,
+        overwrite=overwrite,
     )
-    if is_sequence_name(output, source):
-        frames = convert_video(request, count)
+    if job.is_sequence_name(output, source):
+        frames = job.convert_video(request, count)
         print_frames(frames, as_json=screen.as_json, quiet=screen.quiet)
     else:
         print_conversion(job.convert(request), as_json=screen.as_json, quiet=screen.quiet)
     return ExitCode.OK
-
-
-def _convert_folder(
-    source: str,
-    output: str,
-    format_: Format,
-    inputs: InputOptions,
-    camera: Intrinsics,
-    options: WriterOptions,
-    workers: int,
-    screen: ScreenOptions,
-) -> int:
-    from depthcli.cli.screen.results import FolderScreen
-    from depthcli.io.listing.folder import NameFilter
-    from depthcli.jobs.convert import ConvertFolderRequest, convert_folder, plan_conversion
-
-    request = ConvertFolderRequest(
-        root=source,
-        out=output,
-        format=format_,
-        wanted=NameFilter.of(inputs.include or (), inputs.exclude or ()),
-        scale=inputs.from_scale,
-        camera=camera,
-        writing=options,
-        workers=workers,
-    )
-    plan = plan_conversion(request)
-    shown = FolderScreen(as_json=screen.as_json, quiet=screen.quiet)
-    failed = shown.run(convert_folder(request, plan), plan)
-    return ExitCode.SOME_FAILED if failed else ExitCode.OK

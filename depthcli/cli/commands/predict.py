@@ -15,6 +15,7 @@ from depthcli.cli.options import (
     DetailOptions,
     ImageOptions,
     ModelOptions,
+    OverwriteOption,
     ScreenOptions,
     SidecarOption,
     WritingOptions,
@@ -46,6 +47,7 @@ class OutputOptions:
         help="Output format; repeatable. Default: from the suffix of -o, else png16 and preview.",
     )
     sidecar: SidecarOption = False
+    overwrite: OverwriteOption = False
 
 
 @app.command(cls=Command)
@@ -89,6 +91,7 @@ def predict(
         output=output.out,
         formats=formats,
         sidecar=output.sidecar,
+        overwrite=output.overwrite,
         model=parse.session_loader(model.model, model.runtime),
         camera=parse.camera(camera),
         anchors=parse.anchors(anchors),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,6 +16,7 @@ from depthcli.cli.options import (
     DetailOptions,
     ImageOptions,
     ModelOptions,
+    OverwriteOption,
     ScreenOptions,
     SidecarOption,
     WorkersOption,
@@ -22,13 +25,20 @@ from depthcli.cli.options import (
     option,
     usual,
 )
+from depthcli.core.text import short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
     from depthcli.jobs.video.run import VideoResult
+    from depthcli.video.frames import Point, Span
 
 app = typer.Typer(rich_markup_mode=None)
+
+_MINUTE = 60
+_POINT = re.compile(r"(?a)(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)")
+_MAX_POINT_LENGTH = 40
+_RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
 
 FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 """The options that each format uses, by parameter name."""
@@ -55,6 +65,7 @@ class OutputOptions:
         "OUT, else mkv and mp4, or mkv alone to stdout.",
     )
     sidecar: SidecarOption = False
+    overwrite: OverwriteOption = False
     start_number: int | None = option(
         None,
         min=0,
@@ -165,14 +176,14 @@ def video(
         raise UsageError("mkv is in millimetres", "leave out {png_normalize}, or mkv")
     settings = VideoSettings(
         writing=parse.writer_options(writing),
-        span=parse.span(frames.start, frames.end, frames.every),
+        span=parse_span(frames.start, frames.end, frames.every),
         smooth_s=detail.smooth,
         lock_s=preview.lock,
         camera=parse.camera(camera),
         reading=parse.reading(read),
         detail=parse.detail(detail),
         max_pixels=read.max_pixels,
-        fps=parse.frame_rate(frames.fps),
+        fps=parse_rate(frames.fps),
         start_number=output.start_number,
     )
     request = VideoRequest(
@@ -180,6 +191,7 @@ def video(
         output=output.out,
         formats=formats,
         sidecar=output.sidecar,
+        overwrite=output.overwrite,
         codec=preview.codec,
         has_audio=preview.audio,
         model=parse.session_loader(model.model, model.runtime),
@@ -205,3 +217,64 @@ def video(
     print_video(result, as_json=screen.as_json, quiet=screen.quiet, to_stderr=to_stdout)
     is_whole = not isinstance(result, FailedInput) and result.problem is None
     return ExitCode.OK if is_whole else ExitCode.SOME_FAILED
+
+
+def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
+    """Parse the part of a video to process.
+
+    Raises:
+        UsageError: one is not a time or frame number, or the span is empty.
+    """
+    from depthcli.video.frames import Span
+
+    first = _point(start or "0", "start")
+    last = None if end is None else _point(end, "end")
+    step = _point(every or "1", "every", bare_is_frames=True)
+    if not step.value:
+        raise UsageError("0 is not a step", "give 1 or more", option="every")
+    if last and first.in_frames == last.in_frames and last.value <= first.value:
+        raise UsageError(f"{end} is not after {start or 0}; the span is empty", option="end")
+    return Span(first, last, step)
+
+
+def parse_rate(word: str | None) -> Fraction | None:
+    """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``.
+
+    Raises:
+        UsageError: it is not of this form.
+    """
+    from depthcli.video.frames import exact_rate
+
+    if word is None:
+        return None
+    match = _RATE.fullmatch(word.strip())
+    value = Fraction(match[0]) if match and Fraction(match[2] or 1) else None
+    found = value if value is None or "/" in word else exact_rate(value)
+    if not found:
+        raise UsageError(
+            f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001", option="fps"
+        )
+    return found
+
+
+def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
+    """Parse ``12.5``, ``12.5s``, ``1:02.5``, ``1:00:00`` or ``300f``.
+
+    A number without a unit is in seconds, or in frames with ``bare_is_frames``.
+    """
+    from depthcli.video.frames import Point
+
+    match = _POINT.fullmatch(word.strip()) if len(word) <= _MAX_POINT_LENGTH else None
+    outer, inner, number, letter = match.groups() if match else (None, None, "nan", "")
+    parts = [int(part) for part in (outer, inner) if part is not None]
+    in_frames = letter == "f" or (not letter and not parts and bare_is_frames)
+    if match is None or (in_frames and (parts or not number.isdecimal())):
+        raise UsageError(
+            f"{short_repr(word)} is not a time or frame number",
+            "give seconds (12.5s), minutes (1:02.5) or a frame number (300f)",
+            option=option,
+        )
+    value = Fraction(number.removesuffix("."))
+    for power, part in enumerate(reversed(parts), start=1):
+        value += part * _MINUTE**power
+    return Point(value, in_frames)

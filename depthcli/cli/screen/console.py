@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, cast
 
 from depthcli.core.progress import exit_hook
 from depthcli.core.text import one_line
-from depthcli.errors import ExitCode, Message
+from depthcli.errors import ExitCode, Message, about
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,6 +32,8 @@ class State:
 _CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]"
 """Control and bidirectional formatting characters, except tab and newline."""
 _GAP = 2  # between columns
+_OPTIONS = {"formats": "format", "as_json": "json", "settings": "set", "init_weights": "init"}
+"""Names of options that differ from those of their parameters."""
 _printed: set[str] = set()
 """Kinds of lines printed to standard output: "results", "files"."""
 _bars: list[Progress] = []
@@ -89,7 +91,7 @@ def out_json(values: Mapping[str, object]) -> None:
 def worded(text: str) -> str:
     """A message with the names of options; another text as it is."""
     if isinstance(text, Message):
-        return text.worded(lambda name: f"--{name.replace('_', '-')}")
+        return text.worded(lambda name: f"--{_OPTIONS.get(name, name).replace('_', '-')}")
     return text
 
 
@@ -103,10 +105,10 @@ def warn(text: str) -> None:
     _write_line(sys.stderr, f"depthcli: warning: {one_line(worded(text))}")
 
 
-def warn_all(texts: Iterable[str]) -> None:
-    """Print warnings, a line each."""
+def warn_all(texts: Iterable[str], name: str = "") -> None:
+    """Print warnings, a line each, which begins with the name of what it is about."""
     for text in texts:
-        warn(text)
+        warn(about(name, text) if name else text)
 
 
 def error(text: str) -> None:
@@ -186,7 +188,7 @@ def _terminal_columns() -> int:
     """Width of the terminal at standard output, which is one; COLUMNS overrides it."""
     from shutil import get_terminal_size
 
-    # By itself, shutil asks the stream that depthcli.cli.process has replaced, and says 80.
+    # By itself, shutil asks the stream that depthcli.cli.streams has replaced, and says 80.
     return get_terminal_size(os.get_terminal_size(sys.stdout.fileno())).columns
 
 

@@ -1,25 +1,32 @@
-"""Output of a batch: for each input, and a summary."""
+"""Output of the commands that process images, videos and depth files, as text or JSON."""
 
-from collections.abc import Callable, Generator, Iterable, Sequence
+from __future__ import annotations
+
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import show_progress
-from depthcli.core.progress import Interrupt
 from depthcli.core.text import one_line
 from depthcli.core.types import DepthRange
-from depthcli.errors import SIGNAL_BASE, Message, ModelError, UsageError, about
+from depthcli.errors import SIGNAL_BASE, ModelError, UsageError, about
 from depthcli.io.depth.metadata import DepthMetadata, anchor_fields, camera_text
 from depthcli.io.listing.folder import skip_summary
-from depthcli.jobs.batch.options import Tally
-from depthcli.jobs.batch.plan import Plan
-from depthcli.jobs.batch.run import Batch, DryRunResult
-from depthcli.jobs.batch.tasks import Result
-from depthcli.jobs.convert import ConvertResult, FolderPlan
 from depthcli.jobs.outputs import FailedInput
-from depthcli.jobs.predict.pictures import PictureResult
-from depthcli.jobs.video.run import VideoResult
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterable
+    from pathlib import Path
+
+    from depthcli.core.progress import Interrupt
+    from depthcli.jobs.batch.options import Tally
+    from depthcli.jobs.batch.plan import Plan
+    from depthcli.jobs.batch.run import Batch, DryRunResult
+    from depthcli.jobs.batch.tasks import Result
+    from depthcli.jobs.convert import ConvertResult, FolderPlan
+    from depthcli.jobs.predict.pictures import PictureResult
+    from depthcli.jobs.video.run import VideoResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +55,7 @@ class BatchScreen:
 
     def run(self, batch: Batch, plan: Plan, stop: StopOnSignal) -> None:
         """Run a batch, and print its results."""
-        for warning in () if self.quiet else batch.warnings:
-            console.warn(warning)
+        console.warn_all(() if self.quiet else batch.warnings)
         resumes = True
         try:
             with show_progress(silent=self.quiet or self.as_json) as progress, closing(batch):
@@ -75,17 +81,13 @@ class BatchScreen:
         if self.as_json:
             console.out_json(result.row.as_json() | {"kept": result.is_kept})
         elif not self.quiet and not result.is_kept:
-            for warning in result.row.warnings:
-                console.warn(about(result.row.input, warning))
+            console.warn_all(result.row.warnings, name=result.row.input)
 
     def _print_summary(self, plan: Plan, batch: Batch, *, resumes: bool) -> None:
         """Print the failures, then the counts."""
         tally = batch.tally
         for name, reason in tally.failures:
-            if name not in reason:
-                fact = reason if isinstance(reason, Message) else Message(reason)
-                reason = fact.about(name)  # noqa: PLW2901
-            console.error(reason)
+            console.error(about(name, reason))
         if batch.stopped:
             console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
         if tally.failures and self.quiet:
@@ -116,15 +118,13 @@ def _counts(plan: Plan, tally: Tally) -> list[str]:
 
 def print_dry_run(results: Iterable[DryRunResult], plan: Plan, *, as_json: bool) -> int:
     """Print what would be done for each input, and the counts; the number that would fail."""
-    for warning in plan.warnings:
-        console.warn(warning)
+    console.warn_all(plan.warnings)
     counts = {"do": 0, "keep": 0, "fail": 0}
     for one in results:
         counts[one.would] += 1
-        paths = [str(path) for path in one.outputs]
-        _print_dry_run_result(one.would, one.input, paths, one.error, as_json=as_json)
+        _print_planned(one.would, one.input, one.outputs, one.error, as_json=as_json)
     for file in plan.skipped:
-        _print_dry_run_result("skip", file.name, [], file.reason, as_json=as_json)
+        _print_planned("skip", file.name, (), file.reason, as_json=as_json)
     rest = f"; {skip_summary(plan.skipped)}" if plan.skipped else ""
     console.note(
         f"would process {counts['do']}, keep {counts['keep']} already done, fail "
@@ -133,14 +133,15 @@ def print_dry_run(results: Iterable[DryRunResult], plan: Plan, *, as_json: bool)
     return counts["fail"]
 
 
-def _print_dry_run_result(
-    what: str, name: str, outputs: Sequence[str], problem: str | None, *, as_json: bool
+def _print_planned(
+    would: str, name: str, outputs: Iterable[Path], problem: str | None, *, as_json: bool
 ) -> None:
+    paths, error = [str(path) for path in outputs], problem and console.worded(problem)
     if as_json:
-        console.out_json({"input": name, "would": what, "outputs": outputs, "error": problem})
+        console.out_json({"input": name, "would": would, "outputs": paths, "error": error})
     else:
-        result = f": {problem}" if problem else f" -> {', '.join(outputs)}"
-        console.out(one_line(f"{what:<4}  {name}{result}"))
+        result = f": {error}" if error else f" -> {', '.join(paths)}"
+        console.out(one_line(f"{would:<4}  {name}{result}"))
 
 
 def print_picture(
@@ -156,16 +157,16 @@ def print_picture(
         console.out_json(picture_json(result))
     elif not quiet:
         (console.note if to_stderr else console.report)(picture_text(result))
-        for warning in result.warnings:
-            console.warn(about(result.name, warning))
+        console.warn_all(result.warnings, name=result.name)
 
 
 def print_failed(failed: FailedInput, *, as_json: bool) -> None:
     """Print that an input failed, and why."""
-    reason = str(failed.error)
+    reason = failed.error.message
     if as_json:
-        console.out_json({"input": failed.name, "status": "failed", "error": reason})
-    console.error(reason if reason.startswith(failed.name) else f"{failed.name}: {reason}")
+        error = console.worded(reason)
+        console.out_json({"input": failed.name, "status": "failed", "error": error})
+    console.error(about(failed.name, reason))
 
 
 def picture_json(done: PictureResult) -> dict[str, object]:
@@ -214,8 +215,7 @@ def print_video(
         console.out_json(video_json(result))
     elif not quiet:
         (console.note if to_stderr else console.report)(video_text(result))
-        for warning in result.warnings:
-            console.warn(about(result.name, warning))
+        console.warn_all(result.warnings, name=result.name)
     if result.problem:
         console.error(about(result.name, f"{result.problem}; frames written: {result.frames}"))
 
@@ -237,8 +237,6 @@ def video_json(done: VideoResult) -> dict[str, object]:
 
 def video_text(done: VideoResult) -> str:
     """One line: outputs, number of frames, flicker, camera."""
-    from depthcli.io.depth.metadata import camera_text
-
     files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"
     flicker = "" if done.flicker is None else f", flicker {done.flicker:.2%} per frame"
@@ -259,8 +257,7 @@ def print_conversion(done: ConvertResult, *, as_json: bool, quiet: bool) -> None
         console.out_json({"input": done.source, **_outcome(done)})
     elif not quiet:
         console.report(one_line(_conversion_text(done)))
-        for warning in done.warnings:
-            console.warn(warning)
+        console.warn_all(done.warnings)
 
 
 def print_frames(
@@ -324,11 +321,9 @@ class FolderScreen:
         elif self.as_json:
             console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
         elif not self.quiet:
-            for warning in result.warnings:
-                about = "" if warning.startswith(result.source) else f"{result.source}: "
-                console.warn(f"{about}{warning}")
+            console.warn_all(result.warnings, name=result.source)
 
-    def _print_summary(self, totals: "_Totals", plan: FolderPlan, failed: int) -> None:
+    def _print_summary(self, totals: _Totals, plan: FolderPlan, failed: int) -> None:
         parts = [f"{totals.converted} of {len(plan.inputs)} files converted"]
         if failed:
             parts.append(f"{failed} failed")

@@ -1,13 +1,17 @@
-"""The request of ``depthcli predict``."""
+"""The request of ``depthcli predict``; free of numpy, which loads while the model does."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail, ReadOptions
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, WriterOptions
+
+if TYPE_CHECKING:
+    from depthcli.io.depth.anchors import AnchorFiles
 
 
 @dataclass(frozen=True, slots=True)
