@@ -77,7 +77,9 @@ class Message(str):
 
 
 def about(subject: str, text: str) -> str:
-    """A line that begins with what it is about; a :class:`Message` stays one."""
+    """A line that begins with what it is about, unless it names that; a message stays one."""
+    if subject in text:
+        return text
     return text.about(subject) if isinstance(text, Message) else f"{subject}: {text}"
 
 
