@@ -1,11 +1,11 @@
-"""Converting a depth file to another format, and measuring the round-trip error."""
+"""Converting depth files, folders of them and depth videos, and measuring the round-trip error."""
 
 import os
 import re
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Self
 
 import numpy as np
@@ -48,6 +48,7 @@ from depthcli.io.storage.paths import (
     without_file_scheme,
 )
 from depthcli.io.storage.transfer import local_copy
+from depthcli.jobs.inspect import is_depth_video, read_map
 from depthcli.jobs.naming import (
     OutputPlan,
     check_collisions,
@@ -57,55 +58,21 @@ from depthcli.jobs.naming import (
 )
 from depthcli.jobs.outputs import FailedInput, failure_reason, output_guard
 from depthcli.jobs.unique_names import TreeNames
-from depthcli.video.depth_video import DepthVideo
+from depthcli.video.depth_video import DepthVideo, depth_frames
 from depthcli.video.numbering import check_folders, is_pattern, numbered_name
 
-_VIDEO_SUFFIX = ".mkv"
-
-
-def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> StoredDepth:
-    """A depth map from any file that depthcli writes; for a video, that of frame number ``frame``.
-
-    ``scale`` is units per metre of integers; None for what the file states.
-
-    Raises:
-        InputError: missing, damaged, without depth, or a video without this frame.
-        UsageError: a video without a frame number, or a frame number or scale for another file.
-    """
-    if is_depth_video(path):
-        if frame is None:
-            raise UsageError(
-                f"{path} is a video; name one frame with --frame, 0 for the first ('convert' "
-                "writes all to a pattern such as depth.%04d.exr)"
-            )
-        with local_copy(path) as video:
-            return _video_frame(DepthVideo(video, scale=scale), str(path), scale, frame)
-    if frame is not None:
-        raise UsageError(f"--frame is for depth videos (.mkv), but {path} is not one; remove it")
-    return read_stored_depth(path, png_scale=scale)
-
-
-def is_depth_video(path: Path) -> bool:
-    """Whether a file is a depth video, by its suffix."""
-    return path.suffix.lower() == _VIDEO_SUFFIX
-
-
-def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int) -> StoredDepth:
-    from depthcli.video.depth_video import depth_frames  # noqa: PLC0415 - loads FFmpeg
-
-    count = 0
-    for count, stored in enumerate(depth_frames(video, name=name, scale=scale), start=1):
-        if count > number:
-            return stored
-    raise InputError(f"{name} has no frame {number}; its last one is {count - 1}")
+_FRAME = r"(?i)\.depth\.\d{6,}$"
+"""End of the stem of a numbered file, ``clip.depth.000001``."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConvertRequest:
-    """A depth file, and how to convert it."""
+    """What is converted, and how."""
 
-    source: str  #: a depth map or a depth video
-    target: str  #: the file to write; the suffix of the format is added where it is missing
+    source: str  #: a depth map, a depth video, or a folder that is searched recursively
+    #: the file to write, to whose name the suffix of the format is added where it is missing; a
+    #: pattern for all frames of a video; or a folder
+    target: str
     format: Format | None = None  #: of the target; None to take it from the suffix
     scale: float | None = None  #: units per metre of the source; None for what it states
     frame: int | None = None  #: of a depth video, from 0
@@ -159,10 +126,10 @@ def convert(request: ConvertRequest) -> ConvertResult:
     if not is_pattern(path_of(request.source).name):
         refuse_pattern("", request.target)
     stored = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
-    return write_converted(stored, request)
+    return _write_converted(stored, request)
 
 
-def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResult:
+def _write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
     wanted = target_format(request.target, request.format)
     shown = with_camera(stored.displayed, request.camera)
@@ -181,11 +148,11 @@ def write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResu
     with atomic_path(path_of(name), guard=guard) as temporary:
         writing = _sidecar_options(request, stored) if wanted is Format.JSON else request.writing
         warnings = writing.writer(wanted).write(depth, temporary, picture)
-        is_readable = wanted.facts.is_readable
-        read_back = read_stored_depth(temporary, kind=depth.kind).depth if is_readable else None
-    round_trip = None if read_back is None else RoundTrip.of(depth, read_back)
+        round_trip = None
+        if wanted.facts.is_readable:
+            round_trip = RoundTrip.of(depth, read_stored_depth(temporary, kind=depth.kind).depth)
     of_picture = given.warnings if given else ()
-    warnings = (*stored.warnings_with_scale("--from-scale"), *of_picture, *warnings)
+    warnings = (*stored.warnings_with_scale("from_scale"), *of_picture, *warnings)
     return ConvertResult(safe_name(request.source), name, shown, round_trip, warnings)
 
 
@@ -202,9 +169,9 @@ def target_format(target: str, asked: Format | None) -> Format:
         check_suffix("", target, asked)
     found = asked or format_of(target)
     if found is None:
+        suffixes = ", ".join(FILE_SUFFIXES)
         raise UsageError(
-            f"{target} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}, "
-            "or give --format"
+            f"{target} has no suffix that selects a format", f"use {suffixes}, or give {{format}}"
         )
     return found
 
@@ -226,29 +193,10 @@ def _colours(request: ConvertRequest, picture: str, depth: DepthMap) -> Frame:
     if (frame.width, frame.height) != (depth.width, depth.height):
         raise InputError(
             f"{picture} has {frame.width}×{frame.height} pixels and the depth "
-            f"{depth.width}×{depth.height}; give the picture that the depth was made of"
+            f"{depth.width}×{depth.height}",
+            "give the picture that the depth was made of",
         )
     return frame
-
-
-_FRAME = r"(?i)\.depth\.\d{6,}$"
-"""End of the stem of a numbered file, ``clip.depth.000001``."""
-
-
-@dataclass(frozen=True, slots=True)
-class ConvertFolderRequest:
-    """A folder of depth files, and how to convert them."""
-
-    root: str  #: the folder, searched recursively
-    out: str  #: receives the outputs, with the same folder structure
-    format: Format  #: of the outputs
-    wanted: NameFilter = ANY  #: the files to convert
-    scale: float | None = None  #: units per metre of the inputs; None for what each states
-    #: instead of that of each input; depth is not changed
-    camera: Intrinsics = UNKNOWN_CAMERA
-    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the format
-    overwrite: bool = False  #: whether outputs may replace files of other programs
-    workers: int = 1  #: files converted in parallel
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,38 +209,37 @@ class FolderPlan:
     loops: tuple[str, ...]  #: links to a folder above them, which are not followed
 
 
-def plan_conversion(request: ConvertFolderRequest) -> FolderPlan:
-    """List the depth files of a folder, and name their outputs.
+def plan_folder(request: ConvertRequest, wanted: NameFilter = ANY) -> FolderPlan:
+    """List the depth files of a folder that are wanted, and name their outputs.
 
     ``hall/a.depth.png`` becomes ``hall/a.depth.exr``. Names depend on all files of the folder, not
     on the wanted ones: beside ``a.npy``, they are ``a.depth.png.depth.exr`` and
     ``a.npy.depth.exr``.
 
     Raises:
-        UsageError: the output folder is that of the inputs, an output would replace an input, or
-            the patterns exclude everything.
+        UsageError: the request has no format, its target is the folder of the inputs, an output
+            would replace an input, or the patterns exclude everything.
         InputError: there is no depth file.
     """
-    root, out = without_file_scheme(request.root), without_file_scheme(request.out)
+    if request.format is None:
+        raise UsageError("the outputs have no format", "give {format}, for example exr")
+    root, out = without_file_scheme(request.source), without_file_scheme(request.target)
     check_writable(path_of(out))
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
-        raise UsageError(f"--out {out} is the folder of the inputs; choose another folder")
-    found, skipped, loops = _listed(root, out, request.wanted)
+        raise UsageError(f"{out} is the folder of the inputs", "choose another {out}")
+    found, skipped, loops = _listed(root, out, wanted)
     names = TreeNames((file.name for file in found), _stem)
-    inputs = []
-    for file in found:
-        refusal = None if file.problem else request.wanted.refusal(file.name)
-        if refusal is None:
-            inputs.append(file)
-        else:
-            skipped.append(Skipped(file.name, refusal))
+    refusals = [None if file.problem else wanted.refusal(file.name) for file in found]
+    inputs = [file for file, refusal in zip(found, refusals, strict=True) if refusal is None]
+    skipped += [Skipped(f.name, why) for f, why in zip(found, refusals, strict=True) if why]
     if not inputs:
         rest = f": {skip_summary(skipped)}" if skipped else ""
         if found:
-            raise UsageError(f"--include and --exclude leave nothing of {safe_name(root)}{rest}")
-        raise InputError(
-            f"no depth file ({', '.join(READABLE_SUFFIXES)}) in {safe_name(root)}{rest}"
-        )
+            raise UsageError(
+                f"nothing of {safe_name(root)} is left{rest}", "change {include} or {exclude}"
+            )
+        suffixes = ", ".join(READABLE_SUFFIXES)
+        raise InputError(f"no depth file ({suffixes}) in {safe_name(root)}{rest}")
     targets = [join(out, _target(names.base(file.name), request.format)) for file in inputs]
     check_collisions(
         [
@@ -304,21 +251,26 @@ def plan_conversion(request: ConvertFolderRequest) -> FolderPlan:
 
 
 def convert_folder(
-    request: ConvertFolderRequest, plan: FolderPlan
+    request: ConvertRequest, plan: FolderPlan, workers: int = 1
 ) -> Generator[ConvertResult | FailedInput, None, None]:
-    """Convert the planned files, in their order; a bad one does not stop the others.
-
-    Existing outputs are replaced if depthcli wrote them, or if the request says so.
-    """
+    """Convert the planned files, in their order; a bad one does not stop the others."""
 
     def convert_one(pair: tuple[InputFile, str]) -> ConvertResult | FailedInput:
-        return _convert_one(request, *pair)
+        file, target = pair
+        if file.problem is not None:
+            return FailedInput(safe_name(file.path), InputError(file.problem))
+        try:
+            return convert(replace(request, source=file.path, target=target))
+        except DepthcliError as error:
+            return FailedInput(safe_name(file.path), error)
+        except Exception as error:  # noqa: BLE001 - no file may stop the others
+            return FailedInput(safe_name(file.path), InputError(failure_reason(error)))
 
     pairs = zip(plan.inputs, plan.targets, strict=True)
     with (
         silent_opencv(),
-        one_thread_each(request.workers),
-        closing(ordered_map(convert_one, pairs, workers=request.workers)) as results,
+        one_thread_each(workers),
+        closing(ordered_map(convert_one, pairs, workers=workers)) as results,
     ):
         yield from results
 
@@ -360,29 +312,6 @@ def _target(base: str, wanted: Format) -> str:
     return base + (suffix.removeprefix(".depth") if re.search(_FRAME, base) else suffix)
 
 
-def _convert_one(
-    request: ConvertFolderRequest, file: InputFile, target: str
-) -> ConvertResult | FailedInput:
-    if file.problem is not None:
-        return FailedInput(safe_name(file.path), InputError(file.problem))
-    try:
-        return convert(
-            ConvertRequest(
-                source=file.path,
-                target=target,
-                format=request.format,
-                scale=request.scale,
-                camera=request.camera,
-                writing=request.writing,
-                overwrite=request.overwrite,
-            )
-        )
-    except DepthcliError as error:
-        return FailedInput(safe_name(file.path), error)
-    except Exception as error:  # noqa: BLE001 - no file may stop the others
-        return FailedInput(safe_name(file.path), InputError(failure_reason(error)))
-
-
 def is_sequence_name(target: str, source: str) -> bool:
     """Whether a target is the name of numbered files, such as ``depth.%04d.exr``.
 
@@ -391,26 +320,6 @@ def is_sequence_name(target: str, source: str) -> bool:
     place = path_of(source)
     is_plain = is_pattern(place.name) and not is_depth_video(place)
     return is_pattern(path_of(target).name) and not is_folder(target) and not is_plain
-
-
-def check_sequence(request: ConvertRequest) -> None:
-    """Check a request whose target is a pattern.
-
-    Raises:
-        UsageError: the source is no depth video, or the request is for a single map.
-    """
-    name = safe_name(request.target)
-    if not is_depth_video(path_of(request.source)):
-        raise UsageError(
-            f"{name} is a pattern for the frames of a depth video (.mkv), but "
-            f"{safe_name(request.source)} is not one; name one file, or a folder with --out"
-        )
-    if request.frame is not None or request.picture is not None:
-        what = "--frame" if request.frame is not None else "--picture"
-        raise UsageError(
-            f"{what} is for one map, but {name} is a pattern for all frames; remove it"
-        )
-    check_folders(path_of(request.target))
 
 
 def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertResult, None, None]:
@@ -426,31 +335,42 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
     Raises:
         InputError: the video is damaged; the frames before are written.
         OutputError: a file cannot be written, or is one that depthcli did not write.
-        UsageError: as for :func:`check_sequence`, or the target's suffix is of no format.
+        UsageError: the source is no depth video, the request is for a single map, or the target's
+            suffix is of no format.
     """
-    check_sequence(request)
+    _check_sequence(request)
     target_format(request.target, request.format)
-
-    def convert_frame(stored: StoredDepth) -> ConvertResult:
-        target = numbered_name(request.target, stored.frame.index)
-        return write_converted(stored, replace(request, target=target))
-
-    from depthcli.video.depth_video import depth_frames  # noqa: PLC0415 - loads FFmpeg
-
     problem: InputError | None = None
 
     def readable(video: DepthVideo) -> Generator[StoredDepth, None, None]:
         # Raised at the end, so that all frames before it are written.
         nonlocal problem
         try:
-            yield from depth_frames(video, name=name, scale=request.scale)
+            yield from depth_frames(video, name=safe_name(request.source), scale=request.scale)
         except InputError as error:
             problem = error
 
-    name = safe_name(request.source)
+    def convert_frame(stored: StoredDepth) -> ConvertResult:
+        target = numbered_name(request.target, stored.frame.index)
+        return _write_converted(stored, replace(request, target=target))
+
     with local_copy(path_of(request.source)) as path, one_thread_each(workers):
         frames = readable(DepthVideo(path, scale=request.scale))
         with closing(ordered_map(convert_frame, frames, workers=workers)) as results:
             yield from results
     if problem is not None:
         raise problem
+
+
+def _check_sequence(request: ConvertRequest) -> None:
+    name = safe_name(request.target)
+    if not is_depth_video(path_of(request.source)):
+        raise UsageError(
+            f"{name} is a pattern for the frames of a depth video (.mkv), but "
+            f"{safe_name(request.source)} is not one",
+            "name one file, or a folder with {out}",
+        )
+    if request.frame is not None or request.picture is not None:
+        option = "picture" if request.frame is None else "frame"
+        raise UsageError(f"it is for one map, but {name} is all frames", "remove it", option=option)
+    check_folders(path_of(request.target))

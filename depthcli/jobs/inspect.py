@@ -1,61 +1,94 @@
-"""Facts about a depth file, and its depth at a pixel."""
+"""Reading a depth map from any depth file, facts about it, and its depth at a pixel."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from depthcli.core.types import DepthMap, DepthRange, Window
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import StoredDepth, read_stored_depth
 from depthcli.io.depth.scale import depth_scale
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
-from depthcli.jobs.convert import is_depth_video
-from depthcli.video.depth_video import DepthVideo
+from depthcli.video.depth_video import DepthVideo, depth_frames
 from depthcli.video.frames import FALLBACK_RATE, rate_text
 from depthcli.video.time_code import time_code_text
 
+_VIDEO_SUFFIX = ".mkv"
 
-@dataclass(frozen=True, slots=True)
-class DepthMapInfo:
-    """Facts about a depth map."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthFileInfo:
+    """Facts about a depth file."""
 
     input: str  #: the file, as the user wrote it
     kind: str  #: metric, relative or inverse
-    unit: str | None  #: ``m``; None for relative and inverse maps
+    unit: str | None  #: ``m``; None for relative and inverse depth
     scale: float | None  #: units per metre; None if the file does not hold such integers
     scale_source: str | None  #: ``file``, ``option`` or ``assumed``; None without a scale
-    channel: str | None  #: that of an EXR which holds the depth; None for other files
     width: int  #: columns
     height: int  #: rows
-    valid: int  #: pixels with depth
+    valid: int  #: pixels with depth, of a video in all frames
     min: float | None  #: smallest depth; None if no pixel has depth
-    median: float | None  #: median depth, or None
     max: float | None  #: largest depth, or None
     #: metadata of the file and its sidecar; of an EXR, also its windows, rate and time code
     metadata: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthMapInfo(DepthFileInfo):
+    """Facts about a depth map."""
+
+    channel: str | None  #: that of an EXR which holds the depth; None for other files
+    median: float | None  #: median depth, or None
     warnings: tuple[str, ...]  #: one line each
 
 
-@dataclass(frozen=True, slots=True)
-class DepthVideoInfo:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthVideoInfo(DepthFileInfo):
     """Facts about a depth video."""
 
-    input: str  #: the file, as the user wrote it
-    kind: str  #: metric, relative or inverse
-    unit: str | None  #: ``m``; None if the video is not metric
-    scale: float | None  #: units per metre; None if the video is normalized
-    scale_source: str | None  #: ``file``, ``option`` or ``assumed``; None without a scale
-    width: int  #: columns
-    height: int  #: rows
     frames: int  #: number of frames
     fps: str | None  #: frames per second, exact; None if it is not stated
-    valid: int  #: pixels with depth, in all frames
-    min: float | None  #: smallest depth; None if no pixel has depth
-    max: float | None  #: largest depth, or None
-    metadata: Mapping[str, str]  #: metadata of the file
+
+
+def is_depth_video(path: Path) -> bool:
+    """Whether a file is a depth video, by its suffix."""
+    return path.suffix.lower() == _VIDEO_SUFFIX
+
+
+def read_map(path: Path, *, scale: float | None = None, frame: int | None = None) -> StoredDepth:
+    """A depth map from any file that depthcli writes; for a video, that of frame number ``frame``.
+
+    ``scale`` is units per metre of integers; None for what the file states.
+
+    Raises:
+        InputError: missing, damaged, without depth, or a video without this frame.
+        UsageError: a video without a frame number, or a frame number or scale for another file.
+    """
+    if is_depth_video(path):
+        if frame is None:
+            raise UsageError(
+                f"{path} is a video",
+                "name one frame with {frame}, 0 for the first ('convert' writes all to a pattern "
+                "such as depth.%04d.exr)",
+            )
+        with local_copy(path) as video:
+            return _video_frame(DepthVideo(video, scale=scale), str(path), scale, frame)
+    if frame is not None:
+        raise UsageError(f"{path} is no depth video (.mkv)", "remove it", option="frame")
+    return read_stored_depth(path, png_scale=scale)
+
+
+def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int) -> StoredDepth:
+    count = 0
+    for count, stored in enumerate(depth_frames(video, name=name, scale=scale), start=1):
+        if count > number:
+            return stored
+    raise InputError(f"{name} has no frame {number}; its last one is {count - 1}")
 
 
 def inspect_file(file: str, scale: float | None = None) -> DepthMapInfo | DepthVideoInfo:

@@ -94,7 +94,7 @@ def test_a_sidecar_of_an_earlier_run_is_ignored_with_a_warning(inside: Cli) -> N
     words = ("predict", "room.png", "-o", "d.npy", "--hfov")
     assert inside(*words, "50", "--sidecar").returncode == 0
     assert inside("info", "d.npy").stderr == b""
-    assert inside(*words, "90").returncode == 0
+    assert inside(*words, "90", "--overwrite").returncode == 0
     ignored = "d.json describes another map than d.npy and is ignored; remove it, or write it"
     warning = f"depthcli: warning: {ignored} again with --sidecar\n"
     done = inside("info", "d.npy")
@@ -174,7 +174,10 @@ def test_convert_between_scales(inside: Cli) -> None:
 
 @pytest.mark.parametrize(
     ("words", "option"),
-    [(("probe", "d.png", "1,1"), "--from-scale"), (("convert", "d.png", "d.npy"), "--from-scale")],
+    [
+        (("probe", "d.png", "1,1"), "--from-scale"),
+        (("convert", "d.png", "d.depth.npy"), "--from-scale"),
+    ],
 )
 def test_an_assumed_scale_is_a_warning(inside: Cli, words: tuple[str, ...], option: str) -> None:
     cv2.imwrite(str(inside.folder / "d.png"), np.full((4, 4), 512, np.uint16))
@@ -237,7 +240,7 @@ def test_one_frame_of_a_depth_video_is_a_map(inside: Cli) -> None:
     [
         (("d.mkv", "0,0"), 2, "d.mkv is a video; name one frame with --frame"),
         (("d.mkv", "0,0", "--frame", "3"), 1, "d.mkv has no frame 3; its last one is 2"),
-        (("d.npy", "0,0", "--frame", "0"), 2, "--frame is for depth videos"),
+        (("d.npy", "0,0", "--frame", "0"), 2, "--frame: d.npy is no depth video"),
     ],
 )
 def test_a_video_wants_one_of_its_frames(

@@ -123,7 +123,7 @@ def test_a_depth_video_without_depth_has_no_range(tmp_path: Path) -> None:
 def test_a_frame_belongs_to_a_video(depth_mkv: Path, depth_npy: Path) -> None:
     with pytest.raises(InputError, match=r"d\.mkv has no frame 3; its last one is 2"):
         read_map(depth_mkv, frame=3)
-    with pytest.raises(UsageError, match=r"name one frame with --frame, .* depth\.%04d\.exr"):
+    with pytest.raises(UsageError, match=r"name one frame with frame, .* depth\.%04d\.exr"):
         read_map(depth_mkv)
     with pytest.raises(UsageError, match="is not one; remove it"):
         read_map(depth_npy, frame=0)

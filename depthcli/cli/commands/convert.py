@@ -157,24 +157,6 @@ def convert(
         console.warn_all(without_effect(given, FORMAT_OPTIONS, (format_,)))
         console.warn_all(without_effect(given, SOURCE_OPTIONS, kinds))
     count = share_cores(workers)[0]
-    if is_folder:
-        from depthcli.io.listing.folder import NameFilter
-
-        folder = job.ConvertFolderRequest(
-            root=source,
-            out=output,
-            format=format_,
-            wanted=NameFilter.of(inputs.include or (), inputs.exclude or ()),
-            scale=inputs.from_scale,
-            camera=seen_by,
-            writing=options,
-            overwrite=overwrite,
-            workers=count,
-        )
-        plan = job.plan_conversion(folder)
-        shown = FolderScreen(as_json=screen.as_json, quiet=screen.quiet)
-        failed = shown.run(job.convert_folder(folder, plan), plan)
-        return ExitCode.SOME_FAILED if failed else ExitCode.OK
     request = job.ConvertRequest(
         source=source,
         target=output,
@@ -187,6 +169,13 @@ def convert(
         writing=options,
         overwrite=overwrite,
     )
+    if is_folder:
+        from depthcli.io.listing.folder import NameFilter
+
+        plan = job.plan_folder(request, NameFilter.of(inputs.include or (), inputs.exclude or ()))
+        shown = FolderScreen(as_json=screen.as_json, quiet=screen.quiet)
+        failed = shown.run(job.convert_folder(request, plan, count), plan)
+        return ExitCode.SOME_FAILED if failed else ExitCode.OK
     if job.is_sequence_name(output, source):
         frames = job.convert_video(request, count)
         print_frames(frames, as_json=screen.as_json, quiet=screen.quiet)

@@ -30,7 +30,8 @@ def info(
 
     facts = asdict(inspect_file(file, from_scale))
     if as_json:
-        console.out_json(facts)
+        told = [console.worded(warning) for warning in facts.get("warnings", ())]
+        console.out_json(facts | ({"warnings": told} if "warnings" in facts else {}))
     else:
         console.warn_all(facts.pop("warnings", ()))
         _show(facts)

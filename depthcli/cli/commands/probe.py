@@ -25,14 +25,13 @@ def probe(
     """Show the depth at one or several pixels of a depth file."""
     from depthcli.cli import parse
     from depthcli.io.storage.paths import path_of
-    from depthcli.jobs.convert import read_map
-    from depthcli.jobs.inspect import depth_at
+    from depthcli.jobs.inspect import depth_at, read_map
 
     places = [parse.pixel(word) for word in pixels]
     stored = read_map(path_of(file), scale=from_scale, frame=frame)
     depth = stored.displayed
     values = [depth_at(depth, x, y) for x, y in places]
-    for warning in stored.warnings_with_scale("--from-scale"):
+    for warning in stored.warnings_with_scale("from_scale"):
         console.warn(warning)
     unit = "m" if depth.is_metric else None
     for (x, y), value in zip(places, values, strict=True):

@@ -272,7 +272,7 @@ def print_frames(
             written = [*written[:1], result.target]
             if as_json:
                 console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
-            first = first or "; ".join(result.warnings)
+            first = first or "; ".join(map(console.worded, result.warnings))
             warned += bool(result.warnings)
             advance(1)
     if not quiet:

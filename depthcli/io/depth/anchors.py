@@ -42,7 +42,7 @@ class AnchorFiles:
         """
         path = path_of(self.path)
         if path.suffix.lower() not in SUFFIXES:
-            raise InputError(f"{path} holds no known depth; give a file with {_ALTERNATIVES}")
+            raise InputError(f"{path} holds no known depth", f"give a file with {_ALTERNATIVES}")
         return self.read_file(path)
 
     def read_file(self, path: Path) -> AnchorPoints:
@@ -74,15 +74,16 @@ class AnchorFiles:
             found = _files(folder, base, picture) or _files(folder, base + _OUTPUT)
             if found and shares_stem:
                 raise InputError(
-                    f"{found[0]} may be the known depth of this or of another picture "
-                    f"{safe_name(base)}; name it {safe_name(name)}{found[0].suffix}"
+                    f"{found[0]} may be the known depth of this or of another image "
+                    f"{safe_name(base)}",
+                    f"name it {safe_name(name)}{found[0].suffix}",
                 )
         if not found:
             raise InputError(
                 f"{folder} has no known depth for it: {safe_name(base)} with {_ALTERNATIVES}"
             )
         if len(found) > 1:
-            raise InputError(f"{found[0]} and {found[1]} are both its known depth; remove one")
+            raise InputError(f"{found[0]} and {found[1]} are both its known depth", "remove one")
         return found[0]
 
 
@@ -126,7 +127,7 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
     points = AnchorPoints.of_map(depth.values)
     if not len(points):
         raise InputError(f"{path} has no pixel with depth")
-    return replace(points, warnings=stored.warnings_with_scale("--anchors-scale"))
+    return replace(points, warnings=stored.warnings_with_scale("anchors_scale"))
 
 
 def _table(data: bytes, name: str) -> AnchorPoints:
@@ -135,7 +136,7 @@ def _table(data: bytes, name: str) -> AnchorPoints:
     for column in _COLUMNS:
         if column not in table.columns:
             raise InputError(
-                f"{name} has no column {column}; its first line has to name x, y and depth_m"
+                f"{name} has no column {column}", "its first line has to name x, y and depth_m"
             )
     points = [[row.number(column, rule) for column, rule in _COLUMNS.items()] for row in table]
     if not points:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, displayed_depth
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.depth.metadata import kind_named, provenance_of
 from depthcli.io.depth.scale import DepthScale
 from depthcli.io.formats.sidecar import FileMetadata
@@ -74,8 +74,8 @@ class StoredDepth:
         """The warnings, and one if the scale is assumed, which names the option that states it."""
         if self.scale is None or self.scale.source != "assumed":
             return self.warnings
-        assumed = f"{self.name} states no scale, so millimetres are assumed"
-        return (*self.warnings, f"{assumed}; {option} states another")
+        problem = f"{self.name} states no scale, so millimetres are assumed"
+        return (*self.warnings, Message(problem, f"{{{option}}} states another"))
 
 
 def stated_kind(metadata: FileMetadata, options: DepthReadOptions) -> DepthKind:
