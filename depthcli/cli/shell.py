@@ -32,7 +32,9 @@ from depthcli.errors import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_TRAIN_EXTRA = {"torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py"}
+_TRAIN_EXTRA = {
+    *("torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py", "timm"),
+}
 # Metavars in help, instead of typer's type names, which depend on its version.
 _PLACEHOLDERS = {
     "int": "N",

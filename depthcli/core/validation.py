@@ -8,6 +8,7 @@ a dataclass and takes 28 ms to load.)
 import json
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass, replace
 from enum import Enum
 from functools import cache, partial
@@ -154,6 +155,8 @@ def _reader(hint: Any, rule: Rule | None = None) -> _Read:  # noqa: ANN401, PLR0
     if origin in (Union, UnionType) and parts[1] is NoneType:
         read = _reader(parts[0], rule)
         return lambda value: None if value is None else read(value)
+    if origin in (Union, UnionType):
+        return _either(*map(_reader, parts))
     if origin is Literal or (isinstance(hint, type) and issubclass(hint, Enum)):
         words = {str(choice): choice for choice in parts or hint}
         return _choice(words)
@@ -207,6 +210,20 @@ def _with_rule(read: _Read, rule: Rule) -> _Read:
         return result
 
     return read_checked
+
+
+def _either(first: _Read, second: _Read) -> _Read:
+    """A reader of two types, whose errors are those of the first."""
+
+    def read(value: Any) -> Any:  # noqa: ANN401
+        try:
+            return first(value)
+        except FieldError:
+            with suppress(FieldError):
+                return second(value)
+            raise
+
+    return read
 
 
 def _choice(choices: dict[str, Any]) -> _Read:

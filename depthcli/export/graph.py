@@ -16,7 +16,6 @@ from onnx import TensorProto, helper, numpy_helper
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 from onnxscript import optimizer
 from torch import nn
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from depthcli.datasets.folders import sample_positions
 from depthcli.errors import InputError, ParityError, UsageError
@@ -26,6 +25,7 @@ from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_video, list_folder
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.models.card import InputSpec
+from depthcli.training.networks.encoder import folded_norms
 
 OPSET = 17
 IR_VERSION = 8
@@ -103,16 +103,7 @@ class MirrorAverage(nn.Module):
 
 def fold_batch_norm(network: nn.Module) -> nn.Module:
     """A copy in evaluation mode with each batch norm folded into the convolution before it."""
-    network = copy.deepcopy(network).float().cpu().eval()
-    for module in list(network.modules()):
-        if not isinstance(module, nn.Sequential):
-            continue
-        for i in range(len(module) - 1):
-            conv, norm = module[i], module[i + 1]
-            if isinstance(conv, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
-                module[i] = fuse_conv_bn_eval(conv, norm)
-                module[i + 1] = nn.Identity()
-    return network
+    return folded_norms(copy.deepcopy(network).float().cpu(), 1)
 
 
 def weights_to_float16(model: onnx.ModelProto) -> None:

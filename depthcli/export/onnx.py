@@ -160,6 +160,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
         "data": provenance.data,
         **({"pseudo_labels": provenance.pseudo_labels} if provenance.pseudo_labels else {}),
         **({"init_weights": provenance.init_weights} if provenance.init_weights else {}),
+        **({"encoder_weights": provenance.encoder_weights} if provenance.encoder_weights else {}),
         "method": saved.config.method,
         "seed": saved.config.seed,
         "pairs": len(provenance.train_ids),

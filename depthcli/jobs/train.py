@@ -17,7 +17,12 @@ from depthcli.training.callbacks import Callback, TensorBoardLogger, TrainStart
 from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.devices import Threads, launched, open_fabric, set_threads
-from depthcli.training.initial_weights import coding_differences, narrowed_decoder, seen_by_files
+from depthcli.training.initial_weights import (
+    coding_differences,
+    is_encoder_file,
+    narrowed_decoder,
+    seen_by_files,
+)
 from depthcli.training.methods.registry import method_class
 from depthcli.training.provenance import common_ids, train_val_split
 
@@ -35,7 +40,7 @@ def weights_file(source: Path) -> Path:
         CheckpointError: there is no such checkpoint.
         ModelError: there is no such model, or it is damaged.
     """
-    if source.suffix != _ONNX_SUFFIX and source.is_file():
+    if is_encoder_file(source) or (source.suffix != _ONNX_SUFFIX and source.is_file()):
         return source
     if source.suffix == _CHECKPOINT_SUFFIX:
         raise CheckpointError(f"no checkpoint at {source}")

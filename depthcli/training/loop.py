@@ -20,7 +20,7 @@ from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, TrainState, wr
 from depthcli.training.config import TrainConfig, check_batch
 from depthcli.training.data import Batches, PairStore, whole_pictures
 from depthcli.training.devices import any_process, rank_zero_first
-from depthcli.training.initial_weights import seen_by_files
+from depthcli.training.initial_weights import pretrained_encoder, seen_by_files
 from depthcli.training.methods.registry import method_class
 from depthcli.training.provenance import check_pseudo_labels, provenance_of, train_val_split
 from depthcli.training.run import Run, check_weights
@@ -73,7 +73,8 @@ def set_up(
     if init_weights:
         origin = run.load_init_weights(init_weights, partial(_examples, store, config))
         ids = seen_by_files(init_weights)
-        provenance = replace(provenance, init_weights=origin, init_ids=ids)
+        encoder = pretrained_encoder(init_weights)
+        provenance = replace(provenance, init_weights=origin, init_ids=ids, encoder_weights=encoder)
     run.provenance = provenance
     run.resume(folder / CHECKPOINT)
     run.state = replace(run.state, threads=torch.get_num_threads())

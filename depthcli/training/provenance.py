@@ -51,6 +51,7 @@ class DataProvenance:
     pseudo_label_ids: PairIds = dataclasses.field(default_factory=dict)  #: their pairs
     pseudo_label_fingerprint: str = ""  #: as ``fingerprint``, of the pseudo labels
     init_weights: str = ""  #: origin of the init weights; "" for a random initialization
+    encoder_weights: str = ""  #: origin of a pretrained encoder; "" without one
     init_ids: PairIds = dataclasses.field(default_factory=dict)  #: pairs those were trained on
 
     @property

@@ -18,6 +18,7 @@ from depthcli.training.devices import average_gradients, gather_states
 from depthcli.training.initial_weights import load_init_weights
 from depthcli.training.methods.base import Method, Phase
 from depthcli.training.methods.registry import build_method
+from depthcli.training.networks.encoder import EncoderGenerator
 from depthcli.training.provenance import (
     DataProvenance,
     config_differences,
@@ -54,13 +55,23 @@ def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> torch.o
     """AdamW over the networks of a phase, which is Adam where nothing decays."""
     networks, heads = method.networks(phase), method.heads() if optim.head_learning_rate else []
     body = [network for network in networks if network not in heads]
-    groups = _parameter_groups(body, optim.weight_decay)
+    encoders = [network.encoder for network in body if isinstance(network, EncoderGenerator)]
+    groups = _parameter_groups([p for network in body for p in _parts(network)], optim.weight_decay)
+    for group in _parameter_groups(encoders, optim.weight_decay):
+        groups.append(group | {"lr": optim.learning_rate * optim.encoder_rate})
     for group in _parameter_groups(
         [network for network in networks if network in heads], optim.weight_decay
     ):
         betas = (optim.head_beta1, optim.head_beta2)
         groups.append(group | {"lr": optim.head_learning_rate, "betas": betas})
     return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
+
+
+def _parts(network: nn.Module) -> list[nn.Module]:
+    """The network, or its parts without an encoder of timm."""
+    if not isinstance(network, EncoderGenerator):
+        return [network]
+    return [part for part in network.children() if part is not network.encoder]
 
 
 def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:

@@ -67,7 +67,8 @@ class DataOptions:
         None,
         metavar="MODEL|CKPT",
         help="Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
-        "Repeatable: from the mean of their weights.",
+        "Repeatable: from the mean of their weights. A .pth file is a pretrained encoder, and "
+        "hub that of timm.",
     )
 
 

@@ -2,17 +2,22 @@
 
 from depthcli.training.config import GeneratorConfig, TrainConfig
 from depthcli.training.networks.efficient import EfficientGenerator
+from depthcli.training.networks.encoder import EncoderGenerator
 from depthcli.training.networks.patch import PatchGan
 from depthcli.training.networks.resnet import ResnetGenerator
 
-Generator = EfficientGenerator | ResnetGenerator
+Generator = EfficientGenerator | EncoderGenerator | ResnetGenerator
 
 
 def build_generator(config: GeneratorConfig) -> Generator:
     """The generator of a configuration, newly initialized."""
+    if config.name == "encoder":
+        return EncoderGenerator(
+            str(config.encoder), config.decoder, config.dropout, norm=config.norm
+        )
     if config.name == "efficient":
         return EfficientGenerator(
-            config.encoder,
+            tuple(map(int, config.encoder)),
             config.decoder,
             config.depths,
             config.dropout,

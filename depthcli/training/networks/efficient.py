@@ -1,5 +1,6 @@
 """An encoder-decoder that is fast on CPUs: residual blocks, batch norm, skip connections."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import torch
@@ -7,41 +8,27 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 
-class EfficientGenerator(nn.Module):
-    """Gray picture to raw depth at half the picture's size.
+class DecodingGenerator(nn.Module):
+    """Network input to raw depth at half its size, from the feature maps of an encoder.
 
-    Args:
-        encoder: channels at strides 2, 4, 8, 16, 32.
-        decoder: channels at strides 16, 8, 4, 2.
-        depths: residual blocks at strides 4, 8, 16, 32.
-        dropout: share of bottleneck channels dropped while training.
-        norm: batch norm after each convolution; without it, convolutions have biases.
+    Subclasses build their encoder, call :meth:`_add_decoder`, and define :meth:`_encode`.
     """
 
-    TAPS = ("stride2", "stride4", "stride8", "stride16")
+    TAPS: Sequence[str] = ("stride2", "stride4", "stride8", "stride16")
 
-    def __init__(
-        self,
-        encoder: Sequence[int],
-        decoder: Sequence[int],
-        depths: Sequence[int],
-        dropout: float,
-        *,
-        norm: bool,
+    def _add_decoder(
+        self, encoder: Sequence[int], decoder: Sequence[int], dropout: float, *, norm: bool
     ) -> None:
-        super().__init__()
-        self.encoder_channels = tuple(encoder)
-        self.decoder_channels = tuple(decoder)
-        self.depths = tuple(depths)
+        """Build the decoder.
+
+        Args:
+            encoder: channels of the feature maps of :meth:`_encode`; 0 for a missing one.
+            decoder: channels at strides 16, 8, 4, 2.
+            dropout: share of bottleneck channels dropped while training.
+            norm: batch norm after each convolution; without it, convolutions have biases.
+        """
+        self.encoder_channels, self.decoder_channels = tuple(encoder), tuple(decoder)
         self.norm = norm
-        self.stem = ConvNorm(1, encoder[0], stride=2, norm=norm)
-        self.stages = nn.ModuleList(
-            nn.Sequential(
-                ResidualBlock(below, width, stride=2, norm=norm),
-                *(ResidualBlock(width, width, norm=norm) for _ in range(depth - 1)),
-            )
-            for below, width, depth in zip(encoder, encoder[1:], depths, strict=False)
-        )
         deepest = encoder[-1]
         self.whole_picture = nn.Linear(deepest, deepest)
         self.dropout = nn.Dropout2d(dropout)
@@ -54,20 +41,18 @@ class EfficientGenerator(nn.Module):
         nn.init.zeros_(self.head.weight)
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
 
-    def with_decoder(self, channels: Sequence[int]) -> "EfficientGenerator":
-        """A network that differs in its decoder's channels, newly initialized, on the CPU."""
-        return EfficientGenerator(
-            self.encoder_channels, channels, self.depths, self.dropout.p, norm=self.norm
-        )
+    @abstractmethod
+    def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
+        """Feature maps at strides 2, 4, 8, 16, which may be missing, and at stride 32."""
 
     def tap_channels(self, tap: str) -> int:
         """Channels of a named feature map."""
-        return self.encoder_channels[self.TAPS.index(tap)]
+        return self.encoder_channels[DecodingGenerator.TAPS.index(tap)]
 
     def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
-        """Encoder feature maps of x (B, 1, H, W) for the given taps."""
-        maps = dict(zip(self.TAPS, self._encode(x), strict=False))
-        return [maps[tap] for tap in taps]
+        """Encoder feature maps of x (B, C, H, W) for the given taps."""
+        maps = dict(zip(DecodingGenerator.TAPS, self._encode(x)[0], strict=True))
+        return [found for tap in taps if (found := maps[tap]) is not None]
 
     @property
     def last_channels(self) -> int:
@@ -75,24 +60,66 @@ class EfficientGenerator(nn.Module):
         return self.head.in_channels
 
     def last_features(self, x: Tensor) -> Tensor:
-        """The last feature map (B, last_channels, ceil(H/2), ceil(W/2)) of x (B, 1, H, W)."""
-        *skips, y = self._encode(x)
+        """The last feature map (B, last_channels, ceil(H/2), ceil(W/2)) of x (B, C, H, W)."""
+        skips, y = self._encode(x)
         y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
         y = self.dropout(y)
         for fusion, skip in zip(self.fusions, reversed(skips), strict=True):
-            y = F.interpolate(y, size=skip.shape[2:], mode="bilinear", align_corners=False)
-            y = fusion(torch.cat([y, skip], 1))
+            if skip is None:
+                y = fusion(F.interpolate(y, scale_factor=2.0, mode="bilinear"))
+            else:
+                y = F.interpolate(y, size=skip.shape[2:], mode="bilinear", align_corners=False)
+                y = fusion(torch.cat([y, skip], 1))
         return y  # type: ignore[no-any-return]
 
     def forward(self, x: Tensor) -> Tensor:
-        """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, 1, H, W) in [-1, 1]."""
+        """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, C, H, W) in [-1, 1]."""
         return self.head(self.last_features(x))  # type: ignore[no-any-return]
 
-    def _encode(self, x: Tensor) -> list[Tensor]:
+
+class EfficientGenerator(DecodingGenerator):
+    """Gray picture to raw depth at half the picture's size.
+
+    Args:
+        encoder: channels at strides 2, 4, 8, 16, 32.
+        decoder: channels at strides 16, 8, 4, 2.
+        depths: residual blocks at strides 4, 8, 16, 32.
+        dropout: share of bottleneck channels dropped while training.
+        norm: batch norm after each convolution; without it, convolutions have biases.
+    """
+
+    def __init__(
+        self,
+        encoder: Sequence[int],
+        decoder: Sequence[int],
+        depths: Sequence[int],
+        dropout: float,
+        *,
+        norm: bool,
+    ) -> None:
+        super().__init__()
+        self.depths = tuple(depths)
+        self.stem = ConvNorm(1, encoder[0], stride=2, norm=norm)
+        self.stages = nn.ModuleList(
+            nn.Sequential(
+                ResidualBlock(below, width, stride=2, norm=norm),
+                *(ResidualBlock(width, width, norm=norm) for _ in range(depth - 1)),
+            )
+            for below, width, depth in zip(encoder, encoder[1:], depths, strict=False)
+        )
+        self._add_decoder(encoder, decoder, dropout, norm=norm)
+
+    def with_decoder(self, channels: Sequence[int]) -> "EfficientGenerator":
+        """A network that differs in its decoder's channels, newly initialized, on the CPU."""
+        return EfficientGenerator(
+            self.encoder_channels, channels, self.depths, self.dropout.p, norm=self.norm
+        )
+
+    def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
         maps = [self.stem(x)]
         for stage in self.stages:
             maps.append(stage(maps[-1]))
-        return maps
+        return [*maps[:-1]], maps[-1]
 
 
 class ConvNorm(nn.Sequential):
