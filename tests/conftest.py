@@ -14,7 +14,7 @@ from helpers.command_line import ROOT, Cli, InProcess
 from helpers.tiny import write_model, write_picture
 from hypothesis import HealthCheck, settings
 
-from depthcli.io.listing.folder import reads_heif
+from depthcli.io.listing.folder import is_installed
 from depthcli.io.storage import objects
 
 if TYPE_CHECKING:
@@ -112,9 +112,9 @@ def _in_a_folder(kind: type[Cli], site: Path, tmp_path: Path) -> Cli:
 def without_heif(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """As if pillow-heif were not installed."""
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
-    reads_heif.cache_clear()
+    is_installed.cache_clear()
     yield
-    reads_heif.cache_clear()
+    is_installed.cache_clear()
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ import platform
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Literal
 
 from depthcli.errors import DepthcliError
@@ -116,7 +117,7 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
     yield from _guarded("providers", lambda: _check_providers(model))
     yield from _guarded("codecs", _check_codecs)
     yield from _guarded("codec .exr", _check_openexr)
-    yield from _guarded("codec .heic", _check_heif)
+    yield from _guarded("extras for pictures", _check_extras)
     yield from _guarded("video codecs", _check_video)
 
 
@@ -170,13 +171,16 @@ def _check_openexr() -> Iterator[Check]:
     yield Check("codec .exr", "ok", f"OpenEXR {OpenEXR.__version__}")
 
 
-def _check_heif() -> Iterator[Check]:
-    from depthcli.core.text import INSTALL_HEIF
-    from depthcli.io.images.heif import libheif_version
-    from depthcli.io.listing.folder import reads_heif
+def _check_extras() -> Iterator[Check]:
+    from depthcli.io.listing.folder import EXTRAS, is_installed
 
-    found = f"libheif {libheif_version()}" if reads_heif() else f"not read; {INSTALL_HEIF}"
-    yield Check("codec .heic", "ok", found)
+    for suffix in (".heic", ".dpx"):
+        package, install = EXTRAS[suffix]
+        if is_installed(package):
+            found = f"{package} {import_module(package).__version__}"
+        else:
+            found = f"not read; {install}"
+        yield Check(f"codec {suffix}", "ok", found)
 
 
 def _check_video() -> Iterator[Check]:

@@ -13,7 +13,7 @@ from helpers.heifs import heic, pillow_heif
 from helpers.tiny import synthetic_picture
 from PIL import Image
 
-from depthcli.io.listing.folder import reads_heif
+from depthcli.io.listing.folder import is_installed
 
 if TYPE_CHECKING:
     from helpers.command_line import Cli
@@ -69,11 +69,11 @@ def test_a_batch_reads_heic_once_pillow_heif_is_there(
     (inside.folder / "list").write_text("b.HEIC")
     with monkeypatch.context() as missing:
         missing.setitem(sys.modules, "pillow_heif", None)
-        reads_heif.cache_clear()
+        is_installed.cache_clear()
         assert b"2 files skipped (2 .heic)" in inside("batch", "in", "--out", "out").stdout
         listed = inside("batch", "in", "--files", "list", "--out", "other")
         assert (listed.returncode, MISSING in listed.stderr) == (1, True)
-    reads_heif.cache_clear()
+    is_installed.cache_clear()
     would = inside("batch", "in", "--out", "out", "--dry-run", "--json")
     assert [one["would"] for one in printed(would)] == ["keep", "do", "fail"]
     done = inside("batch", "in", "--out", "out")

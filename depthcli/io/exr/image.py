@@ -167,7 +167,7 @@ def read_exr_picture(
     for i, colour in enumerate(names):
         pixels[..., i] = channels.pop(colour).over(whole)  # each is freed when it is copied
     if windows.valid.width * windows.valid.height and not np.isfinite(pixels).any():
-        raise InputError(f"{name} has no finite pixel; write it again")
+        raise InputError(f"{name} has no finite pixel")
     matrix, problem = primaries_matrix(part.chromaticities) if len(names) > 1 else (None, None)
     above = encode(pixels, options.exposure, matrix)
     warnings = (

@@ -88,9 +88,8 @@ def colour_channels(
     if "Y" in names and "" not in coloured and not is_of_vectors("Y", names):
         return ("Y",), None
     if not coloured:
-        raise InputError(
-            f"{file} holds no picture in R, G, B or Y; it has {one_line(', '.join(names))}"
-        )
+        shown = one_line(", ".join(names))
+        raise InputError(f"{file} holds no picture in R, G, B or Y", f"it has {shown}")
     ranks = {layer: _picture_rank(layer) for layer in coloured}
     likely = [layer for layer, rank in ranks.items() if rank == min(ranks.values())]
     return coloured[likely[0]], _doubt(likely)
@@ -124,19 +123,9 @@ def _channels_of(
         return channels[""]
     if len(chosen) != 1:
         which = "has several layers" if chosen else "has no layer"
-        shown = chosen or _layers_shown(list(found), has_unnamed="" in channels)
-        raise InputError(
-            f"{file} {which} {layer!r} with R, G and B, or Y; it has "
-            + one_line(", ".join(shown or names))
-        )
+        shown = one_line(", ".join(chosen or found or names))
+        raise InputError(f"{file} {which} {layer!r} with R, G and B, or Y", f"it has {shown}")
     return channels[found[chosen[0]]]
-
-
-def _layers_shown(named: Sequence[str], *, has_unnamed: bool) -> list[str]:
-    """What an error says of the layers that there are; nothing if there is none."""
-    if not has_unnamed:
-        return list(named)
-    return [*named, "one without a name"] if named else ["only one, without a name"]
 
 
 def _picture_rank(layer: str) -> int:

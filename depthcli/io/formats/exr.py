@@ -12,10 +12,9 @@ from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, ov
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth
-from depthcli.io.exr.file import StoredChannel, read_exr_channels, read_exr_texts, write_exr
+from depthcli.io.exr.file import StoredChannel, read_exr_channels, write_exr
 from depthcli.io.exr.layers import depth_channel, layer_of
 from depthcli.io.formats.sidecar import with_sidecar
-from depthcli.io.storage.transfer import local_copy
 
 _COLOURS = ("G", "B", "RY", "BY")
 
@@ -78,13 +77,14 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     Raises:
         InputError: missing, damaged, without depth, or too large.
     """
-    with local_copy(path) as file:  # one download for both
-        channels, texts = read_exr_channels(file), read_exr_texts(file)
+    channels = read_exr_channels(path)
     name = depth_channel(list(channels))
     if name is None or _is_coloured(name, channels):
         raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
     stored, part = channels[name], channels[name].part
-    metadata = with_sidecar(path, own_metadata(texts), (part.display.width, part.display.height))
+    metadata = with_sidecar(
+        path, own_metadata(part.texts), (part.display.width, part.display.height)
+    )
     found = StoredDepth.of(path, stored.over(part.data), metadata, options)
     if part.pixel_aspect != 1:
         source = found.depth.provenance or Provenance()

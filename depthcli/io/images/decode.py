@@ -88,15 +88,15 @@ class CheckedImage:
             return self._container.decode(self.data)
 
 
-def read_bytes(path: Path) -> bytes:
-    """Content of an input file.
+def read_bytes(path: Path, first: int = -1) -> bytes:
+    """Content of an input file, or its ``first`` bytes.
 
     Raises:
         InputError: it is missing, a folder, a pipe, a device, unreadable, too large, or a link that
             leads nowhere.
     """
     try:
-        return read_regular(path, MAX_FILE_BYTES)
+        return read_regular(path, MAX_FILE_BYTES, first=first)
     except FileNotFoundError as error:
         if isinstance(path, RemotePath):
             raise InputError(f"{path} cannot be read: {error.strerror}") from None

@@ -8,7 +8,7 @@ from depthcli.core.text import INSTALL_HEIF
 from depthcli.errors import InputError
 from depthcli.io.images.headers import Decoded, Header
 from depthcli.io.images.isobmff import is_cut_in_box, property_orientation
-from depthcli.io.listing.folder import reads_heif
+from depthcli.io.listing.folder import is_installed
 
 _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha
@@ -22,7 +22,7 @@ def heif_header(data: bytes) -> Header:
     Raises:
         InputError: truncated, damaged, or pillow-heif is missing.
     """
-    if not reads_heif():
+    if not is_installed("pillow_heif"):
         raise InputError("is HEIC, which needs pillow-heif", INSTALL_HEIF)
     if is_cut_in_box(data, b"mdat"):  # libheif makes up tiles that are missing, without an error
         raise InputError("is truncated (its end is missing)", "copy it again")
@@ -57,17 +57,6 @@ def decode_heif(data: bytes) -> Decoded:
     colours = stored.reshape(*stored.shape[:2], channels)
     pixels = np.array(colours[..., :3] if channels in _RGB else colours[..., 0], order="C")
     return Decoded(pixels, image.info.get("exif") or b"")
-
-
-def libheif_version() -> str:
-    """Version of the decoder.
-
-    Raises:
-        ImportError: pillow-heif is missing or broken.
-    """
-    import pillow_heif  # noqa: PLC0415 - an extra
-
-    return pillow_heif.libheif_version()
 
 
 def _opened(data: bytes) -> Any:  # noqa: ANN401 - the types of its facts are too wide

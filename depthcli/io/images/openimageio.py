@@ -5,7 +5,6 @@ It is an extra; the only module that imports it.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from depthcli.core.text import INSTALL_FORMATS
 from depthcli.errors import InputError
 from depthcli.io.images.headers import Decoded, Header
 from depthcli.io.images.pixels import upright
+from depthcli.io.listing.folder import is_installed
 from depthcli.io.storage.temporary import temporary_copy
 
 _FORMATS = {
@@ -50,7 +50,7 @@ def needs_openimageio(problem: str) -> None:
     Raises:
         InputError: it is missing.
     """
-    if find_spec("OpenImageIO") is None:
+    if not is_installed("OpenImageIO"):
         raise InputError(f"{problem}, which needs OpenImageIO", INSTALL_FORMATS)
 
 

@@ -7,21 +7,21 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from importlib.util import find_spec
 from itertools import pairwise
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import NamedTuple, Self, TypeAlias
 
-from depthcli.core.text import INSTALL_HEIF
+from depthcli.core.text import INSTALL_FORMATS, INSTALL_HEIF
 from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.storage.paths import path_of
 
 HEIF_SUFFIXES = (".heic", ".heif", ".hif")
-
-
-@cache
-def reads_heif() -> bool:
-    """Whether pillow-heif is installed; it is not loaded."""
-    return find_spec("pillow_heif") is not None
+FORMATS_SUFFIXES = (".dpx", ".cin", ".hdr", ".psd", ".jxl", ".jp2", ".tga")
+EXTRAS = {
+    **dict.fromkeys(HEIF_SUFFIXES, ("pillow_heif", INSTALL_HEIF)),
+    **dict.fromkeys(FORMATS_SUFFIXES, ("OpenImageIO", INSTALL_FORMATS)),
+}
+"""The package that pictures of a suffix need, and how to install it."""
 
 
 HIDDEN = "hidden"
@@ -30,11 +30,6 @@ EXCLUDED = "excluded"
 NOT_INCLUDED = "not included"
 TWICE = "listed twice"
 CAMERA_RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf")
-_CONVERSIONS = {
-    **dict.fromkeys((*HEIF_SUFFIXES, ".jxl", ".jp2", ".psd", *CAMERA_RAW), "JPEG, PNG or TIFF"),
-    **dict.fromkeys((".dpx", ".cin", ".tga", ".hdr"), "EXR or 16-bit TIFF"),
-}
-"""What to convert pictures of other formats to, by suffix."""
 _MAX_REASONS = 6
 
 
@@ -45,10 +40,10 @@ class Skipped(NamedTuple):
     reason: str  #: one of the words above, or the file's suffix
 
 
-def convert_to(name: str) -> str | None:
-    """What to convert a picture to, by its name; None if its format is read here, or unknown."""
-    suffix = PurePosixPath(name).suffix.lower()
-    return None if suffix in HEIF_SUFFIXES and reads_heif() else _CONVERSIONS.get(suffix)
+@cache
+def is_installed(package: str) -> bool:
+    """Whether an extra's package is installed; it is not loaded."""
+    return find_spec(package) is not None
 
 
 def skip_summary(skipped: Sequence[Skipped]) -> str:
@@ -63,10 +58,11 @@ def skip_summary(skipped: Sequence[Skipped]) -> str:
 
 def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
     """Advice about pictures of formats that are not read; None if there are none."""
-    found = Counter(file.reason for file in skipped if file.reason in _CONVERSIONS)
+    found = Counter(file.reason for file in skipped if file.reason in (*EXTRAS, *CAMERA_RAW))
     if not found:
         return None
-    or_install = f", or for HEIC {INSTALL_HEIF}" if found.keys() & set(HEIF_SUFFIXES) else ""
+    installs = sorted({EXTRAS[suffix][1] for suffix in found if suffix in EXTRAS})
+    or_install = "".join(f", or {install}" for install in installs)
     pictures = "picture" if found.total() == 1 else "pictures"
     return (
         f"{found.total()} {pictures} of a format that is not read ({', '.join(sorted(found))}) "
@@ -136,7 +132,7 @@ def is_exr(name: str) -> bool:
 def is_picture(name: str) -> bool:
     """Whether a name's suffix is that of a picture that is read here, EXR apart."""
     suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
-    return suffix in PICTURE_SUFFIXES or (suffix in HEIF_SUFFIXES and reads_heif())
+    return suffix in PICTURE_SUFFIXES or (suffix in EXTRAS and is_installed(EXTRAS[suffix][0]))
 
 
 def is_media(name: str) -> bool:
