@@ -38,25 +38,18 @@ class BenchRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class Speed:
-    """The measurements."""
-
-    network: Latency  #: of the network alone, for one picture
-    end_to_end: Latency  #: from an encoded file to a 16-bit PNG on disk, for one picture
-    pictures_per_s: float  #: end-to-end throughput with several workers
-    #: peak memory of this process so far, in MB; None if the system does not report it
-    peak_memory_mb: float | None
-
-
-@dataclass(frozen=True, slots=True)
 class BenchResult:
     """The measurements of a model."""
 
     model: str  #: name in its card
     model_sha256: str  #: checksum of its file
     provider: str  #: the provider in use
-    workers: int  #: pictures processed in parallel, for the throughput
-    speed: Speed  #: the measurements
+    workers: int  #: images processed in parallel, for the throughput
+    network: Latency  #: of the network alone, for one image
+    end_to_end: Latency  #: from an encoded file to a 16-bit PNG on disk, for one image
+    pictures_per_s: float  #: end-to-end throughput with several workers
+    #: peak memory of this process so far, in MB; None if the system does not report it
+    peak_memory_mb: float | None
 
 
 def run_bench(
@@ -69,40 +62,34 @@ def run_bench(
         ModelError: the model is missing, cannot be used, or fails.
         UsageError: the provider or its options are invalid.
     """
-    given = request.picture
+    given, seconds = request.picture, request.seconds
     picture = synthetic_picture(*request.synthetic_px) if given is None else read_bytes(given)
-    read_image(given, picture, name="the picture")  # an error names the file
+    frame = read_image(given, picture, name="the picture")  # an error names the file
     workers, threads = share_cores(request.workers)
     each = replace(request.model, threads=threads)
-    detail = Detail(request.upsampling)
-    alone, shared = (Pipeline(loader.load(), detail) for loader in (request.model, each))
-    for warning in alone.session.warnings:
+    alone, shared = (
+        Pipeline(loader.load(), Detail(request.upsampling)) for loader in (request.model, each)
+    )
+    session, card = alone.session, alone.card
+    for warning in session.warnings:
         warn(warning)
-    speed = measure_speed(alone, shared, picture, workers=workers, seconds=request.seconds)
-    session = alone.session
-    return BenchResult(alone.card.name, session.model.sha256, session.provider, workers, speed)
-
-
-def measure_speed(
-    alone: Pipeline, shared: Pipeline, picture: bytes, *, workers: int, seconds: float
-) -> Speed:
-    """Measure a model on an encoded picture; each of the three measurements takes ``seconds``.
-
-    ``alone`` has the threads for the latency measurements, ``shared`` those of one worker.
-
-    Raises:
-        InputError: the picture cannot be read.
-        ModelError: the network fails.
-    """
-    frame = read_image(None, picture)
-    batch, _ = prepare(alone.card.input, frame)
+    batch, _ = prepare(card.input, frame)
     with temporary_folder() as folder:
-        network = measure_latency(lambda: alone.session.run(batch), seconds)
+        network = measure_latency(lambda: session.run(batch), seconds)
         end_to_end = measure_latency(
             lambda: _predict_and_write(alone, picture, folder / "alone.png"), seconds
         )
-        rate = _throughput(shared, picture, folder, workers, seconds)
-    return Speed(network, end_to_end, rate, peak_memory_mb())
+        rate = throughput(shared, picture, folder, workers, seconds)
+    return BenchResult(
+        card.name,
+        session.model.sha256,
+        session.provider,
+        workers,
+        network,
+        end_to_end,
+        rate,
+        peak_memory_mb(),
+    )
 
 
 def synthetic_picture(width: int, height: int) -> bytes:
@@ -130,10 +117,10 @@ def _predict_and_write(pipeline: Pipeline, picture: bytes, path: Path) -> None:
     Png16Writer().write(pipeline.predict(frame).depth, path, frame)
 
 
-def _throughput(
+def throughput(
     pipeline: Pipeline, picture: bytes, folder: Path, workers: int, seconds: float
 ) -> float:
-    """Pictures per second, from the end of the first one to that of the last."""
+    """Images per second, from the end of the first one to that of the last."""
 
     def numbers() -> Iterator[int]:
         end_s = time.perf_counter() + seconds

@@ -1,9 +1,8 @@
-"""Checking the installation.
+"""Checking the installation: packages, a model, the providers and the codecs.
 
 No package is imported before its own check, so that a broken package is reported as well.
 """
 
-import platform
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -12,16 +11,8 @@ from typing import Literal
 
 from depthcli.errors import DepthcliError
 
-_OPTIONAL = ("pillow-heif", "torch", "onnx")
-_FASTER_PNG = ("deflate",) if platform.machine() in {"x86_64", "AMD64", "arm64", "aarch64"} else ()
-_PACKAGES = (
-    *("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich"),
-    *(*_FASTER_PNG, *_OPTIONAL),
-)
-_ONNXRUNTIME_BUILDS = {
-    *("gpu", "directml", "openvino", "rocm", "migraphx"),
-    *("training", "silicon", "qnn", "gpu-cu12"),
-}
+_PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich")
+_OPTIONAL = ("deflate", "pillow-heif", "torch", "onnx")
 _MODULES = {
     "numpy": ("ndarray", "numpy"),
     "cv2": ("imdecode", "opencv-python-headless"),
@@ -41,6 +32,29 @@ class Check:
     detail: str  #: what was found, one line
 
 
+def check_installation(model: str | None = None, provider: str = "auto") -> Iterator[Check]:
+    """Check versions, packages, a model, the providers and the codecs.
+
+    A provider other than ``auto`` has to work; a model of None is the default model.
+    """
+    yield from check_versions()
+    yield from check_modules()
+    yield from check_conflicts()
+    checks: dict[str, Callable[[], Iterator[Check]]] = {
+        "model": lambda: _check_model(model, provider),
+        "providers": lambda: _check_providers(model),
+        "codecs": _check_codecs,
+        "codec .exr": _check_openexr,
+        "extras for pictures": _check_extras,
+        "video codecs": _check_video,
+    }
+    for name, check in checks.items():
+        try:
+            yield from check()
+        except Exception as error:  # noqa: BLE001 - a broken package can raise anything
+            yield Check(name, "failed", _one_line_reason(error))
+
+
 def check_versions() -> Iterator[Check]:
     """Report the installed versions of depthcli, Python and the packages."""
     from importlib.metadata import PackageNotFoundError, version
@@ -49,32 +63,24 @@ def check_versions() -> Iterator[Check]:
 
     yield Check("depthcli", "ok", __version__)
     yield Check("Python", "ok", sys.version.split()[0])
-    for package in _PACKAGES:
+    for package in (*_PACKAGES, *_OPTIONAL):
         try:
             yield Check(package, "ok", version(package))
         except PackageNotFoundError:
-            if package not in _OPTIONAL:
+            if package in _PACKAGES:
                 yield Check(package, "warning", "not installed under this name")
 
 
 def check_modules() -> Iterator[Check]:
     """Check that each module can be imported and is not empty, as after an interrupted install."""
-    from importlib import import_module
-
     for module, (needed, package) in _MODULES.items():
         try:
             getattr(import_module(module), needed)
         except Exception as error:  # noqa: BLE001 - a broken package can raise anything
             mend = f"install it again: pip install --force-reinstall {package}"
-            yield Check(f"import {module}", "failed", f"{one_line_reason(error)}; {mend}")
+            yield Check(f"import {module}", "failed", f"{_one_line_reason(error)}; {mend}")
         else:
             yield Check(f"import {module}", "ok", "imports")
-
-
-def one_line_reason(error: Exception) -> str:
-    """An error in one line."""
-    text = " ".join(str(error).split())
-    return text if isinstance(error, ImportError) else f"{type(error).__name__}: {text}"
 
 
 def check_conflicts() -> Iterator[Check]:
@@ -84,41 +90,22 @@ def check_conflicts() -> Iterator[Check]:
     """
     from importlib.metadata import distributions
 
-    names = {str(dist.metadata["Name"]).lower().replace("_", "-") for dist in distributions()}
-    for title, module in (("onnxruntime packages", "onnxruntime"), ("OpenCV packages", "opencv")):
-        found = sorted(name for name in names if _provides(module, name))
+    for title, prefix, module in (
+        ("onnxruntime packages", "onnxruntime", "onnxruntime/__init__.py"),
+        ("OpenCV packages", "opencv", "cv2/__init__.py"),
+    ):
+        named = (one for one in distributions() if one.name.lower().startswith(prefix))
+        found = sorted({one.name for one in named if module in map(str, one.files or ())})
         detail = ", ".join(found) or "not installed as a package"
-        if len(found) < 2:  # noqa: PLR2004 - two are a conflict
-            yield Check(title, "ok", detail)
-            continue
-        advice = "overwrite each other; uninstall all of them, then install one"
-        yield Check(title, "failed", f"{detail} {advice}")
+        if len(found) > 1:
+            detail += " overwrite each other; uninstall all of them, then install one"
+        yield Check(title, "failed" if len(found) > 1 else "ok", detail)
 
 
-def _provides(module: str, package: str) -> bool:
-    """Whether a package provides this module: the plain package or another build of it."""
-    if module == "opencv":
-        return package.startswith(("opencv-python", "opencv-contrib-python"))
-    return package == module or (
-        package.startswith(f"{module}-")
-        and package.removeprefix(f"{module}-") in _ONNXRUNTIME_BUILDS
-    )
-
-
-def check_installation(model: str | None = None, provider: str = "auto") -> Iterator[Check]:
-    """Check versions, packages, a model, the providers and the codecs.
-
-    A provider other than ``auto`` has to work; a model of None is the default model.
-    """
-    yield from check_versions()
-    yield from check_modules()
-    yield from check_conflicts()
-    yield from _guarded("model", lambda: _check_model(model, provider))
-    yield from _guarded("providers", lambda: _check_providers(model))
-    yield from _guarded("codecs", _check_codecs)
-    yield from _guarded("codec .exr", _check_openexr)
-    yield from _guarded("extras for pictures", _check_extras)
-    yield from _guarded("video codecs", _check_video)
+def _one_line_reason(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    is_worded = isinstance(error, (ImportError, DepthcliError))
+    return text if is_worded else f"{type(error).__name__}: {text}"
 
 
 def _check_model(name: str | None, provider: str) -> Iterator[Check]:
@@ -184,23 +171,12 @@ def _check_extras() -> Iterator[Check]:
 
 
 def _check_video() -> Iterator[Check]:
-    from depthcli.errors import OutputError
     from depthcli.video.formats import Codec, check_encoder
 
     for codec in Codec:
         try:
             check_encoder(codec)
-        except OutputError as error:
+        except DepthcliError as error:
             yield Check(f"video codec {codec}", "warning", str(error))
         else:
             yield Check(f"video codec {codec}", "ok", "writes")
-
-
-def _guarded(name: str, checks: Callable[[], Iterator[Check]]) -> Iterator[Check]:
-    """Report an error of the checks as a failed check, so that the other checks still run."""
-    try:
-        yield from checks()
-    except DepthcliError as error:
-        yield Check(name, "failed", str(error))
-    except Exception as error:  # noqa: BLE001 - a broken package can raise anything
-        yield Check(name, "failed", one_line_reason(error))

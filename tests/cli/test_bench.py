@@ -49,7 +49,6 @@ def test_a_terminal_is_told_how_long_it_takes(cli: Cli) -> None:
     [
         (("--size", "640"), 2, "WIDTHxHEIGHT"),
         (("--size", "0x10"), 2, "1 to 20000"),
-        ((__file__, "--size", "640x480"), 2, "--size is that of the synthetic picture"),
         (("missing.jpg",), 1, "missing.jpg"),
         ((__file__,), 1, "test_bench.py is not a picture"),
         (("--seconds", "nan"), 2, "must be 0 or greater"),

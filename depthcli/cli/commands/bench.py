@@ -65,21 +65,19 @@ def bench(
         console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
     done = run_bench(request, console.warn)
     if as_json:
-        facts = dataclasses.asdict(done)
-        console.out_json(facts | facts.pop("speed"))
+        console.out_json(dataclasses.asdict(done))
     else:
         _print_bench(done)
     return ExitCode.OK
 
 
 def _print_bench(done: BenchResult) -> None:
-    speed = done.speed
     console.out(f"{done.model} on {done.provider}")
-    console.out(f"network        {_latency(speed.network)}")
-    console.out(f"end-to-end     {_latency(speed.end_to_end)}")
-    console.out(f"throughput     {speed.pictures_per_s:8.1f} pictures/s, {done.workers} at a time")
-    if speed.peak_memory_mb is not None:
-        console.out(f"peak memory    {speed.peak_memory_mb:8.0f} MB")
+    console.out(f"network        {_latency(done.network)}")
+    console.out(f"end-to-end     {_latency(done.end_to_end)}")
+    console.out(f"throughput     {done.pictures_per_s:8.1f} pictures/s, {done.workers} at a time")
+    if done.peak_memory_mb is not None:
+        console.out(f"peak memory    {done.peak_memory_mb:8.0f} MB")
 
 
 def _latency(latency: Latency) -> str:
