@@ -25,8 +25,7 @@ from depthcli.core.options import Detail
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.pipeline import load
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video
-from depthcli.jobs.video.run import open_output
-from depthcli.jobs.video.stages import FrameStages
+from depthcli.jobs.video.stages import FrameStages, open_output
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource
 
@@ -68,7 +67,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
             which: stack.enter_context(
-                open_output(which, plan, settings.writing, source, source.rate)
+                open_output(which, plan, settings.writing, source, source.rate, None)
             )
             for which in FORMATS
         }

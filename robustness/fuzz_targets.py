@@ -49,6 +49,7 @@ from depthcli.io.manifest.files import TableRows, write_rows
 from depthcli.io.manifest.row import parse_row
 from depthcli.io.parquet import column_texts
 from depthcli.io.tables import read_lenses
+from depthcli.jobs.video.resume import FrameJournal
 from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
@@ -56,9 +57,8 @@ from depthcli.training import callbacks as metrics_log
 from depthcli.training.checkpoint import Checkpoint, TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.settings import apply_overrides
-from depthcli.video.container import has_valid_slices
+from depthcli.video.decoder import has_valid_slices
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.frame_journal import FrameJournal
 from depthcli.video.source import VideoSource
 
 UNEXPECTED = re.compile(r"unexpected [A-Z]\w+:|Traceback")

@@ -59,7 +59,7 @@ from depthcli.jobs.naming import (
 from depthcli.jobs.outputs import FailedInput, failure_reason, output_guard
 from depthcli.jobs.unique_names import TreeNames
 from depthcli.video.depth_video import DepthVideo, depth_frames
-from depthcli.video.numbering import check_folders, is_pattern, numbered_name
+from depthcli.video.numbering import is_pattern, numbered_name
 
 _FRAME = r"(?i)\.depth\.\d{6,}$"
 """End of the stem of a numbered file, ``clip.depth.000001``."""
@@ -373,4 +373,3 @@ def _check_sequence(request: ConvertRequest) -> None:
     if request.frame is not None or request.picture is not None:
         option = "picture" if request.frame is None else "frame"
         raise UsageError(f"it is for one map, but {name} is all frames", "remove it", option=option)
-    check_folders(path_of(request.target))

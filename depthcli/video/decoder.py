@@ -1,16 +1,20 @@
-"""Decoding the packets of a video stream, past damaged ones."""
+"""Decoding the packets of a video stream, past damaged ones, and noticing what is missing."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import re
+import zlib
+from typing import TYPE_CHECKING, Final
 
 import av
+from av import logging as av_logging
+from av.packet import PacketSideData, packet_sidedata_type_from_literal
 
-from depthcli.video.container import has_valid_slices
-from depthcli.video.time_code import stated_number
+from depthcli.video.container import open_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from av.container import InputContainer
     from av.packet import Packet
@@ -18,6 +22,14 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
 
 _CHECKED_CODEC = "ffv1"
+_MATROSKA = "matroska,webm"
+_STATED_NUMBER: Final = "matroska_block_additional"
+_ID_BYTES = 8
+_ID = 1
+"""Of data that only the codec or the program defines (BlockAddID)."""
+_SLICE_FOOTER_BYTES = 8  # bytes: three of the slice's size, one of its state, four of its checksum
+_BIT_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+_ONES = 0xFFFFFFFF
 
 
 class FrameDecoder:
@@ -50,13 +62,8 @@ class FrameDecoder:
         self._frames = self._decoded()
 
     def next(self) -> VideoFrame | None:
-        """The next frame; None at the end."""
+        """The next frame, to be given to :func:`frame_number`; None at the end."""
         return next(self._frames, None)
-
-    @staticmethod
-    def stated_number(frame: VideoFrame) -> int | None:
-        """The number that the packet of a frame states; None if it states none."""
-        return frame.opaque if isinstance(frame.opaque, int) else None
 
     def pop_failed(self, before: int | None = None) -> int:
         """How many frames could not be decoded since the last call.
@@ -82,7 +89,7 @@ class FrameDecoder:
                     # The decoder may still hold earlier frames.
                     self._skipped.append(packet.pts or 0)
                     continue
-                packet.opaque = stated_number(packet)
+                packet.opaque = _stated_number(packet)
             try:
                 frames = packet.decode()
             except (av.FFmpegError, EOFError):
@@ -109,3 +116,77 @@ class FrameDecoder:
         if self._has_checksums:
             self._is_intact = is_valid and (self._is_intact or packet.is_keyframe)
         return self._is_intact
+
+
+def frame_number(frame: VideoFrame) -> int | None:
+    """The number that the packet of a decoded frame states; None if it states none."""
+    return frame.opaque if isinstance(frame.opaque, int) else None
+
+
+def state_number(packet: Packet[VideoStream], number: int) -> None:
+    """State the number of its frame in a packet that is not written yet.
+
+    In Matroska, as additional data of the block: its header is written with the first frame, before
+    it is known which later ones are missing.
+    """
+    data = _ID.to_bytes(_ID_BYTES) + f"{number}".encode()
+    kind = packet_sidedata_type_from_literal(_STATED_NUMBER)
+    side_data = PacketSideData(kind, len(data))  # type: ignore[call-arg] # missing in PyAV's stubs
+    side_data.update(data)
+    packet.set_sidedata(side_data)
+
+
+def _stated_number(packet: Packet[VideoStream]) -> int | None:
+    if not packet.has_sidedata(_STATED_NUMBER):
+        return None
+    text = bytes(packet.get_sidedata(_STATED_NUMBER))[_ID_BYTES:]
+    return int(text) if re.fullmatch(rb"\d{1,18}", text) else None
+
+
+def has_valid_slices(packet: bytes) -> bool:
+    """Whether the checksum of every slice of an FFV1 frame is right (RFC 9043, 4.9.3).
+
+    The frame is of version 3, with checksums. FFmpeg replaces damaged slices with those of the
+    frame before, and only logs it.
+    """
+    end = len(packet)
+    while end > 0:
+        start = (
+            end - _SLICE_FOOTER_BYTES - int.from_bytes(packet[max(0, end - 8) : max(0, end - 5)])
+        )
+        if start < 0 or _crc(packet[start:end]):
+            return False
+        end = start
+    return bool(packet)
+
+
+def _crc(data: bytes) -> int:
+    """CRC-32 with the most significant bit first and an initial value of 0, bit-reversed."""
+    return zlib.crc32(data.translate(_BIT_REVERSED), _ONES) ^ _ONES
+
+
+def is_incomplete_matroska(path: Path) -> bool:
+    """Whether a Matroska or WebM file is truncated or has a gap; False for other containers.
+
+    FFmpeg's demuxer skips such places without an error, and only logs them. The file is read once
+    more, without decoding.
+
+    Raises:
+        InputError: it is no video any more.
+    """
+    level, skips = av_logging.get_level(), av_logging.get_skip_repeated()
+    av_logging.set_level(av_logging.ERROR)
+    av_logging.set_skip_repeated(False)
+    try:
+        container, stream = open_video(path)
+        with container, av_logging.Capture() as log:
+            if container.format.name != _MATROSKA:
+                return False
+            for _ in container.demux(stream):
+                pass
+    except av.FFmpegError:
+        return True
+    finally:
+        av_logging.set_level(level)
+        av_logging.set_skip_repeated(skips)
+    return any(name == _MATROSKA for _, name, _ in log)

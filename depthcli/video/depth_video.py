@@ -1,4 +1,4 @@
-"""Reading depth videos, losslessly."""
+"""Depth videos: reading them losslessly, and the labels that describe their frames."""
 
 from __future__ import annotations
 
@@ -59,9 +59,6 @@ class DepthVideo:
             InputError: missing, damaged, or not 16-bit gray.
         """
         self.path = Path(path)
-        # Other names of the Python API do not need FFmpeg.
-        from depthcli.video.container import open_video  # noqa: PLC0415
-
         container, stream = open_video(self.path)
         pixel_format, fps = stream.codec_context.pix_fmt, stream.average_rate
         texts = dict(container.metadata)
@@ -94,10 +91,10 @@ class DepthVideo:
         labels then.
         """
         source = provenance_of(self.labels) or Provenance()
-        for frame_number, time_s, steps in self._timed_steps():
-            scale = self.scale
+        scale = self.scale
+        for stated, time_s, steps in self._timed_steps():
             values = denormalized(steps, 0, 1) if scale is None else dequantized(steps, scale)
-            yield frame_number, DepthMap(values, self.kind, replace(source, time_s=time_s))
+            yield stated, DepthMap(values, self.kind, replace(source, time_s=time_s))
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.
@@ -109,11 +106,12 @@ class DepthVideo:
 
     def _timed_steps(self) -> Iterator[tuple[int | None, float, npt.NDArray[np.uint16]]]:
         """Number, if it is stated, and time in seconds of each frame, and its stored values."""
-        from depthcli.video.container import (  # noqa: PLC0415
+        # Loads FFmpeg, which other names of the Python API do not need.
+        from depthcli.video.decoder import (  # noqa: PLC0415
+            FrameDecoder,
+            frame_number,
             is_incomplete_matroska,
-            open_video,
         )
-        from depthcli.video.decoder import FrameDecoder  # noqa: PLC0415
 
         container, stream = open_video(self.path)
         try:
@@ -125,8 +123,7 @@ class DepthVideo:
                 steps = frame.to_ndarray()
                 first_ticks = first_ticks if count else frame.pts or 0
                 time_s = start_s + float(((frame.pts or 0) - first_ticks) * (frame.time_base or 0))
-                frame_number = decoder.stated_number(frame)
-                yield frame_number, time_s, np.ascontiguousarray(steps, np.uint16)
+                yield frame_number(frame), time_s, np.ascontiguousarray(steps, np.uint16)
                 count += 1
             self._check(decoder, count)
             if decoder.ended_early or is_incomplete_matroska(self.path):
@@ -139,7 +136,7 @@ class DepthVideo:
     def _check(self, decoder: FrameDecoder, count: int, before: int | None = None) -> None:
         if decoder.pop_failed(before):
             where = f"after frame {count - 1}" if count else "from its first frame on"
-            raise InputError(f"{self.path} is damaged {where}; write it again")
+            raise InputError(f"{self.path} is damaged {where}", "write it again")
 
 
 @dataclass(frozen=True, slots=True)

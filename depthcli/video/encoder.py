@@ -20,10 +20,11 @@ from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.guard import Guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
-from depthcli.video.formats import DEPTH_PIXELS, ENCODINGS, Codec, check_encoder, container_format
+from depthcli.video.decoder import state_number
+from depthcli.video.formats import CONTAINERS, DEPTH_PIXELS, ENCODINGS, Codec, check_encoder
 from depthcli.video.frames import Timing
-from depthcli.video.time_code import state_number
 
+_SEQUENCE_ADVICE = "choose an image sequence with {format} png16 or exr"
 _BT709 = 1
 _KEYFRAME_INTERVAL_S = 2
 _MAX_GOP = 250
@@ -31,7 +32,7 @@ _MAX_ASPECT = 1000
 _FRAGMENTS = "+frag_keyframe+empty_moov+default_base_moof"
 
 
-def new_container(
+def _new_container(
     target: Path | OutputPipe, timing: Timing, labels: Mapping[str, str]
 ) -> OutputContainer:
     """A new file without streams; its container follows from the suffix, and is reproducible.
@@ -42,7 +43,7 @@ def new_container(
         OSError: it cannot be created.
     """
     options = {"fflags": "+bitexact"}
-    name, is_pipe = container_format(target.suffix.lower()), isinstance(target, OutputPipe)
+    name, is_pipe = CONTAINERS[target.suffix.lower()], isinstance(target, OutputPipe)
     if name in {"mp4", "mov"}:
         # In a pipe, fragments: an index at the beginning could only be written after all frames.
         layout = _FRAGMENTS if is_pipe else "+faststart"
@@ -56,26 +57,7 @@ def new_container(
     return container
 
 
-def delay_header(container: OutputContainer) -> None:
-    """Write the header of an MP4 in a pipe with its first fragment, which waits for the audio.
-
-    Else it could not state where the audio begins. No effect after the encoding has started.
-    """
-    options = container.container_options
-    if _FRAGMENTS in options.get("movflags", ""):
-        options["movflags"] += "+delay_moov"
-
-
-def state_pixel_aspect(stream: VideoStream, pixel_aspect: float) -> None:
-    """State the width by height of pixels that are not square: in MP4, MOV and FFV1.
-
-    PyAV cannot set it for Matroska and WebM themselves.
-    """
-    aspect = Fraction(pixel_aspect).limit_denominator(_MAX_ASPECT)
-    stream.codec_context.sample_aspect_ratio = aspect
-
-
-def add_video(
+def _add_video(
     container: OutputContainer, codec: Codec, timing: Timing, width: int, height: int
 ) -> VideoStream:
     """Add a video stream for frames of a size."""
@@ -123,14 +105,9 @@ class VideoFile:
             audio: the audio track; None for none.
 
         Raises:
-            OutputError: there is no encoder, or containers cannot represent the rate.
+            OutputError: there is no encoder.
         """
         check_encoder(codec)
-        if not timing.is_representable:
-            raise OutputError(
-                f"{timing.rate} frames a second cannot be written to a video; choose an image "
-                "sequence with --format png16 or --format exr"
-            )
         self._target = target
         self._codec = codec
         self._timing = timing
@@ -147,7 +124,7 @@ class VideoFile:
         """Append a frame of :func:`~depthcli.video.encoder.av_frame`.
 
         Args:
-            frame: the picture.
+            frame: its pixels.
             time_s: when it is shown; the first frame's time becomes 0.
             labels: name -> text, metadata for the file's header; used with the first frame only.
             number: of the frame, to be stated with it in Matroska; None for no statement.
@@ -196,22 +173,25 @@ class VideoFile:
             self._container = None
 
     def _open(self, frame: VideoFrame, labels: Mapping[str, str], pixel_aspect: float) -> None:
-        container = self._container = new_container(self._target, self._timing, labels)
+        container = self._container = _new_container(self._target, self._timing, labels)
         size = frame.width, frame.height
-        self._stream = add_video(container, self._codec, self._timing, *size)
-        if pixel_aspect != 1:
-            state_pixel_aspect(self._stream, pixel_aspect)
+        self._stream = _add_video(container, self._codec, self._timing, *size)
+        if pixel_aspect != 1:  # PyAV cannot state it in the header of Matroska and WebM
+            aspect = Fraction(pixel_aspect).limit_denominator(_MAX_ASPECT)
+            self._stream.codec_context.sample_aspect_ratio = aspect
         if self._audio is not None:
             self._audio.open(container, self._first_s)
-            if self._audio.begins_soon and isinstance(self._target, OutputPipe):
-                delay_header(container)
+            options = container.container_options
+            if self._audio.begins_soon and _FRAGMENTS in options.get("movflags", ""):
+                # The header waits for the first fragment, and states where the audio begins.
+                options["movflags"] += "+delay_moov"
         try:
             container.start_encoding()
         except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:
-            raise OutputError(
-                f"{self._codec} video of {frame.width}×{frame.height} pixels cannot be written "
-                "here; choose an image sequence with --format png16 or --format exr"
-            ) from error
+            problem = (
+                f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
+            )
+            raise OutputError(problem, _SEQUENCE_ADVICE) from error
 
     def _encode(self, frame: VideoFrame, at: int, number: int | None = None) -> None:
         if self._stream is None or self._container is None:

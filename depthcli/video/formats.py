@@ -118,11 +118,6 @@ def sequence_of(path: str | PurePath) -> VideoFormat | None:
     return next((w for w in SEQUENCES if VIDEO_FORMATS[w].suffix.endswith(suffix or "\0")), None)
 
 
-def frame_suffix(which: VideoFormat) -> str:
-    """The suffix of numbered files: ``.exr`` of ``.depth.%06d.exr``."""
-    return PurePath(f"a{VIDEO_FORMATS[which].suffix}").suffix
-
-
 def video_stem_of(path: str | PurePath) -> str:
     """A file's name without the suffix of its format: ``a`` of ``a.mkv`` and ``a.preview.mp4``.
 
@@ -136,7 +131,8 @@ def video_stem_of(path: str | PurePath) -> str:
 DEPTH_PIXELS = "gray16le"
 """FFmpeg's name of the pixels of depth."""
 _MIN_SLICED_PX = 16
-_CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
+CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
+"""FFmpeg's names of containers, by the file's suffix."""
 
 
 class Codec(StrEnum):
@@ -238,13 +234,8 @@ def preview_codec(suffix: str, asked: Codec | None) -> Codec:
         return choices[0]
     if asked not in choices:
         names = " or ".join(choices)
-        raise UsageError(f"a {suffix} file holds no {asked}; give --codec {names}")
+        raise UsageError(f"a {suffix} file holds no {asked}", f"give {{codec}} {names}")
     return asked
-
-
-def container_format(suffix: str) -> str:
-    """FFmpeg's name of the container with this suffix."""
-    return _CONTAINERS[suffix]
 
 
 def check_encoder(codec: Codec) -> None:
@@ -258,6 +249,6 @@ def check_encoder(codec: Codec) -> None:
     name = ENCODINGS[codec].encoder
     if name not in av.codecs_available:
         raise OutputError(
-            f"{codec} cannot be written here: PyAV has no {name}; install PyAV from its wheels, or "
-            "choose another --codec"
+            f"{codec} cannot be written here: PyAV has no {name}",
+            "install PyAV from its wheels, or choose another {codec}",
         )

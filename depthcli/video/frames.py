@@ -1,4 +1,4 @@
-"""The base class of sources of frames."""
+"""Sources of frames, their rates and times, and selecting a span of them."""
 
 import math
 import re
@@ -38,11 +38,9 @@ class Span:
 
     def count(self, frames: int, rate: Fraction) -> int:
         """How many frames are selected from a video of ``frames`` evenly spaced ones."""
-        start, end = (self._frame(point, rate) for point in (self.start, self.end))
-        last = frames if end is None else min(frames, -(-end // 1))
-        first = -(-(start or Fraction(0)) // 1)
-        step = max(Fraction(1), self._frame(self.every, rate) or Fraction(1))
-        return max(0, int(-((first - last) // step)))
+        if self == WHOLE:
+            return frames
+        return sum(self.selected((index, index / rate) for index in range(frames)))
 
     def selected(self, frames: Iterable[tuple[int, Fraction]]) -> Iterator[bool]:
         """Whether each frame, a number and a time in seconds, is selected; ends with the span."""
@@ -58,13 +56,6 @@ class Span:
             first = now if due is None else due
             due = first + ((now - first) // self.every.value + 1) * self.every.value
             yield True
-
-    @staticmethod
-    def _frame(point: Point | None, rate: Fraction) -> Fraction | None:
-        """A point as a number of frames from the first one."""
-        if point is None:
-            return None
-        return point.value if point.in_frames else point.value * rate
 
 
 WHOLE = Span()
@@ -125,7 +116,6 @@ _DECIMALS = (2, 3)
 _TOLERANCE = 2e-5
 _MAX_DENOMINATOR = 1_000_000
 _MAX_FPS = 10_000
-_MIN_FPS = Fraction(1, 100_000_000)
 _MAX_TICKS = 1_200_000
 _COARSE_TICKS = 1000
 _MAX_DURATION_TICKS = 1 << 28  # ticks; MP4 keeps the distance of two frames in 32 bits
@@ -178,11 +168,6 @@ class Timing:
     def has_all_frames(self) -> bool:
         """Whether the frames are consecutive ones of the source."""
         return self.rate == self.source_rate
-
-    @property
-    def is_representable(self) -> bool:
-        """Whether FFmpeg and MP4, which use 32-bit integers, can represent the rate."""
-        return self.rate >= _MIN_FPS and max(self.rate.as_integer_ratio()) < 1 << 31
 
     @property
     def time_base(self) -> Fraction:

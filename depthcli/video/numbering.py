@@ -1,24 +1,38 @@
-"""Patterns for the names of numbered files: ``plate.%04d.exr`` matches ``plate.1001.exr``.
+"""Numbered images: their names, and those of a folder or a pattern such as ``plate.%04d.exr``.
 
-So does ``plate.####.exr``, the notation of compositing programs.
+So is ``plate.####.exr``, the notation of compositing programs. It is free of NumPy, for start-up.
 """
 
+import os
 import re
-from pathlib import Path
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
+from depthcli.io.listing.folder import (
+    EXR_SUFFIX,
+    HEIF_SUFFIXES,
+    PICTURE_SUFFIXES,
+    is_exr,
+    is_picture,
+)
+from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.storage.paths import RemotePath, path_of
 
-MAX_DIGITS = 12
-"""Most digits of a frame's number."""
-LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
-"""The parts of a name without suffix: before its last number, that number, and after it."""
+SINGLE_IMAGE_ADVICE = (
+    "use 'depthcli predict', or give its sequence as a folder or a pattern such as a.%04d.png"
+)
+_NUMBER = re.compile(r"\d+", re.ASCII)
+_LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 _SHORT = 4
 """Numbers with fewer digits and no leading zero are taken as not padded."""
 # Before a digit, as in "take #2", # is no placeholder.
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
-_MARKS = frozenset("%#$@*?")
 _SEPARATORS = "._- "
+_LISTED = 4
+"""Most patterns that an error lists."""
 
 
 class _Parts(NamedTuple):
@@ -34,25 +48,23 @@ def is_pattern(name: str) -> bool:
     return len(_PLACEHOLDER.findall(name)) == 1
 
 
-def pattern_advice(name: str) -> str:
-    """What to add to "no such file" for a name that looks like a pattern; else empty."""
-    if _MARKS.isdisjoint(name):
-        return ""
-    return "the name of an image sequence has one of %04d, %d and ####"
-
-
-def check_folders(pattern: Path) -> None:
-    """Check that the number is not in the name of a folder, unless there is such a folder.
+def is_sequence(path: str | Path) -> bool:
+    """Whether a name stands for numbered images: a folder, or a pattern that is no file.
 
     Raises:
-        UsageError: it is.
+        InputError: it is in a store that does not answer.
     """
-    for folder in pattern.parents:
-        if is_pattern(folder.name) and not folder.is_dir():
-            raise UsageError(
-                f"{pattern} has a number in the name of a folder; all files go into one folder: "
-                "give the number in their name alone"
-            )
+    path = path_of(path)
+    try:
+        return path.is_dir() or (is_pattern(path.name) and not path.exists())
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def is_single_image(name: str) -> bool:
+    """Whether a name has the suffix of an image; a GIF counts as a video."""
+    suffix = PurePath(name).suffix.lower()
+    return suffix != ".gif" and suffix in (*PICTURE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX)
 
 
 def numbered_name(pattern: str, number: int) -> str:
@@ -67,21 +79,19 @@ def number_in(pattern: str, name: str) -> int | None:
     if parts is None:
         return None
     digits = name[len(parts.start) : len(name) - len(parts.end)]
-    fits = name.startswith(parts.start) and name.endswith(parts.end) and digits.isdecimal()
-    if not fits or len(digits) > MAX_DIGITS or numbered_name(pattern, int(digits)) != name:
-        return None
-    return int(digits)
+    is_number = digits.isdecimal() and numbered_name(pattern, int(digits)) == name
+    return int(digits) if is_number else None
 
 
 def pattern_of(stem: str) -> str | None:
     """A pattern that a name without suffix fits: ``p.####`` for ``p.0001``; None without number."""
-    match = LAST_NUMBER.fullmatch(stem)
+    match = _LAST_NUMBER.fullmatch(stem)
     if match is None:
         return None
     start, digits, end = match.groups()
     is_padded = len(digits) >= _SHORT or str(int(digits)) != digits
     pattern = start + ("#" * len(digits) if is_padded else "%d") + end
-    return pattern if is_pattern(pattern) and number_in(pattern, stem) is not None else None
+    return pattern if is_pattern(pattern) else None
 
 
 def base_name(stem: str) -> str:
@@ -105,3 +115,97 @@ def _parts(pattern: str) -> _Parts | None:
     last = matches[-1]
     digits = len(last[2] or "") or int(last[1] or 1)
     return _Parts(pattern[: last.start()], digits, pattern[last.end() :])
+
+
+class NumberedImage(NamedTuple):
+    """An image of a sequence."""
+
+    number: int  #: of the frame
+    path: Path  #: the file
+
+
+def find_images(path: Path) -> list[NumberedImage]:
+    """The images of a sequence, in their order.
+
+    Those that match a pattern, or all of a folder, except outputs of depthcli. In a folder, the
+    names differ in the number of the frame alone. Images without such numbers are counted from 0,
+    in the order of their names.
+
+    Raises:
+        InputError: there is no such folder, or no image in it, or depthcli wrote all of them.
+        UsageError: a folder holds several sequences, or other images beside one.
+    """
+    is_folder = not is_pattern(path.name) or path.is_dir()
+    folder = path if is_folder else path.parent
+    try:
+        matching = [
+            folder / name
+            for name in listed_names(folder)
+            if (is_sequence_image(name) if is_folder else number_in(path.name, name) is not None)
+        ]
+    except OSError as error:
+        raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
+    if not matching:
+        what = "no picture" if is_folder else "no such picture: nothing fits the pattern"
+        raise InputError(f"{path} has {what}", "see docs/video.md for image sequences")
+    paths = [file for file in matching if not is_own_picture(file)]
+    if not paths:
+        raise InputError(
+            f"{matching[0]} was written by depthcli, as was all of {path}",
+            "name the images that it was made of",
+        )
+    if is_folder:
+        return _of_folder(folder, paths)
+    return sorted(NumberedImage(number_in(path.name, file.name) or 0, file) for file in paths)
+
+
+def listed_names(folder: Path) -> Iterable[str]:
+    """The names in a folder, in the order of their characters.
+
+    Raises:
+        OSError: the folder cannot be listed.
+    """
+    if isinstance(folder, RemotePath):
+        return folder.names()
+    return sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
+
+
+def is_sequence_image(name: str) -> bool:
+    """Whether a name is that of an image, EXR included, by its suffix, and not hidden."""
+    return not name.startswith(".") and (is_picture(name) or is_exr(name))
+
+
+def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
+    """The one sequence of a folder, or images without frame numbers, counted from 0."""
+    texts = {(*_NUMBER.split(path.stem), path.suffix.lower()) for path in paths}
+    if len(texts) == 1:
+        columns = list(zip(*(_NUMBER.findall(path.stem) for path in paths), strict=True))
+        varying = [column for column in columns if len(set(column)) > 1] or columns[-1:]
+        if len(varying) == 1 and len(set(map(int, varying[0]))) == len(paths):
+            return sorted(map(NumberedImage, map(int, varying[0]), paths))
+    groups: dict[tuple[str, str, str], list[NumberedImage]] = {}
+    for path in paths:
+        if match := _LAST_NUMBER.fullmatch(path.stem):
+            key = match[1], match[3], path.suffix.lower()
+            groups.setdefault(key, []).append(NumberedImage(int(match[2]), path))
+    sequences = [sorted(group) for group in groups.values() if len(group) > 1]
+    # Names of one form without consecutive numbers are times, such as 1305031102.16.
+    has_times = len(texts) == 1 and all(_least_step(sequence) > 1 for sequence in sequences)
+    if not sequences or has_times:
+        return [NumberedImage(number, path) for number, path in enumerate(paths)]
+    patterns = ", ".join(map(_pattern_text, sequences[:_LISTED]))
+    more = f" and {len(sequences) - _LISTED} more" if len(sequences) > _LISTED else ""
+    raise UsageError(
+        f"{folder} holds more than a single image sequence; give one as a pattern: {patterns}{more}"
+    )
+
+
+def _least_step(sequence: Sequence[NumberedImage]) -> int:
+    """The smallest difference of consecutive numbers, in frames; 0 if a number is repeated."""
+    return min(b.number - a.number for a, b in pairwise(sequence))
+
+
+def _pattern_text(sequence: Sequence[NumberedImage]) -> str:
+    """A pattern of the files, in quotes; the name of the first if there is none."""
+    path = min((image.path for image in sequence), key=lambda path: len(path.name))
+    return f"'{path.with_name((pattern_of(path.stem) or path.stem) + path.suffix)}'"

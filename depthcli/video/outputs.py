@@ -1,4 +1,4 @@
-"""The interface of a video's outputs."""
+"""The outputs of a video: lossless depth, a preview, or a file for each frame."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,7 +28,7 @@ from depthcli.video.time_code import time_code_label
 class DepthFrame:
     """A frame with its depth, ready to be written."""
 
-    picture: Frame  #: the frame
+    image: Frame  #: the frame of the video
     depth: DepthMap  #: its depth
     spread: tuple[float, float]  #: low and high end of the preview's range
     is_kept: bool = False  #: whether an earlier run wrote it
@@ -36,12 +36,12 @@ class DepthFrame:
     @property
     def time_s(self) -> float:
         """When the frame is shown."""
-        return self.picture.timestamp_s or 0.0
+        return self.image.timestamp_s or 0.0
 
     def displayed(self) -> Self:
         """The frame without overscan, which formats without a display window cannot mark."""
-        depth = displayed_depth(self.depth, self.picture.windows)
-        return replace(self, picture=displayed_frame(self.picture), depth=depth)
+        depth = displayed_depth(self.depth, self.image.windows)
+        return replace(self, image=displayed_frame(self.image), depth=depth)
 
 
 class VideoOutput(Protocol):
@@ -107,6 +107,7 @@ class DepthVideoOutput:
         self._colours = colours
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
+        self._numbers = FrameLabels()
 
     def encode(self, frame: DepthFrame) -> tuple[DepthFrame, av.VideoFrame, int]:
         """Quantize depth; also returns how many pixels were saturated."""
@@ -121,16 +122,17 @@ class DepthVideoOutput:
     def append(self, encoded: tuple[DepthFrame, av.VideoFrame, int]) -> None:
         """Write a frame; with the first one, metadata: rate, scale, unit and model."""
         frame, coded_frame, saturated = encoded
-        labels = {} if self._first else self._labels(frame)
-        self._first = self._first or frame
+        labels = {}
+        if self._first is None:
+            self._first = frame
+            self._numbers = FrameLabels.of_first(frame.image, self._timing)
+            labels = self._labels(frame)
+        number = frame.image.index
+        # The container rounds times, so numbers do not follow from them.
+        follows = self._numbers.step is not None and number == self._numbers.number(self._count, 0)
+        stated = None if follows else number
+        self._file.write(coded_frame, frame.time_s, labels, stated, frame.image.pixel_aspect)
         self._saturated += saturated
-        self._file.write(
-            coded_frame,
-            frame.time_s,
-            labels,
-            self._stated_number(frame),
-            frame.picture.pixel_aspect,
-        )
         self._count += 1
 
     def finish(self) -> tuple[str, ...]:
@@ -144,20 +146,10 @@ class DepthVideoOutput:
         limit_m = UINT16_MAX / self._scale
         return (f"mkv: {self._saturated} pixels beyond {limit_m:.6g} m were saturated",)
 
-    def _stated_number(self, frame: DepthFrame) -> int | None:
-        """The number of a frame if it does not follow from the labels; else None.
-
-        The container rounds times, so numbers do not follow from them.
-        """
-        first, number = self._first or frame, frame.picture.index
-        labels = FrameLabels.of_first(first.picture, self._timing)
-        follows = labels.step is not None and number == labels.number(self._count, 0)
-        return None if follows else number
-
     def _labels(self, frame: DepthFrame) -> dict[str, str]:
         labels = metadata_texts(frame.depth) | {
             "frame_rate": rate_text(self._timing.rate),
-            **FrameLabels.of_first(frame.picture, self._timing).texts(),
+            **self._numbers.texts(),
             "start_s": f"{frame.time_s:.12g}",
         }
         labels.pop("time_s", None)  # each frame has its own
@@ -166,7 +158,7 @@ class DepthVideoOutput:
         else:
             labels |= {"scale": "normalized"}
         own = {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
-        return own | time_code_label(frame.picture.time_code, self._timing)
+        return own | time_code_label(frame.image.time_code, self._timing)
 
 
 @contextmanager
@@ -202,14 +194,14 @@ class PreviewVideoOutput:
 
     def encode(self, frame: DepthFrame) -> tuple[av.VideoFrame, DepthFrame]:
         """Render the preview of a frame; also returns the frame."""
-        pixels = self._writer.render(frame.depth, frame.picture, frame.spread)
+        pixels = self._writer.render(frame.depth, frame.image, frame.spread)
         return av_frame(pixels, self._codec), frame
 
     def append(self, encoded: tuple[av.VideoFrame, DepthFrame]) -> None:
         """Write a frame."""
         coded_frame, frame = encoded
-        label = time_code_label(frame.picture.time_code, self._timing)
-        aspect = frame.picture.pixel_aspect
+        label = time_code_label(frame.image.time_code, self._timing)
+        aspect = frame.image.pixel_aspect
         self._file.write(coded_frame, frame.time_s, label, pixel_aspect=aspect)
 
     def finish(self) -> tuple[str, ...]:
@@ -218,7 +210,7 @@ class PreviewVideoOutput:
 
 
 class SequenceOutput:
-    """One file a frame, in one of the formats of pictures, each written atomically."""
+    """One file a frame, in one of the formats of images, each written atomically."""
 
     def __init__(
         self,
@@ -226,7 +218,7 @@ class SequenceOutput:
         folder: Path,
         name: Callable[[int], str],
         writer: Writer,
-        guard: Guard,
+        guard: Guard | None,
         *,
         has_overscan: bool = False,
     ) -> None:
@@ -237,7 +229,7 @@ class SequenceOutput:
             folder: where files are written.
             name: the name of a file by the frame's number.
             writer: of the format.
-            guard: of existing files.
+            guard: of existing files; None to replace any.
             has_overscan: whether frames include the pixels outside the display window.
         """
         self.has_overscan = has_overscan
@@ -253,9 +245,9 @@ class SequenceOutput:
         """Write the file; in any order."""
         if frame.is_kept:
             return ()
-        path = self._folder / self._name(frame.picture.index)
+        path = self._folder / self._name(frame.image.index)
         with atomic_path(path, guard=self._guard) as temporary:
-            return self._writer.write(frame.depth, temporary, frame.picture)
+            return self._writer.write(frame.depth, temporary, frame.image)
 
     def append(self, encoded: tuple[str, ...]) -> None:
         """Remember the first warning, and count them."""

@@ -21,11 +21,10 @@ from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.pixels import upright
-from depthcli.io.storage.paths import path_of
-from depthcli.video.container import InputPipe, is_incomplete_matroska, open_video, pipe_advice
-from depthcli.video.decoder import FrameDecoder
+from depthcli.video.container import InputPipe, open_video, pipe_advice
+from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, Timeline, exact_rate
-from depthcli.video.numbering import is_pattern
+from depthcli.video.numbering import is_sequence
 from depthcli.video.time_code import TimeCode, header_time_code, time_code_after
 
 if TYPE_CHECKING:
@@ -153,13 +152,12 @@ def orientation_of(frame: VideoFrame) -> int:
     return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
 
 
-def picture_warnings(first: VideoFrame) -> Iterator[str]:
+def _warnings_about(first: VideoFrame) -> Iterator[str]:
     """Warnings about what the network sees, by the first frame of a video."""
-    warnings = (
-        transfer_warning(first.color_trc, "video", "BT.709"),
-        _INTERLACED if first.interlaced_frame else None,
-    )
-    return filter(None, warnings)
+    if warning := transfer_warning(first.color_trc, "video", "BT.709"):
+        yield warning
+    if first.interlaced_frame:
+        yield _INTERLACED
 
 
 _MISSING_SHARE = 200
@@ -186,7 +184,7 @@ class VideoSource(FrameSource):
         self.paths = () if self._path is None else (self._path,)
         self._container, stream = open_video(self._source)
         self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in self._container.metadata)
-        self._check_size(stream.width, stream.height, max_pixels)
+        check_pixel_count(str(source), stream.width, stream.height, max_pixels)
         stated = stream_info(self._container, stream)
         self.rate, self.tick_s = stated.rate, stated.time_base
         self._time_code = stated.time_code
@@ -198,7 +196,6 @@ class VideoSource(FrameSource):
         first = self._decoder.next()
         self._check_pipe()
         if first is None:
-            self.close()
             raise InputError(
                 f"{source} holds no frame that can be decoded: it is damaged",
                 pipe_advice(self._source),
@@ -233,7 +230,7 @@ class VideoSource(FrameSource):
             UsageError: it was called before.
         """
         if self._is_read:
-            raise UsageError(f"the frames of {self._source} were read; open it again to repeat it")
+            raise UsageError(f"the frames of {self._source} were read", "open it again")
         self._is_read = True
         return self._frames(span)
 
@@ -264,23 +261,16 @@ class VideoSource(FrameSource):
         """Close the file."""
         self._container.close()
 
-    def _check_size(self, width: int, height: int, max_pixels: int) -> None:
-        try:
-            check_pixel_count(str(self._source), width, height, max_pixels)
-        except InputError:
-            self.close()
-            raise
-
     def _inspect(self, first: VideoFrame, stream: VideoStream, max_pixels: int) -> None:
         """Read the properties that only a decoded frame has."""
-        self._check_size(first.width, first.height, max_pixels)
+        check_pixel_count(str(self._source), first.width, first.height, max_pixels)
         self._orientation = orientation_of(first)
         size = first.width, first.height
         is_turned = self._orientation >= _TRANSPOSED
         self.width, self.height = size[::-1] if is_turned else size
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
-        self.warnings += tuple(picture_warnings(first))
+        self.warnings += tuple(_warnings_about(first))
 
     def _current_time_code(self) -> TimeCode | None:
         if self._time_code is None:
@@ -337,19 +327,6 @@ class VideoSource(FrameSource):
             self.problem = f"it is damaged: {self._timeline.lost} frames cannot be decoded"
 
 
-def is_sequence(path: str | Path) -> bool:
-    """Whether a name stands for numbered pictures: a folder, or a pattern that is no file.
-
-    Raises:
-        InputError: it is in a store that does not answer.
-    """
-    path = path_of(path)
-    try:
-        return path.is_dir() or (is_pattern(path.name) and not path.exists())
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
-
-
 def open_frames(
     source: Path | InputPipe,
     *,
@@ -363,7 +340,7 @@ def open_frames(
         source: a file, a folder, a pattern such as ``plate.%04d.exr``, or a pipe.
         rate: frames a second of a sequence; None for what it states.
         max_pixels: frames that claim more are refused.
-        options: for the pictures of a sequence.
+        options: for the images of a sequence.
 
     Raises:
         InputError: it cannot be read, or is depth that depthcli wrote.
@@ -379,7 +356,6 @@ def open_frames(
     if video.is_own_depth:
         video.close()
         raise InputError(
-            f"{source} is depth that depthcli wrote; name the video that it was made of "
-            "('depthcli info', 'probe' and 'convert' read depth)"
+            f"{source} is depth that depthcli wrote", "name the video that it was made of"
         )
     return video

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from depthcli.errors import UsageError
-from depthcli.video.sequence import find_pictures
+from depthcli.video.numbering import find_images
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -47,7 +47,7 @@ def write_pictures(folder: Path, numbers: Iterable[int]) -> None:
 def test_the_order_and_numbers_of_a_folder(names: str, expected: str, tmp_path: Path) -> None:
     for name in names.split():
         (tmp_path / f"{name}.png").touch()
-    found = find_pictures(tmp_path)
+    found = find_images(tmp_path)
     assert " ".join(f"{file.number}:{file.path.stem}" for file in found) == expected
 
 
@@ -70,34 +70,11 @@ def test_a_folder_with_more_than_one_sequence_is_refused(
     for name in names.split():
         (tmp_path / name).touch()
     with pytest.raises(UsageError) as caught:
-        find_pictures(tmp_path)
+        find_images(tmp_path)
     said = ", ".join(f"'{tmp_path / pattern}'" for pattern in patterns.split())
     assert str(caught.value).endswith(f"give one as a pattern: {said}")
     for pattern in patterns.split():
-        assert find_pictures(tmp_path / pattern)
-
-
-def test_an_error_lists_a_few_of_many_sequences(inside: Cli) -> None:
-    for shot in range(7):
-        for number in (1, 2):
-            cv2.imwrite(str(inside.folder / f"s{shot}.{number}.png"), np.zeros((2, 2), np.uint8))
-    done = inside("video", ".", "--out", "d.mkv")
-    assert done.returncode == 2
-    assert done.stderr.decode().endswith("'s3.%d.png' and 3 more\n")
-
-
-def test_unpadded_numbers_of_a_folder_are_those_of_its_pattern(inside: Cli) -> None:
-    write_pictures(inside.folder / "f", (1, 2, 4, 9, 10))
-    options = ("--fps", "24", "--start", "4f", "--format", "npy", "--json", "--out")
-    folder, pattern = (
-        json.loads(inside("video", source, *options, out).stdout)
-        for source, out in (("f/", "a/"), ("f/f%d.png", "b/"))
-    )
-    assert (folder["first_frame"], folder["frames"]) == (4, 3)
-    assert "missing frames: 3, 5–8;" in folder["warnings"][0]
-    assert folder["warnings"] == pattern["warnings"]
-    written, expected = (sorted((inside.folder / out).iterdir()) for out in "ab")
-    assert [path.read_bytes() for path in written] == [path.read_bytes() for path in expected]
+        assert find_images(tmp_path / pattern)
 
 
 def test_outputs_in_a_folder_of_pictures_are_ignored_with_any_name(inside: Cli) -> None:
@@ -105,7 +82,7 @@ def test_outputs_in_a_folder_of_pictures_are_ignored_with_any_name(inside: Cli) 
     assert inside("video", "f/f%d.png", "--out", "f/d%d.png").returncode == 0
     assert inside("video", "f/f%d.png", "--out", "f/z.%04d.exr").returncode == 0
     assert len(list((inside.folder / "f").iterdir())) == 9
-    found = find_pictures(inside.folder / "f")
+    found = find_images(inside.folder / "f")
     assert [(file.number, file.path.name) for file in found] == [
         (1, "f1.png"),
         (2, "f2.png"),
@@ -122,7 +99,7 @@ def test_a_sequence_of_outputs_is_refused(source: str, inside: Cli) -> None:
     assert done.returncode == 1
     (line,) = done.stderr.decode().splitlines()
     assert "d/d.0001.exr was written by depthcli" in line
-    assert "name the pictures that it was made of" in line
+    assert "name the images that it was made of" in line
 
 
 def test_a_depth_video_is_no_video_to_estimate(inside: Cli) -> None:

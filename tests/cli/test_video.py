@@ -20,9 +20,9 @@ from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
 
 from depthcli.cli.commands.video import parse_span
 from depthcli.errors import UsageError
-from depthcli.io.depth.read import read_metadata, read_stored_depth
+from depthcli.io.depth.read import read_metadata
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.frames import Point, Span
+from depthcli.video.frames import Point
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -88,24 +88,6 @@ def test_the_report_and_the_sidecar_state_the_exact_rate(cli: Cli) -> None:
     assert here(cli) == {"clip.mp4", "d.mkv", "d.json"}
 
 
-def test_frames_take_what_they_lack_from_their_video_s_sidecar(cli: Cli) -> None:
-    ramp(cli, 2)
-    write_model(cli.models / "default", camera={"hfov_deg": 90.0})
-    words = ("--format", "png16", "--format", "npy", "--sidecar", "--focal-px", "60")
-    assert cli("video", "clip.mp4", *words).returncode == 0
-    path = cli.folder / "clip.depth.json"
-    sidecar = json.loads(path.read_text())
-    assert (len(sidecar["model_sha256"]), sidecar["focal_px"]) == (64, 60)
-    assert sidecar["camera"].endswith("° (given)")
-    other = sidecar | {"model_sha256": "0" * 64}  # which says nothing of a frame
-    for facts, orientation in ((other, None), (sidecar, "1")):
-        path.write_text(json.dumps(facts))
-        assert read_metadata(cli.folder / "clip.depth.000001.png").get("orientation") == orientation
-    made_by = read_stored_depth(cli.folder / "clip.depth.000001.npy").displayed.provenance
-    assert made_by is not None
-    assert (made_by.model_sha256, made_by.focal_px) == (sidecar["model_sha256"], 60)
-
-
 def test_a_cut_video_is_written_as_far_as_it_goes(cli: Cli) -> None:
     path = write_video(cli.folder / "cut.avi", flat_frames(range(60)))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
@@ -120,22 +102,6 @@ def test_a_cut_video_is_written_as_far_as_it_goes(cli: Cli) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "reason"),
-    [(b"", "empty"), (b"no video at all" * 50, "no video"), (None, "no such file")],
-)
-def test_what_is_no_video_costs_one_line(cli: Cli, content: bytes | None, reason: str) -> None:
-    if content is not None:
-        (cli.folder / "a.mp4").write_bytes(content)
-    before = here(cli)
-    done = cli("video", "a.mp4", "--out", "out/", "--json")
-    assert done.returncode == 1
-    (line,) = done.stderr.decode().splitlines()
-    assert reason in line
-    assert report(done)["status"] == "failed"
-    assert here(cli) == before
-
-
-@pytest.mark.parametrize(
     ("options", "reason"),
     [
         (("--out", "clip.mp4"), "is the input"),
@@ -145,7 +111,6 @@ def test_what_is_no_video_costs_one_line(cli: Cli, content: bytes | None, reason
         (("--smooth", "-1"), "0 or greater"),
         (("--focal-px", "500", "--hfov", "60"), "not both"),
         (("--format", "gif"), "gif"),
-        (("--codec", "h264", "--format", "mkv"), "--codec is for mp4"),
     ],
 )
 def test_wrong_usage(cli: Cli, options: tuple[str, ...], reason: str) -> None:
@@ -175,27 +140,6 @@ def test_a_reader_that_leaves_ends_a_pipe_in_silence(cli: Cli, long_video: Path)
     assert running.stdout.read(4) == b"\x1aE\xdf\xa3"
     running.stdout.close()
     assert (running.stderr.read(), running.wait(timeout=60)) == (b"", 1)
-
-
-def test_depth_and_json_cannot_share_standard_output(cli: Cli) -> None:
-    (cli.folder / "clip.mp4").write_bytes(b"never read")
-    done = cli("video", "clip.mp4", "-o", "-", "--json")
-    assert (done.returncode, b"both write to stdout" in done.stderr) == (2, True)
-
-
-def test_a_span_beyond_the_end_is_one_line(cli: Cli) -> None:
-    ramp(cli)
-    done = cli("video", "clip.mp4", "--out", "a.mkv", "--start", "60")
-    assert done.returncode == 1
-    assert "it has frames 0–23, 0.801 s; a frame number ends in f: 0f" in done.stderr.decode()
-    assert here(cli) == {"clip.mp4"}
-
-
-def test_a_missing_model_is_a_failure_and_leaves_nothing(cli: Cli) -> None:
-    ramp(cli, 3)
-    done = cli("video", "clip.mp4", "--model", "nowhere.onnx")
-    assert done.returncode == 3
-    assert here(cli) == {"clip.mp4"}
 
 
 def test_depth_without_a_unit_is_written_and_named_so(cli: Cli) -> None:
@@ -252,21 +196,6 @@ def test_a_full_disk_is_an_error_and_leaves_nothing(cli: Cli, name: str) -> None
     assert here(cli) == {"noise.avi"}
 
 
-def test_quiet_says_nothing(cli: Cli) -> None:
-    ramp(cli, 3)
-    done = cli("video", "clip.mp4", "--quiet")
-    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
-
-
-def test_info_reads_a_depth_video(cli: Cli) -> None:
-    ramp(cli, 5)
-    cli("video", "clip.mp4", "--out", "a.mkv")
-    facts = report(cli("info", "a.mkv", "--json"))
-    assert (facts["frames"], facts["fps"], facts["unit"]) == (5, "30000/1001", "m")
-    assert facts["valid"] == 5 * 48 * 64
-    assert facts["metadata"]["scale"] == "1000"
-
-
 @pytest.mark.parametrize(
     ("word", "bare", "point"),
     [
@@ -286,20 +215,10 @@ def test_places_in_a_video(word: str, bare: bool, point: Point) -> None:
     assert (span.every if bare else span.start) == point
 
 
-@pytest.mark.parametrize("word", ["", "-1", "1e3", "1.5f", "1:2f", "a", "1:2:3:4", "nan", "٣"])
+@pytest.mark.parametrize("word", ["-1", "1e3", "1.5f", "1:2f", "a", "1:2:3:4", "nan", "٣"])
 def test_what_is_no_place(word: str) -> None:
     with pytest.raises(UsageError):
         parse_span(word, None, None)
-
-
-def test_no_span_is_the_whole_video() -> None:
-    assert parse_span(None, None, None) == Span()
-
-
-@pytest.mark.parametrize("words", [("", None, None), (None, "", None), (None, None, "")])
-def test_an_empty_place_is_no_default(words: tuple[str | None, str | None, str | None]) -> None:
-    with pytest.raises(UsageError):
-        parse_span(*words)
 
 
 def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:
@@ -311,16 +230,6 @@ def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:
     assert done.returncode == 0, done.stderr
     assert len(here(cli)) == 1 + 2 + 3
     assert len(list(DepthVideo(cli.folder / folder / f"{folder}.depth.mkv").steps())) == 3
-
-
-def test_frames_of_an_inverse_video_know_their_kind_from_its_sidecar(cli: Cli) -> None:
-    write_model(
-        cli.models / "default", output__kind="inverse", output__min_m=None, output__max_m=None
-    )
-    ramp(cli, 3)
-    assert cli("video", "clip.mp4", "--format", "npy", "--sidecar").returncode == 0
-    facts = json.loads(cli("info", "clip.depth.000002.npy", "--json").stdout)
-    assert (facts["kind"], facts["unit"]) == ("inverse", None)
 
 
 def test_stretched_frames_have_no_scale(cli: Cli) -> None:
@@ -355,18 +264,3 @@ def test_the_principal_point_is_stored_and_makes_the_same_points(inside: Cli) ->
         assert inside("convert", source[0], f"{number}.ply", *source[1:]).returncode == 0
     clouds = [(inside.folder / f"{number}.ply").read_bytes() for number in range(2)]
     assert clouds[0] == clouds[1]
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("1,2,3",), "--centre-px '1,2,3' is not CX,CY"),
-        (("1,2", "--format", "mp4"), "--centre-px is for mkv, png16, exr or json, and only mp4"),
-    ],
-)
-def test_what_is_no_principal_point_of_a_video(
-    words: tuple[str, ...], told: str, inside: Cli
-) -> None:
-    done = inside("video", "clip.avi", "--out", "d/", "--centre-px", *words)
-    assert done.returncode == 2
-    assert told in done.stderr.decode()

@@ -142,7 +142,6 @@ def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
         ),
         ({"frame": 1}, "frame: it is for one map"),
         ({"picture": "a.jpg"}, "picture: it is for one map"),
-        ({"target": "%03d/a.#.exr"}, "has a number in the name of a folder"),
         ({"target": "a.#.mkv"}, "has no suffix that selects a format"),
     ],
 )

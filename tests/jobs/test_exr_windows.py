@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from depthcli.jobs.video.run import VideoResult
+    from depthcli.jobs.video.plan import VideoResult
 
 WINDOWS = pytest.mark.parametrize("data", [OVERSCAN, CROP, MIXED, DISPLAY])
 

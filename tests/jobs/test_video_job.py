@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from helpers.file_trees import contents
 from helpers.tiny import write_model, write_picture
-from helpers.videos import NTSC, encode, flat_frames, with_sound, write_mp4, write_video
+from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
 from helpers.watched import Watched
 
 import depthcli
 from depthcli._version import __version__
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import Detail
-from depthcli.errors import InputError, ModelError, OutputError, UsageError
+from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_metadata, read_stored_depth
@@ -39,7 +39,7 @@ from depthcli.video.source import VideoSource
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.jobs.video.run import VideoResult
+    from depthcli.jobs.video.plan import VideoResult
 
 
 @pytest.fixture
@@ -62,21 +62,6 @@ def frame_number(number: int) -> Point:
 
 def files(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
-
-
-def test_a_video_has_one_result_and_its_frames_are_told(
-    clip: Path, tmp_path: Path, loader: SessionLoader, capfd: pytest.CaptureFixture[str]
-) -> None:
-    watch = Watched()
-    every = VideoSettings(span=Span(every=frame_number(2)))
-    request = VideoRequest(str(clip), str(tmp_path / "d.mkv"), model=loader, settings=every)
-    done = video(request, watch)
-    assert (watch.begun, watch.done) == ([(str(clip), 12, "frames")], 12)
-    assert (done.name, done.outputs) == (str(clip), (str(tmp_path / "d.mkv"),))
-    assert (done.frames, done.rate, done.source_rate) == (12, NTSC / 2, NTSC)
-    assert (done.provider, done.problem, done.is_regular) == ("cpu", None, True)
-    assert done.seconds > 0
-    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("smooth_s", [0.0, 0.2])
@@ -129,35 +114,6 @@ def test_the_sidecar_says_what_the_outputs_mean(
     }
 
 
-def test_a_depth_video_states_the_principal_point(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
-    camera = Intrinsics(centre_px=(1.5, -2.0))
-    done = run(clip, tmp_path / "d.mkv", loader, camera=camera)
-    assert done.metadata()["centre_px"] == (1.5, -2.0)
-    depth = next(iter(DepthVideo(tmp_path / "d.mkv")))
-    assert depth.provenance is not None
-    assert depth.provenance.centre_px == (1.5, -2.0)
-
-
-@pytest.mark.parametrize(
-    ("changes", "error"),
-    [
-        ({"video": "none.mp4"}, InputError),
-        ({"output": "a.gif"}, UsageError),
-        ({"model": SessionLoader("none.onnx")}, ModelError),
-        ({"settings": VideoSettings(span=Span(Point(Fraction(60))))}, InputError),
-    ],
-)
-def test_what_is_wrong_is_raised(
-    clip: Path, loader: SessionLoader, changes: dict[str, Any], error: type[Exception]
-) -> None:
-    before = files(clip.parent)
-    with pytest.raises(error):
-        video(dataclasses.replace(VideoRequest(str(clip), model=loader), **changes))
-    assert files(clip.parent) == before
-
-
 @pytest.mark.parametrize(
     ("output", "formats", "reason"),
     [
@@ -165,17 +121,17 @@ def test_what_is_wrong_is_raised(
         ("link.mp4", (), "is the input"),
         ("a.gif", (), ".mkv"),
         ("-", (), "no stdout"),
-        ("-", (VideoFormat.EXR,), "-o - takes one of mkv"),
-        ("-", (VideoFormat.MKV, VideoFormat.MP4), "-o - takes one of mkv"),
+        ("-", (VideoFormat.EXR,), "takes one of mkv"),
+        ("-", (VideoFormat.MKV, VideoFormat.MP4), "takes one of mkv"),
         ("a.mkv", (VideoFormat.PNG16,), "folder"),
         ("a.mkv", (VideoFormat.MP4,), ".mp4"),
-        (None, (VideoFormat.JSON,), "another --format"),
+        (None, (VideoFormat.JSON,), "another format"),
         ("a.%d.png", (VideoFormat.EXR,), "pattern for numbered files"),
-        ("c/y.exr", (), "one file and exr writes one per frame; give --out c/y.%04d.exr"),
-        ("y.png", (VideoFormat.PNG16,), "give --out y.%04d.png, or name a folder"),
+        ("c/y.exr", (), "one file, and exr writes one per frame"),
+        ("y.png", (VideoFormat.PNG16,), "one file, and png16 writes one per frame"),
         ("y.%04d.preview.png", (), "previews of a video are videos"),
         ("y.preview.png", (), "previews of a video are videos"),
-        ("vid.v003", (), "give --format"),
+        ("vid.v003", (), "give format"),
         ("a.ply", (VideoFormat.MKV,), "does not end in .mkv"),
     ],
 )
@@ -192,11 +148,6 @@ def test_outputs_that_do_not_fit(
     with pytest.raises(UsageError, match=reason):
         video(VideoRequest("clip.mp4", output, formats))
     assert files(tmp_path) == {"clip.mp4", "link.mp4"}
-
-
-def test_without_a_stream_there_is_nothing_to_read() -> None:
-    with pytest.raises(UsageError, match="there is no stdin; name a file"):
-        video(VideoRequest("-", "a.mkv"))
 
 
 def test_a_codec_is_for_its_containers() -> None:
@@ -228,18 +179,6 @@ def test_standard_input_gives_the_bytes_of_a_file(
     run(path, tmp_path / "file.mkv", loader)
     assert (done.name, done.frames, done.rate, done.problem) == ("-", 24, NTSC, None)
     assert (tmp_path / "piped.mkv").read_bytes() == (tmp_path / "file.mkv").read_bytes()
-
-
-def test_a_file_at_standard_input_is_not_replaced(tmp_path: Path, loader: SessionLoader) -> None:
-    clip = write_video(tmp_path / "stdin.preview.mov", flat_frames(range(4)))
-    before = clip.read_bytes()
-    for output in (str(clip), f"{tmp_path}/"):
-        with clip.open("rb") as stdin, pytest.raises(UsageError, match="is the input; choose"):
-            video(VideoRequest("-", output, (VideoFormat.MOV,), model=loader, stdin=stdin))
-    with clip.open("rb") as stdin:
-        request = VideoRequest("-", f"{tmp_path}/a.mov", model=loader, stdin=stdin)
-        assert video(request).frames == 4
-    assert clip.read_bytes() == before
 
 
 def test_outputs_of_standard_input_are_named_so(
@@ -312,16 +251,6 @@ def test_a_pipe_without_a_video_says_what_to_send(
         video(VideoRequest("-", f"{tmp_path}/a.mkv", model=loader, stdin=Stream(data)))
 
 
-def test_the_sound_of_a_pipe_is_missed_in_words(tmp_path: Path, loader: SessionLoader) -> None:
-    path = with_sound(tmp_path / "a.mkv", seconds=0.4)
-    request = VideoRequest("-", f"{tmp_path}/a.mp4", model=loader, stdin=Stream(path.read_bytes()))
-    assert "audio of standard input" in " ".join(video(request).warnings)
-    silent = dataclasses.replace(
-        request, has_audio=False, overwrite=True, stdin=Stream(path.read_bytes())
-    )
-    assert video(silent).warnings == ()
-
-
 @pytest.mark.parametrize("name", ["clip.depth.mkv", "clip.preview.mp4"])
 def test_a_folder_in_the_place_of_an_output_is_an_error(
     clip: Path, loader: SessionLoader, name: str
@@ -340,7 +269,7 @@ def test_empty_names_are_not_the_working_directory(
     with pytest.raises(InputError, match="name is empty; is a variable of the command not set"):
         video(VideoRequest("", model=loader))
     for formats in ((), (VideoFormat.MKV,), (VideoFormat.PNG16,)):
-        with pytest.raises(UsageError, match="-o is empty; name a file or a folder, or omit -o"):
+        with pytest.raises(UsageError, match="out: it is empty"):
             video(VideoRequest(str(clip), "", formats, model=loader))
     assert files(tmp_path / "shot") == {"0000.png", "0001.png", "0002.png"}
 
@@ -351,14 +280,6 @@ def test_a_file_in_the_place_of_the_folder_is_an_error(
 ) -> None:
     with pytest.raises(OutputError, match=r"cannot write .*clip\.mp4.*"):
         video(VideoRequest(str(clip), f"{clip}/out/", (which,), model=loader))
-
-
-def test_a_span_behind_the_damage_is_an_error(tmp_path: Path, loader: SessionLoader) -> None:
-    cut = write_video(tmp_path / "cut.avi", flat_frames(range(30)))
-    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
-    with pytest.raises(InputError, match=r"cut\.avi has no frame that can be read: .*ends after"):
-        run(cut, tmp_path / "d.mkv", loader, span=Span(frame_number(25)))
-    assert files(tmp_path) == {"model", "cut.avi"}
 
 
 def test_numbered_files_of_a_run_that_was_stopped_are_kept(
@@ -571,18 +492,6 @@ def test_a_part_of_a_video(clip: Path, tmp_path: Path, loader: SessionLoader) ->
     )
 
 
-@pytest.mark.parametrize(
-    ("every", "rate"),
-    [(frame_number(25000), Fraction(6, 5005)), (Point(Fraction(25000)), Fraction(1, 25000))],
-)
-def test_frames_can_be_hours_apart(
-    clip: Path, tmp_path: Path, loader: SessionLoader, every: Point, rate: Fraction
-) -> None:
-    done = run(clip, f"{tmp_path}/a/", loader, span=Span(every=every))
-    assert (done.frames, done.rate) == (1, rate)
-    assert DepthVideo(tmp_path / "a" / "clip.depth.mkv").rate == rate
-
-
 def noisy(path: Path, scenes: int = 2, length: int = 25) -> Path:
     """Still scenes under noise, each of its own brightness."""
     rng = np.random.default_rng(0)
@@ -620,36 +529,6 @@ def test_smoothing_lowers_the_flicker_and_stops_at_a_cut(
         np.std([values[20:28] for values in maps[10:25]], axis=0).mean() for maps in (first, second)
     ]
     assert noise[1] < noise[0] / 2
-
-
-def test_a_part_is_smoothed_and_coloured_as_a_video_of_its_own(
-    tmp_path: Path, loader: SessionLoader
-) -> None:
-    """Only how long ago frames were counts, not when."""
-    whole = noisy(tmp_path / "whole.avi", 1, 40)
-    with VideoSource(whole) as source:
-        frames = [frame.pixels for frame in source.frames()][30:]
-    encode(tmp_path / "part.avi", frames, Fraction(25), "ffv1", "bgr0")
-    gray = WriterOptions(colormap="gray")
-    part, own = (
-        run(path, f"{tmp_path}/{path.stem}/", loader, smooth_s=0.2, writing=gray, span=span)
-        for path, span in ((whole, Span(frame_number(30))), (tmp_path / "part.avi", Span()))
-    )
-    assert (part.first.index, own.first.index, part.flicker) == (30, 0, own.flicker)
-    maps, others = ([depth.values for depth in DepthVideo(done.outputs[0])] for done in (part, own))
-    np.testing.assert_array_equal(maps, others)
-    shown, other = (colours(tmp_path / name / f"{name}.preview.mp4") for name in ("whole", "part"))
-    np.testing.assert_array_equal(shown, other)
-
-
-@pytest.mark.parametrize(
-    ("times_s", "is_regular"), [([0, 0.04, 0.08, 0.12], True), ([0, 0.04, 0.1, 0.12], False)]
-)
-def test_frames_off_the_grid_are_told(
-    tmp_path: Path, loader: SessionLoader, times_s: list[float], *, is_regular: bool
-) -> None:
-    path = write_mp4(tmp_path / "a.mp4", flat_frames([9, 50, 99, 200]), Fraction(25), times_s)
-    assert run(path, tmp_path / "d.mkv", loader).is_regular is is_regular
 
 
 @pytest.mark.parametrize("smooth_s", [0.0, 0.2])
@@ -705,16 +584,6 @@ def test_numbered_arrays_find_their_time_and_kind_in_the_sidecar(
     assert (other.time_s, other.kind.value) == (None, "metric")
 
 
-def test_only_a_sidecar_of_numbered_files_lists_times(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
-    for which, has_times in ((VideoFormat.MKV, False), (VideoFormat.NPY, True)):
-        request = VideoRequest(str(clip), f"{tmp_path}/{which}/", (which,), True, model=loader)
-        done = video(request)
-        told = json.loads((tmp_path / which / "clip.depth.json").read_text())
-        assert ("times_s" in told, "times_s" in done.metadata()) == (has_times, False)
-
-
 def colours(path: Path) -> list[np.ndarray[Any, Any]]:
     capture = cv2.VideoCapture(str(path))
     found = []
@@ -742,14 +611,3 @@ def test_the_lock_holds_colours_and_lets_go_at_a_cut(tmp_path: Path, loader: Ses
     assert jump[0] > 40  # without it the change of one part repaints the rest
     assert jump[1] < 15
     assert abs(free[-1] - held[-1]).max() < 20
-
-
-def test_a_preview_with_legend_and_picture(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
-    writing = WriterOptions(legend=True, side_by_side=True, vmin=1, vmax=9)
-    run(clip, tmp_path / "a.mp4", loader, writing=writing)
-    frame = colours(tmp_path / "a.mp4")[0]
-    assert frame.shape[0] == 48
-    assert frame.shape[1] > 2 * 64 + 30
-    assert abs(frame[20:30, 2:62, 0] - frame[20:30, 2:62, 2]).mean() < 10  # the gray picture

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,15 +14,12 @@ from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import Background
-from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
-from depthcli.video.frames import Point, Span
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -83,17 +79,6 @@ def test_the_sidecar_of_an_earlier_run_does_not_describe_new_arrays(
         assert json.loads(written.read_text())["focal_px"] == pytest.approx(focal_px)
 
 
-def test_a_run_without_a_frame_leaves_the_sidecar(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
-    asked = VideoRequest(str(clip), f"{tmp_path}/out/", (NPY,), model=loader)
-    video(dataclasses.replace(asked, sidecar=True))
-    late = VideoSettings(span=Span(Point(Fraction(99), in_frames=True)))
-    with pytest.raises(InputError, match="no frame"):
-        video(dataclasses.replace(asked, settings=late))
-    assert (tmp_path / "out" / "clip.depth.json").exists()
-
-
 def test_a_foreign_json_beside_arrays_stays(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
@@ -121,15 +106,3 @@ def test_the_ends_of_a_normalized_video_are_those_that_were_asked_for(
     slope, start = np.polyfit(values[free], steps[free], 1)
     low, high = (1 - start) / slope, (65535 - start) / slope
     assert (low, high) == (pytest.approx(vmin, abs=0.01), pytest.approx(vmax, abs=0.01))
-
-
-def test_the_sidecar_of_a_depth_video_does_not_describe_arrays(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
-    write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
-    for formats, hfov_deg in (((MKV,), 40.0), ((NPY,), 60.0)):
-        settings = VideoSettings(camera=Intrinsics(hfov_deg=hfov_deg))
-        asked = VideoRequest(str(clip), f"{tmp_path}/out/", formats, model=loader)
-        video(dataclasses.replace(asked, settings=settings, sidecar=formats == (MKV,)))
-    place = tmp_path / "out" / "clip.depth.000003.npy"
-    assert read_stored_depth(place).depth.provenance is None

@@ -19,7 +19,6 @@ from depthcli.video.source import VideoSource
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from helpers.command_line import Cli
 
 _TS_PACKET_BYTES = 188
 
@@ -75,21 +74,6 @@ def test_ffv1_without_checksums_is_read(options: dict[str, str], tmp_path: Path)
     path = write_other(tmp_path / "a.mkv", 20, **options)
     found = list(DepthVideo(path).steps())
     np.testing.assert_array_equal(found, random_steps(20))
-
-
-def test_commands_report_a_damaged_first_frame(inside: Cli) -> None:
-    path = write_own(inside.folder / "d.mkv", 3)
-    damage_frames(path, 0)
-    for words in (
-        ("info",),
-        ("probe", "--frame", "0", "3,3"),
-        ("convert", "--frame", "1", "d.png"),
-    ):
-        done = inside(words[0], "d.mkv", *words[1:])
-        assert done.returncode != 0
-        assert b"d.mkv is damaged from its first frame on" in done.stderr + done.stdout
-    assert inside("convert", "d.mkv", "d.%d.png").returncode == 1
-    assert not list(inside.folder.glob("*.png"))
 
 
 @pytest.mark.parametrize("codec", ["mpeg2video", "libx264"])

@@ -7,16 +7,13 @@ from typing import TYPE_CHECKING
 
 import av
 import numpy as np
-import pytest
 from helpers.tiny import write_model
 from helpers.videos import flat_frames, write_video
 
 from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
-from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, depth_video
 from depthcli.video.source import VideoSource
@@ -96,25 +93,6 @@ def test_an_avi_from_a_pipe_states_no_end(tmp_path: Path) -> None:
         assert source.problem is None
 
 
-def test_an_avi_whose_writing_was_interrupted_is_incomplete(tmp_path: Path) -> None:
-    path = tmp_path / "a.avi"
-    output = write_avi(str(path), 300)
-    path.with_name("cut.avi").write_bytes(path.read_bytes())
-    output.close()
-    with VideoSource(path.with_name("cut.avi")) as source:
-        assert 0 < len(list(source.frames())) < 300
-        assert source.problem is not None
-        assert "it is truncated or damaged: it ends after" in source.problem
-
-
-def test_a_depth_video_has_no_frames_of_its_own_in_a_long_pause(tmp_path: Path) -> None:
-    times_s = [0, 1 / 60, 2 / 60, 50_000]
-    timing = Timing(Fraction(60), Fraction(1, 90_000))
-    path = write_maps(tmp_path / "a.mkv", times_s, timing)
-    found_s = [depth.provenance and depth.provenance.time_s for depth in DepthVideo(path)]
-    assert found_s == pytest.approx(times_s, abs=1e-3)
-
-
 class Removal:
     """A Progress that removes a file after some frames."""
 
@@ -134,12 +112,3 @@ def test_a_source_that_is_removed_during_the_run_costs_no_output(tmp_path: Path)
     assert "it was changed while it was read" in done.problem
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["clip.depth.mkv", "clip.preview.mp4"]
-
-
-def test_a_depth_video_that_is_removed_while_it_is_read_is_an_error(tmp_path: Path) -> None:
-    path = write_maps(tmp_path / "a.mkv", [0, 0.04, 0.08], Timing(Fraction(25)))
-    maps = iter(DepthVideo(path))
-    next(maps)
-    path.unlink()
-    with pytest.raises(InputError, match=r"a\.mkv is missing"):
-        list(maps)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -40,9 +39,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 RATES = [
-    *(Fraction(n * 1000, 1001) for n in (24, 30, 60, 120)),
-    *(Fraction(n) for n in (1, 15, 25, 30, 50)),
-    *(Fraction(1, 2), Fraction(1, 60), Fraction(10000, 1001), Fraction(1001, 37)),
+    *(Fraction(n * 1000, 1001) for n in (24, 30, 60)),
+    *(Fraction(25), Fraction(1, 60), Fraction(10000, 1001), Fraction(1001, 37)),
 ]
 TURN = tuple(range(0, 256, 3))
 
@@ -107,10 +105,6 @@ def test_a_rate_that_says_nothing_is_none(fps: float) -> None:
     assert exact_rate(fps) is None
 
 
-def test_a_rate_is_written_as_a_fraction() -> None:
-    assert (rate_text(NTSC), rate_text(Fraction(25))) == ("30000/1001", "25/1")
-
-
 @pytest.mark.parametrize("rate", RATES, ids=rate_text)
 def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) -> None:
     frames = 200
@@ -133,14 +127,6 @@ def test_a_preview_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) 
     fps, times_ms = seen_times_ms(tmp_path / "a.mp4")
     assert fps == float(rate)
     assert times_ms == pytest.approx([float(i * 1000 / rate) for i in range(40)], abs=0.01)
-
-
-def test_a_late_frame_of_a_long_video_is_still_in_place(tmp_path: Path) -> None:
-    """At 29.97 frames a second, this one would be a millisecond later."""
-    maps = [np.ones((2, 2), np.float32)] * 20_000
-    write_depth(tmp_path / "a.mkv", maps)
-    _, times_ms = seen_times_ms(tmp_path / "a.mkv")
-    assert times_ms[-1] == pytest.approx(round(19_999 * 1001 / 30), abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -203,13 +189,6 @@ def test_another_scale_is_labelled_and_obeyed(tmp_path: Path) -> None:
     assert next(iter(DepthVideo(tmp_path / "a.mkv", scale=640))).values[0, 0] == 1
 
 
-@pytest.mark.parametrize("rate", [Fraction(25, 10**10), Fraction(1, 10**40), Fraction(10**10)])
-def test_a_rate_that_no_container_states_is_refused(rate: Fraction, tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="frames a second cannot be written to a video"):
-        write_depth(tmp_path / "a.mkv", [np.ones((48, 64), np.float32)], rate, times_s=[0])
-    assert not list(tmp_path.iterdir())
-
-
 def test_depth_out_of_range_saturates_with_a_warning(tmp_path: Path) -> None:
     values = np.array([[70, np.inf, np.nan, 0, -3, 1e-5]], np.float32)
     (warning,) = write_depth(tmp_path / "a.mkv", [values] * 3)
@@ -249,18 +228,11 @@ def test_a_colour_video_is_no_depth(tmp_path: Path) -> None:
 def test_a_size_that_the_codec_does_not_take_is_one_line(tmp_path: Path) -> None:
     wide = np.zeros((2, 20_000), np.float32)
     with (
-        pytest.raises(OutputError, match="--format png16"),
+        pytest.raises(OutputError, match="choose an image sequence"),
         preview_video(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output,
     ):
         output.append(output.encode(shot(wide)))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
-    maps = [np.full((16, 16), 1 + i / 100, np.float32) for i in range(300)]
-    for name in "ab":
-        write_depth(tmp_path / f"{name}.mkv", maps)
-    assert (tmp_path / "a.mkv").read_bytes() == (tmp_path / "b.mkv").read_bytes()
 
 
 def read(path: Path, span: Span) -> tuple[list[int], list[float]]:
@@ -357,17 +329,6 @@ def test_a_turned_or_mirrored_video_stands_as_players_show_it(
     assert (first.pixels > 128).mean() == pytest.approx(1 / 16, abs=0.01)
 
 
-@pytest.mark.parametrize("scale", [0.5, 3])
-def test_a_turn_that_scales_as_well_is_a_turn(scale: float, tmp_path: Path) -> None:
-    a, b, c, d = (round(scale * one) for one in MATRICES[6])
-    path = encode(
-        *(tmp_path / "a.mp4", flat_frames([0] * 2), NTSC, "mpeg4", "yuv420p"),
-        matrix=(a, b, 0, c, d, 0, 0, 0, 1 << 30),
-    )
-    with VideoSource(path) as source:
-        assert next(source.frames()).orientation == 6
-
-
 @pytest.mark.parametrize(
     ("matrix", "orientation"), [(None, 1), *((MATRICES[i], i) for i in (3, 6, 8))]
 )
@@ -381,14 +342,6 @@ def test_frames_with_facts_that_pyav_does_not_know_are_read(
         frame = next(source.frames())
     assert frame.orientation == orientation
     assert np.unique(frame.pixels).tolist() == [9]
-
-
-def test_colours_are_red_green_blue(tmp_path: Path) -> None:
-    red = np.zeros((48, 64, 3), np.uint8)
-    red[..., 0] = 255
-    path = write_video(tmp_path / "a.avi", [red] * 2)
-    with VideoSource(path) as source:
-        assert next(source.frames()).pixels[20, 20].tolist() == pytest.approx([255, 0, 0], abs=6)
 
 
 def cut_mkv(tmp_path: Path) -> Path:
@@ -491,26 +444,11 @@ def test_a_trimmed_video_is_whole(tmp_path: Path) -> None:
         assert source.problem is None
 
 
-def test_a_video_with_few_frames_for_its_length_is_whole(tmp_path: Path) -> None:
-    times_s = [i / 5 for i in range(30)]
-    write_depth(tmp_path / "a.mkv", [np.ones((16, 16), np.float32)] * 30, times_s=times_s)
-    with VideoSource(tmp_path / "a.mkv") as source:
-        assert (source.frames_stated or 0) > 60  # length times rate
-        assert [frame.timestamp_s for frame in source.frames()] == pytest.approx(times_s)
-        assert source.problem is None
-
-
 def test_frames_without_a_time_get_one(tmp_path: Path) -> None:
     path = encode(tmp_path / "a.m2v", noise_frames(30), Fraction(25), "mpeg2video", "yuv420p")
     with VideoSource(path) as source:
         times_s = [frame.timestamp_s for frame in source.frames()]
     assert times_s == pytest.approx([i / 25 for i in range(30)])
-
-
-def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.mp4")
-    with pytest.raises(InputError, match="pipe or a device"):
-        VideoSource(tmp_path / "a.mp4")
 
 
 def test_what_is_no_video_is_one_clear_line(tmp_path: Path, capfd: Any) -> None:
@@ -534,12 +472,6 @@ def test_what_is_no_video_is_one_clear_line(tmp_path: Path, capfd: Any) -> None:
             VideoSource(tmp_path / name)
         assert "\n" not in str(caught.value)
     assert capfd.readouterr().err == ""
-
-
-def test_frames_that_are_too_large_are_refused(tmp_path: Path) -> None:
-    path = write_video(tmp_path / "a.avi", flat_frames([1]))
-    with pytest.raises(InputError, match="max_pixels"):
-        VideoSource(path, max_pixels=64 * 48 - 1)
 
 
 def deep_ramp(width: int = 1024) -> np.ndarray[Any, Any]:
@@ -572,17 +504,6 @@ def test_colours_follow_the_files_own_matrix(colours: str, tmp_path: Path) -> No
     with VideoSource(path) as source:
         found = next(source.frames()).pixels[5, 5]
     np.testing.assert_allclose(found, (200, 40, 90), atol=2)
-
-
-@pytest.mark.parametrize("size", [(48, 64), (47, 63), (479, 638), (1, 5)])
-def test_uncompressed_avi_is_read_whatever_its_size(size: tuple[int, int], tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    frames = [rng.integers(0, 256, (*size, 3), dtype=np.uint8) for _ in range(3)]
-    path = encode(tmp_path / "a.avi", frames, Fraction(25), "rawvideo", "bgr24")
-    with VideoSource(path) as source:
-        for frame, expected in zip(source.frames(), frames, strict=True):
-            np.testing.assert_array_equal(frame.pixels, expected)
-        assert source.problem is None
 
 
 def test_a_damaged_slice_of_a_depth_video_is_never_taken_for_depth(tmp_path: Path) -> None:
@@ -731,16 +652,6 @@ def test_the_sound_comes_along_and_stays_in_time(
     assert name == expected
     assert loud_s == pytest.approx(1 - first_s, abs=0.06)
     assert end_s == pytest.approx(2, abs=0.1)
-
-
-def test_a_silent_video_has_a_silent_preview(tmp_path: Path) -> None:
-    path = write_mp4(tmp_path / "a.mp4", flat_frames(range(3)))
-    audio = AudioTrack(path, Fraction(0))
-    with preview_video(tmp_path / "b.mp4", Timing(NTSC), PreviewWriter(), None, audio=audio) as out:
-        out.append(out.encode(shot(np.ones((16, 16), np.float32))))
-        assert out.finish() == ()
-    with av.open(str(tmp_path / "b.mp4")) as container:
-        assert not container.streams.audio
 
 
 def test_a_playlist_is_no_video(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
-    from depthcli.jobs.video.run import VideoResult
+    from depthcli.jobs.video.plan import VideoResult
     from depthcli.video.frames import Point, Span
 
 app = typer.Typer(rich_markup_mode=None)
@@ -165,7 +165,7 @@ def video(
     from depthcli.jobs.outputs import FailedInput
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import STDIO, VideoRequest, VideoSettings, video_formats
-    from depthcli.video.source import is_sequence
+    from depthcli.video.numbering import is_sequence
 
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:

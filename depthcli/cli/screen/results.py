@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from depthcli.jobs.batch.tasks import Result
     from depthcli.jobs.convert import ConvertResult, FolderPlan
     from depthcli.jobs.predict.pictures import PictureResult
-    from depthcli.jobs.video.run import VideoResult
+    from depthcli.jobs.video.plan import VideoResult
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.tasks import Result, Task, check_picture, check_video
 from depthcli.jobs.outputs import write_output
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
-from depthcli.jobs.video.run import write_video
+from depthcli.jobs.video.stages import write_video
 from depthcli.video.formats import SEQUENCES, VideoFormat
 
 PictureTask: TypeAlias = Task[Format]

@@ -1,13 +1,14 @@
-"""The output files of ``depthcli video``."""
+"""What is asked of ``depthcli video``, the names of its outputs, and its result."""
 
-import hashlib
-import os
+from __future__ import annotations
+
+import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path, PurePath
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail, ReadOptions
@@ -16,7 +17,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions, format_of
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.paths import RemotePath, check_writable, path_of, safe_name
+from depthcli.io.storage.paths import check_writable, path_of, safe_name
 from depthcli.jobs.naming import is_folder, output_bases
 from depthcli.jobs.unique_names import comparable, names_near
 from depthcli.video.container import InputPipe, OutputPipe
@@ -26,184 +27,30 @@ from depthcli.video.formats import (
     Codec,
     PreviewCodec,
     VideoFormat,
-    frame_suffix,
     preview_codec,
     sequence_of,
     video_format_of,
     video_stem_of,
 )
-from depthcli.video.frames import WHOLE, Span
+from depthcli.video.frames import WHOLE, Span, rate_text
 from depthcli.video.numbering import (
     base_name,
-    check_folders,
     is_pattern,
+    is_sequence,
+    is_sequence_image,
+    listed_names,
     number_in,
     pattern_of,
     sequence_name,
 )
-from depthcli.video.sequence import is_sequence_picture, listed_names
-from depthcli.video.source import is_sequence
+from depthcli.video.time_code import time_code_text
+
+if TYPE_CHECKING:
+    from depthcli.core.types import DepthMap, Frame
 
 STDIO = "-"
+_ON_GRID = 1e-6
 DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
-
-
-def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
-    """The formats to write: the requested ones, else that of the output's suffix, else the default.
-
-    Raises:
-        UsageError: the output is empty, or a file whose suffix is of no format, or JSON is the only
-            format.
-    """
-    if output == "":
-        raise UsageError("-o is empty; name a file or a folder, or omit -o")
-    if output is not None and is_pattern(path_of(output).name) and not is_folder(output):
-        chosen: tuple[VideoFormat, ...] = (_format_of_pattern(output, asked),)
-    elif asked:
-        chosen = tuple(dict.fromkeys(asked))
-    elif output == STDIO:
-        chosen = (VideoFormat.MKV,)
-    elif output is None or is_output_folder(output):
-        chosen = DEFAULT_FORMATS
-    elif (found := video_format_of(output) or _sequence_named(output)) is not None:
-        chosen = (found,)
-    else:
-        raise UsageError(
-            f"--out {safe_name(output)} has no suffix that selects a format; use .mkv, .mp4, .webm "
-            f"or .mov, give --format, or end the name in '/' for a folder"
-        )
-    if set(chosen) == {VideoFormat.JSON}:
-        raise UsageError("json only describes other outputs; give another --format with it")
-    return chosen
-
-
-def is_output_folder(output: str) -> bool:
-    """Whether ``--out`` names a folder: it exists as one, ends in a separator, or has no suffix."""
-    return is_folder(output) or not path_of(output).suffix
-
-
-def file_names(
-    output: Path, formats: Sequence[VideoFormat], wanted: Sequence[VideoFormat]
-) -> dict[VideoFormat, str]:
-    """File names for an output that is no folder: a pattern, one file, or the stem of the names.
-
-    A name without the suffix of a format is a stem, also of a single file.
-
-    Args:
-        output: the path.
-        formats: what is to be written.
-        wanted: the same, and JSON if a sidecar is.
-
-    Raises:
-        UsageError: the suffix is of another format, or the format is one file per frame.
-    """
-    main = [which for which in formats if which is not VideoFormat.JSON]
-    if is_pattern(output.name):
-        names: dict[VideoFormat, str] = {main[0]: output.name}
-        sidecar = base_name(output.stem)
-    elif len(main) == 1 and (video_format_of(output) or format_of(output)):
-        _check_suffix(output, main[0])
-        names, sidecar = {main[0]: output.name}, output.stem
-    else:
-        stem = video_stem_of(output)
-        return {which: stem + VIDEO_FORMATS[which].suffix for which in wanted}
-    return names | ({VideoFormat.JSON: f"{sidecar}.json"} if VideoFormat.JSON in wanted else {})
-
-
-def _check_suffix(output: Path, which: VideoFormat) -> None:
-    if which in SEQUENCES:
-        name = output.with_name(f"{output.stem}.%04d{frame_suffix(which)}")
-        raise UsageError(
-            f"--out {output} is one file and {which} writes one per frame; give --out {name}, or "
-            "name a folder"
-        )
-    if video_format_of(output) is not which:
-        raise UsageError(
-            f"--out {output} does not end in .{which}; the suffix has to match the format"
-        )
-
-
-def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
-    """The format of the files of a pattern such as ``depth.%04d.exr``."""
-    check_folders(path_of(output))
-    found = _sequence_named(output)
-    if found is None or set(asked) - {found}:
-        raise UsageError(
-            f"--out {output} is a pattern for numbered files: end it in .png, .exr or .npy, with "
-            "no other --format"
-        )
-    return found
-
-
-def _sequence_named(output: str) -> VideoFormat | None:
-    """The format of numbered files that a name's suffix chooses; None if it chooses none."""
-    if format_of(output) is Format.PREVIEW:
-        raise UsageError(
-            f"--out {safe_name(output)} is the name of a preview, and previews of a video are "
-            "videos; name a .mp4, .webm or .mov file"
-        )
-    return sequence_of(output)
-
-
-def video_base(source: Path | None) -> str:
-    """The name of a video's outputs, without suffix; ``source`` is None for standard input.
-
-    An image sequence counts as one file, ``plate.exr`` for ``plate.%04d.exr`` and for a folder
-    ``plate`` of such pictures. As of any file, its suffix is kept if another input of its folder
-    has its stem. A checksum follows if another sequence has this suffix, too.
-    """
-    if source is None:
-        return output_bases([None])[0]
-    source, name = _as_one_file(source)
-    (base,) = output_bases([source.with_name(name)])
-    others = {comparable(other) for other in _sequences(source, name)}
-    if comparable(name) in others:
-        return f"{name}.{hashlib.sha256(os.fsencode(source.name)).hexdigest()[:8]}"
-    return name if others and base == PurePath(name).stem else base
-
-
-def _as_one_file(source: Path) -> tuple[Path, str]:
-    """The input, and the name of the one file that it counts as."""
-    if not is_sequence(source):
-        return source, source.name
-    if source.is_dir():
-        source = source.resolve()  # "." has no name
-        with suppress(OSError):  # which reading it reports
-            return source, source.name + _picture_suffix(source)
-    return source, sequence_name(source.name)
-
-
-def _sequences(source: Path, name: str) -> list[str]:
-    """The other sequences in the folder of an input that count as files with the stem of a name."""
-    folder, stem = source.parent, PurePath(name).stem
-    firsts: dict[str, str] = {}
-    try:
-        for one in sorted(filter(is_sequence_picture, names_near(folder, [name]))):
-            pattern = pattern_of(PurePath(one).stem)
-            if pattern is not None and number_in(source.name, one) is None:
-                other = sequence_name(pattern + PurePath(one).suffix)
-                firsts.setdefault(other, one)
-        suffix = "" if source.name == stem else _picture_suffix(folder / stem)
-    except OSError:  # what cannot be listed has no sequence that can be read
-        return []
-    found = [
-        other
-        for other, first in firsts.items()
-        if comparable(PurePath(other).stem) == comparable(stem)
-        and not is_own_picture(folder / first)
-    ]
-    return [*found, stem + suffix] if suffix else found
-
-
-def _picture_suffix(folder: Path) -> str:
-    """The suffix of the first picture in a folder; empty without one, or if depthcli wrote it.
-
-    Raises:
-        OSError: the folder cannot be listed.
-    """
-    names = listed_names(folder) if folder.is_dir() else ()
-    first = next(filter(is_sequence_picture, names), None)
-    return "" if first is None or is_own_picture(folder / first) else PurePath(first).suffix
 
 
 LOCK_S = 1.0
@@ -231,7 +78,7 @@ class VideoSettings:
 class VideoRequest:
     """A video, and how to process it."""
 
-    #: a file, a folder of numbered pictures, a pattern such as ``plate.%04d.exr``, or ``-``
+    #: a file, a folder of numbered images, a pattern such as ``plate.%04d.exr``, or ``-``
     video: str
     #: a file for one format; a stem, if there are several or the suffix is of no format; a folder,
     #: which exists, ends in ``/`` or has no suffix; a pattern for numbered files; ``-``; None for
@@ -281,6 +128,236 @@ class VideoPlan:
         return OutputPipe(self.stdout, VIDEO_FORMATS[which].file_suffix or "")
 
 
+@dataclass(frozen=True, slots=True)
+class VideoResult:
+    """The result of a video whose outputs are all written."""
+
+    plan: VideoPlan  #: the video, and the files written
+    settings: VideoSettings  #: options that affected them
+    numbers: Sequence[int]  #: numbers of the frames written; the first of the file has 0
+    times_s: Sequence[float]  #: time of each of them, from the first frame of the video
+    rate: Fraction  #: frames per second of the outputs, exact
+    source_rate: Fraction  #: frames per second of the video
+    first: Frame  #: first frame written, without its pixels
+    depth: DepthMap  #: its depth, for kind and model
+    #: flicker of the depth written, see ``FlickerMeter``; None without two similar frames
+    flicker: float | None
+    flicker_unsmoothed: float | None  #: flicker before smoothing; None without smoothing
+    scenes: int  #: number of scenes
+    provider: str  #: the provider that ran the model
+    seconds: float  #: from opening the video to the last output
+    warnings: tuple[str, ...]  #: one line each
+    problem: str | None  #: why frames are missing at the end; None if none are
+
+    @property
+    def name(self) -> str:
+        """The video, as the user wrote it."""
+        return self.plan.name
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The files written; a sequence's with ``%06d`` for the frame's number."""
+        return tuple(str(self.plan.path(which)) for which in self.plan.names)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames written."""
+        return len(self.numbers)
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether the frames have the times of a constant frame rate."""
+        start_s = self.times_s[0]
+        return all(
+            abs((t - start_s) * self.rate - i) < _ON_GRID for i, t in enumerate(self.times_s)
+        )
+
+    def metadata(self) -> dict[str, object]:
+        """The fields of JSON and sidecar that are the same for every run."""
+        from depthcli.io.depth.metadata import DepthMetadata  # noqa: PLC0415 - is loaded by now
+
+        depth, known = self.depth, DepthMetadata.of(self.depth)
+        time_code, writing = self.first.time_code, self.settings.writing
+        is_stretched = writing.png_normalize and VideoFormat.PNG16 in self.plan.names
+        return {
+            "frames": self.frames,
+            "fps": rate_text(self.rate),
+            "source_fps": rate_text(self.source_rate),
+            "constant_rate": self.is_regular,
+            "first_frame": self.first.index,
+            "start_s": self.first.timestamp_s,
+            "time_code": None if time_code is None else time_code_text(time_code, self.source_rate),
+            "width": depth.width,
+            "height": depth.height,
+            "orientation": self.first.orientation,
+            "kind": known.kind,
+            "unit": known.unit,
+            "scale": writing.png_scale if depth.is_metric and not is_stretched else None,
+            "scenes": self.scenes,
+            "flicker": self.flicker,
+            "flicker_unsmoothed": self.flicker_unsmoothed,
+            "smooth_s": self.settings.smooth_s,
+            "lock_s": self.settings.lock_s,
+            **known.origin(),
+        }
+
+    def sidecar(self, *, has_times: bool) -> str:
+        """The text of the sidecar, the same for every run.
+
+        With ``has_times``, it also states the time of each frame by its number, for numbered files.
+        """
+        from depthcli.io.depth.metadata import SOFTWARE  # noqa: PLC0415 - is loaded by now
+
+        metadata = {"software": SOFTWARE, **self.metadata()}
+        if has_times:
+            metadata["times_s"] = dict(zip(self.numbers, self.times_s, strict=True))
+        return json.dumps(metadata, indent=2, allow_nan=False) + "\n"
+
+
+def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
+    """The formats to write: the requested ones, else that of the output's suffix, else the default.
+
+    Raises:
+        UsageError: the output is empty, or a file whose suffix is of no format, or JSON is the only
+            format.
+    """
+    if output == "":
+        raise UsageError("it is empty; name a file or a folder", option="out")
+    if output is not None and is_pattern(path_of(output).name) and not is_folder(output):
+        return (_format_of_pattern(output, asked),)
+    if set(asked) == {VideoFormat.JSON}:
+        raise UsageError("json only describes other outputs", "give another {format} with it")
+    if asked:
+        return tuple(dict.fromkeys(asked))
+    if output == STDIO:
+        return (VideoFormat.MKV,)
+    if output is None or is_output_folder(output):
+        return DEFAULT_FORMATS
+    found = video_format_of(output) or _sequence_named(output)
+    if found is None or found is VideoFormat.JSON:
+        raise UsageError(
+            f"{safe_name(output)} has no suffix that selects a format; use .mkv, .mp4, .webm or "
+            ".mov, or end the name in '/' for a folder",
+            "or give {format}",
+            option="out",
+        )
+    return (found,)
+
+
+def is_output_folder(output: str) -> bool:
+    """Whether an output is a folder: it exists as one, ends in a separator, or has no suffix."""
+    return is_folder(output) or not path_of(output).suffix
+
+
+def _file_names(
+    output: Path, formats: Sequence[VideoFormat], wanted: Sequence[VideoFormat]
+) -> dict[VideoFormat, str]:
+    """File names for an output that is no folder: a pattern, one file, or the stem of the names.
+
+    A name without the suffix of a format is a stem, also of a single file.
+
+    Args:
+        output: the path.
+        formats: what is to be written.
+        wanted: what is to be written, with JSON if a sidecar is.
+
+    Raises:
+        UsageError: the suffix is of another format, or the format is one file per frame.
+    """
+    main = [which for which in formats if which is not VideoFormat.JSON]
+    if is_pattern(output.name):
+        sidecar = base_name(output.stem)
+    elif len(main) == 1 and (video_format_of(output) or format_of(output)):
+        _check_suffix(output, main[0])
+        sidecar = output.stem
+    else:
+        stem = video_stem_of(output)
+        return {which: stem + VIDEO_FORMATS[which].suffix for which in wanted}
+    names = {main[0]: output.name, VideoFormat.JSON: f"{sidecar}.json"}
+    return {which: names[which] for which in dict.fromkeys((*main, *wanted))}
+
+
+def _check_suffix(output: Path, which: VideoFormat) -> None:
+    if which in SEQUENCES:
+        problem = f"{output} is one file, and {which} writes one per frame"
+        raise UsageError(problem, "give a pattern such as d.%04d.exr, or a folder", option="out")
+    if video_format_of(output) is not which:
+        raise UsageError(f"{output} does not end in .{which}", option="out")
+
+
+def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
+    """The format of the files of a pattern such as ``depth.%04d.exr``."""
+    found = _sequence_named(output)
+    if found is None or set(asked) - {found}:
+        problem = f"{output} is a pattern for numbered files, which end in .png, .exr or .npy"
+        raise UsageError(problem, "give no other {format}", option="out")
+    return found
+
+
+def _sequence_named(output: str) -> VideoFormat | None:
+    """The format of numbered files that a name's suffix chooses; None if it chooses none."""
+    if format_of(output) is Format.PREVIEW:
+        problem = f"previews of a video are videos; end {safe_name(output)} in .mp4, .webm or .mov"
+        raise UsageError(problem, option="out")
+    return sequence_of(output)
+
+
+def video_base(source: Path | None) -> str:
+    """The name of a video's outputs, without suffix; ``source`` is None for standard input.
+
+    An image sequence counts as one file, ``plate.exr`` for ``plate.%04d.exr`` and for a folder
+    ``plate`` of such images. As of any file, its suffix is kept if another input of its folder has
+    its stem.
+    """
+    if source is None:
+        return output_bases([None])[0]
+    source, name = _as_one_file(source)
+    (base,) = output_bases([source.with_name(name)])
+    return name if base == PurePath(name).stem and _is_beside_sequence(source, name) else base
+
+
+def _as_one_file(source: Path) -> tuple[Path, str]:
+    """The input, and the name of the one file that it counts as."""
+    if not is_sequence(source):
+        return source, source.name
+    if source.is_dir():
+        source = source.resolve()  # "." has no name
+        with suppress(OSError):  # which reading it reports
+            return source, source.name + _image_suffix(source)
+    return source, sequence_name(source.name)
+
+
+def _is_beside_sequence(source: Path, name: str) -> bool:
+    """Whether another sequence in the folder of an input counts as a file with the stem of a name.
+
+    What cannot be listed has no sequence that can be read.
+    """
+    folder, stem = source.parent, PurePath(name).stem
+    firsts: dict[str, str] = {}
+    with suppress(OSError):
+        for one in sorted(filter(is_sequence_image, names_near(folder, [name]))):
+            pattern = pattern_of(PurePath(one).stem)
+            if pattern is not None and number_in(source.name, one) is None:
+                other = PurePath(sequence_name(pattern + PurePath(one).suffix)).stem
+                firsts.setdefault(comparable(other), one)
+        first = firsts.get(comparable(stem))
+        if first is not None and not is_own_picture(folder / first):
+            return True
+        return source.name != stem and bool(_image_suffix(folder / stem))
+    return False
+
+
+def _image_suffix(folder: Path) -> str:
+    """The suffix of the first image in a folder; empty without one, or if depthcli wrote it.
+
+    Raises:
+        OSError: the folder cannot be listed.
+    """
+    names = listed_names(folder) if folder.is_dir() else ()
+    first = next(filter(is_sequence_image, names), None)
+    return "" if first is None or is_own_picture(folder / first) else PurePath(first).suffix
+
+
 def plan_video(request: VideoRequest) -> VideoPlan:
     """Name every output before anything is read.
 
@@ -303,38 +380,27 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         names = {which: base + VIDEO_FORMATS[which].suffix for which in wanted}
     else:
         folder = path_of(output).parent
-        names = file_names(path_of(output), formats, wanted)
+        names = _file_names(path_of(output), formats, wanted)
     asked = None if request.codec is None else Codec(request.codec)
-    previews = [which for which in names if VIDEO_FORMATS[which].is_preview]
-    codecs = {which: preview_codec(f".{which}", asked) for which in previews}
-    stdout = request.stdout if output == STDIO else None
     plan = VideoPlan(
-        safe_name(name),
-        source,
-        folder,
-        names,
-        codecs,
-        request.has_audio,
-        stdout,
-        request.overwrite,
+        name=safe_name(name),
+        source=source,
+        folder=folder,
+        names=names,
+        codecs={
+            which: preview_codec(f".{which}", asked)
+            for which in names
+            if VIDEO_FORMATS[which].is_preview
+        },
+        has_audio=request.has_audio,
+        stdout=request.stdout if output == STDIO else None,
+        overwrite=request.overwrite,
     )
-    for which in names:
-        check_writable(plan.path(which))
-        if _is_the_video(plan.path(which), file, request.stdin):
-            raise UsageError(f"{plan.path(which)} is the input; choose another --out")
+    for path in map(plan.path, names):
+        check_writable(path)
+        if file is not None and is_same_file(path, file):
+            raise UsageError(f"{path} is the input", "choose another {out}")
     return plan
-
-
-def _is_the_video(path: Path, file: Path | None, stdin: BinaryIO | None) -> bool:
-    """Whether an output is the video, also if standard input is redirected from it."""
-    if file is not None:
-        return is_same_file(path, file)
-    if stdin is None or isinstance(path, RemotePath):
-        return False
-    try:
-        return os.path.samestat(os.fstat(stdin.fileno()), path.stat())
-    except (OSError, ValueError):  # no such file yet, or a stream without a file
-        return False
 
 
 def _source(name: str, stdin: BinaryIO | None) -> Path | InputPipe:
@@ -347,9 +413,8 @@ def _source(name: str, stdin: BinaryIO | None) -> Path | InputPipe:
 
 def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[VideoFormat, str]:
     if len(wanted) > 1 or wanted[0] in SEQUENCES:
-        raise UsageError(
-            f"-o - takes one of mkv, mp4, webm and mov, not {' and '.join(wanted)}; name a folder"
-        )
+        problem = f"'-' takes one of mkv, mp4, webm and mov, not {' and '.join(wanted)}"
+        raise UsageError(problem, "name a folder", option="out")
     if stdout is None:
         raise UsageError("the output is '-' but there is no stdout; name a file or a folder")
     return {wanted[0]: STDIO}

@@ -1,7 +1,11 @@
-"""Resuming a video that was stopped, with the depth that the earlier run wrote."""
+"""Resuming a video that was stopped, with the numbered files that the earlier run wrote."""
 
+import json
+import re
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Self
 
 from depthcli._version import __version__
 from depthcli.core.fingerprint import fingerprint
@@ -13,9 +17,74 @@ from depthcli.io.formats.table import READABLE
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.video.formats import SEQUENCES, VideoFormat
-from depthcli.video.frame_journal import FrameJournal, remove_journal
 from depthcli.video.frames import FrameSource
 from depthcli.video.numbering import base_name, numbered_name
+
+_NUMBER = re.compile(r"[0-9]{1,18}")
+
+
+class FrameJournal:
+    """A hidden file beside the frames: a fingerprint, then the numbers of finished frames.
+
+    It is removed when the run is complete or has written no frame, and kept if it is interrupted.
+
+    Attributes:
+        is_resumed: whether an earlier run with the same fingerprint was stopped.
+        earlier: numbers of frames that an earlier run with the same fingerprint finished.
+    """
+
+    def __init__(self, folder: Path, name: str, fingerprint: str) -> None:
+        """Read the journal of an earlier run, and begin to write.
+
+        Args:
+            folder: of the frames; created if missing.
+            name: of the sequence.
+            fingerprint: of input, model and options. Frames with another one do not count.
+
+        Raises:
+            OSError: the folder cannot be written to.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        self._path = _journal_path(folder, name)
+        earlier = _finished(self._path, fingerprint)
+        self.is_resumed = earlier is not None
+        self.earlier = earlier or frozenset()
+        self._count = len(self.earlier)
+        self._path.unlink(missing_ok=True)
+        self._file = self._path.open("x", encoding="utf-8")
+        lines = (json.dumps(fingerprint), *map(str, sorted(self.earlier)))
+        self._file.write("".join(f"{line}\n" for line in lines))
+        self._file.flush()
+
+    def add(self, number: int) -> None:
+        """Record that all files of a frame are written."""
+        if number not in self.earlier:
+            self._file.write(f"{number}\n")
+            self._file.flush()
+            self._count += 1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        with suppress(OSError):  # of a full disk, which add has reported already
+            self._file.close()
+        if kind is None or not self._count:
+            self._path.unlink(missing_ok=True)
+
+
+def _finished(path: Path, fingerprint: str) -> frozenset[int] | None:
+    """Numbers of frames that a run with this fingerprint finished; None without such a run."""
+    if path.is_symlink() or not path.is_file():
+        return None
+    head, *lines = path.read_text("utf-8", "replace").splitlines() or [""]
+    if head != json.dumps(fingerprint):
+        return None
+    return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
+
+
+def _journal_path(folder: Path, name: str) -> Path:
+    return folder / f".{name}.depthcli-frames"
 
 
 class EarlierFrames:
@@ -95,7 +164,7 @@ def earlier_frames(
     can_resume = not settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     try:
         if not can_resume:
-            remove_journal(plan.folder, name)
+            _journal_path(plan.folder, name).unlink(missing_ok=True)
         origin = _origin(plan, source, pipeline, settings) if can_resume else ""
         record: AbstractContextManager[FrameJournal | None] = (
             FrameJournal(plan.folder, name, origin) if can_resume else nullcontext()

@@ -1,36 +1,220 @@
-"""The processing stages of a video's frames: prediction per frame, then filtering over time."""
+"""The stages of a video's frames: prediction of each, filtering over time, and writing."""
+
+from __future__ import annotations
 
 import dataclasses
+import time
 from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core import temporal
+from depthcli.core.parallel import one_thread_each, ordered_map
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.temporal import (
+    ChangeDetector,
     FlickerMeter,
     RangeLock,
     Smoother,
     ema_decay,
     from_log,
     sample_cells,
+    thumbnail,
     to_log,
 )
 from depthcli.core.types import DepthMap, Frame, Windows, masked_to_data_window, over_window
+from depthcli.errors import InputError, OutputError
+from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.scale import dequantized, quantized
-from depthcli.io.formats.preview import percentiles
-from depthcli.jobs.video.plan import VideoSettings
-from depthcli.video.outputs import DepthFrame
+from depthcli.io.formats.preview import PreviewWriter, percentiles
+from depthcli.io.formats.sidecar import remove_video_sidecar
+from depthcli.io.formats.table import WriterOptions
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.guard import Guard
+from depthcli.jobs.outputs import output_guard
+from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
+from depthcli.jobs.video.resume import earlier_frames, rounding_scale
+from depthcli.video.audio import AudioTrack
+from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat, preview_codec
+from depthcli.video.frames import FrameSource, Timing
+from depthcli.video.numbering import base_name, numbered_name
+from depthcli.video.outputs import (
+    DepthFrame,
+    SequenceOutput,
+    VideoOutput,
+    depth_video,
+    preview_video,
+)
+from depthcli.video.source import open_frames
+
+
+def write_video(
+    plan: VideoPlan,
+    pipeline: Pipeline,
+    settings: VideoSettings,
+    workers: int,
+    progress: Progress = NO_PROGRESS,
+) -> VideoResult:
+    """Do as :func:`depthcli.jobs.video.run.video`, with named outputs and a loaded model.
+
+    ``workers`` is the number of threads besides the one that decodes and writes.
+
+    Raises:
+        InputError: the video cannot be read, or has no frame in the span.
+        OutputError: an output cannot be written.
+        ModelError: the network failed.
+        UsageError: the options do not fit the model.
+    """
+    start_s = time.perf_counter()
+    for which in plan.names:
+        if plan.path(which).is_dir():
+            raise OutputError(f"{plan.path(which)} is a folder", "choose another {out}")
+    with (
+        open_frames(
+            plan.source,
+            rate=settings.fps,
+            max_pixels=settings.max_pixels,
+            options=settings.reading,
+        ) as source,
+        ExitStack() as stack,
+    ):
+        rate = settings.span.rate(source.rate)
+        earlier = stack.enter_context(earlier_frames(plan, source, pipeline, settings))
+        guard = output_guard(source.paths, overwrite=plan.overwrite or earlier.is_resumed)
+        outputs = [
+            stack.enter_context(open_output(which, plan, settings.writing, source, rate, guard))
+            for which in plan.names
+            if which is not VideoFormat.JSON
+        ]
+        sidecar = _sidecar(plan, guard, stack)
+        scale = rounding_scale(plan, pipeline, settings)
+        stages = FrameStages(pipeline, settings, earlier.kept, scale)
+        advance = progress.begin(plan.name, source.count(settings.span), "frames")
+        frames = _renumbered(source, settings)
+        # Closed before the outputs, so that no thread writes into a file that is being removed.
+        with closing(_process_frames(frames, stages, outputs, workers)) as numbers:
+            for count, number in enumerate(numbers):
+                if count == 0 and sidecar is None:
+                    _remove_stale_sidecars(plan)
+                earlier.add(number)
+                advance(1)
+        if stages.first is None:
+            raise _no_frames(plan, source)
+        warnings = [warning for output in outputs for warning in output.finish()]
+        done = _result(plan, pipeline, settings, source, stages)
+        if sidecar is not None:
+            is_numbered = not set(SEQUENCES).isdisjoint(plan.names)
+            sidecar.write_text(done.sidecar(has_times=is_numbered), "utf-8")
+    seconds = time.perf_counter() - start_s
+    return dataclasses.replace(done, seconds=seconds, warnings=(*done.warnings, *warnings))
+
+
+def _remove_stale_sidecars(plan: VideoPlan) -> None:
+    """Remove the sidecar of an earlier run, which would state its camera for files without one."""
+    for which, name in plan.names.items():
+        picture = VIDEO_FORMATS[which].picture
+        if which in SEQUENCES and picture is not None and not picture.facts.has_camera:
+            remove_video_sidecar(plan.folder / f"{base_name(name)}.json")
+
+
+def _sidecar(plan: VideoPlan, guard: Guard, stack: ExitStack) -> Path | None:
+    """Temporary path of the JSON file; None if it is not an output."""
+    if VideoFormat.JSON not in plan.names:
+        return None
+    return stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
+
+
+def _process_frames(
+    frames: Iterator[Frame], stages: FrameStages, outputs: Sequence[VideoOutput], workers: int
+) -> Generator[int, None, None]:
+    """Process every frame in all stages; each stage runs a few frames ahead of the next.
+
+    Yields:
+        The number of each frame once it is written.
+    """
+
+    def encoded(frame: DepthFrame) -> list[Any]:
+        whole = stages.restore(frame)
+        shown = whole.displayed()
+        return [output.encode(whole if output.has_overscan else shown) for output in outputs]
+
+    with (
+        one_thread_each(workers),
+        closing(ordered_map(stages.predict, frames, workers=workers)) as predicted,
+        closing(ordered_map(encoded, stages.smooth(predicted), workers=workers)) as parts,
+    ):
+        for index, part in enumerate(parts):
+            for output, one in zip(outputs, part, strict=True):
+                output.append(one)
+            yield stages.numbers[index]
+
+
+def _renumbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]:
+    """The frames with the output's rate and frame numbers."""
+    shift: int | None = None
+    rate = settings.span.rate(source.rate)
+    for frame in source.frames(settings.span):
+        if shift is None:
+            wanted = settings.start_number
+            shift = 0 if wanted is None else wanted - frame.index
+        yield dataclasses.replace(frame, index=frame.index + shift, rate=rate)
+
+
+def open_output(
+    which: VideoFormat,
+    plan: VideoPlan,
+    writing: WriterOptions,
+    source: FrameSource,
+    rate: Fraction,
+    guard: Guard | None,
+) -> AbstractContextManager[VideoOutput]:
+    """Open the output of one format.
+
+    Args:
+        which: the format; not JSON, which is written after all others.
+        plan: the paths of the outputs.
+        writing: options of the formats.
+        source: the video or sequence that is read.
+        rate: frames per second of the output.
+        guard: of existing files; None to replace any.
+    """
+    target = plan.target(which)
+    step = source.rate / rate
+    is_stepped = not source.numbers_follow_times and step.denominator == 1
+    timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
+    if which is VideoFormat.MKV:
+        colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
+        return depth_video(target, timing, writing.png_scale, guard, colours)
+    picture = VIDEO_FORMATS[which].picture
+    if picture is None:
+        raise ValueError(which)
+    writer = writing.writer(picture)
+    if not isinstance(writer, PreviewWriter):
+        name = partial(numbered_name, plan.names[which])
+        has_overscan = picture.facts.has_overscan
+        return nullcontext(
+            SequenceOutput(which.value, plan.folder, name, writer, guard, has_overscan=has_overscan)
+        )
+    codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
+    audio = None
+    if plan.has_audio and source.start_s is not None:
+        audio = AudioTrack(plan.source, source.start_s)
+    return preview_video(target, timing, writer, guard, codec=codec, audio=audio)
 
 
 @dataclass(frozen=True, slots=True)
 class PredictedFrame:
     """A frame after prediction, before the stages that depend on other frames."""
 
-    picture: Frame  #: the frame of the video
+    image: Frame  #: the frame of the video
     depth: DepthMap  #: its depth
     thumbnail: npt.NDArray[np.float32]  #: its brightness at a reduced size, (h, w) float32
     #: depth for smoothing, (H, W) float32 of ``to_log``; None without smoothing
@@ -62,7 +246,7 @@ class FrameStages:
         self._kept, self._scale = kept, scale
         self._pipeline = pipeline
         self._settings = settings
-        self._changes = temporal.ChangeDetector()
+        self._changes = ChangeDetector()
         self._lock = RangeLock()
         self._smoother = Smoother()
         kind = pipeline.card.output.kind
@@ -72,34 +256,34 @@ class FrameStages:
         self.times_s = array("d")
         self.numbers = array("q")
 
-    def predict(self, picture: Frame) -> PredictedFrame:
+    def predict(self, image: Frame) -> PredictedFrame:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
-        picture = picture.with_pixel_aspect(camera.pixel_aspect or picture.pixel_aspect)
-        kept = self._kept(picture.index)
+        image = image.with_pixel_aspect(camera.pixel_aspect or image.pixel_aspect)
+        kept = self._kept(image.index)
         if self.first is None:
             kept = None  # the first frame is always predicted, for the report
-        depth = kept or self._pipeline.predict(picture, camera).depth
+        depth = kept or self._pipeline.predict(image, camera).depth
         if self._scale is not None and kept is None:
             values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
             depth = dataclasses.replace(depth, values=values)
-        depth, shown = _in_windows(depth, picture.windows, is_kept=kept is not None)
-        thumbnail = temporal.thumbnail(picture.pixels)
-        small = DepthMap(sample_cells(shown, thumbnail.shape), depth.kind)
+        depth, shown = _in_windows(depth, image.windows, is_kept=kept is not None)
+        small_image = thumbnail(image.pixels)
+        small = DepthMap(sample_cells(shown, small_image.shape), depth.kind)
         steps = to_log(depth) if self._settings.smooth_s else None
         spread, is_kept = percentiles(small), kept is not None
-        return PredictedFrame(picture, depth, thumbnail, steps, to_log(small), spread, is_kept)
+        return PredictedFrame(image, depth, small_image, steps, to_log(small), spread, is_kept)
 
     def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
         """The stages that need the frames in order; fast, in one thread."""
         for frame in frames:
-            now_s = frame.picture.timestamp_s or 0.0
+            now_s = frame.image.timestamp_s or 0.0
             interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
             self.times_s.append(now_s)
-            self.numbers.append(frame.picture.index)
+            self.numbers.append(frame.image.index)
             if self.first is None:
-                shown = DepthFrame(frame.picture, frame.depth, frame.spread).displayed()
-                alone = dataclasses.replace(shown.picture, pixels=np.zeros((1, 1), np.uint8))
+                shown = DepthFrame(frame.image, frame.depth, frame.spread).displayed()
+                alone = dataclasses.replace(shown.image, pixels=np.zeros((1, 1), np.uint8))
                 self.first = (alone, shown.depth)
             yield self._smoothed(frame, interval_s)
 
@@ -115,7 +299,7 @@ class FrameStages:
             steps = self._smoother.step(frame.steps, change, decay)
             self.smoothed.step(sample_cells(steps, frame.thumbnail.shape), change)
             depth = dataclasses.replace(depth, values=steps)
-        return DepthFrame(frame.picture, depth, spread, frame.is_kept)
+        return DepthFrame(frame.image, depth, spread, frame.is_kept)
 
     def restore(self, frame: DepthFrame) -> DepthFrame:
         """Convert the smoother's output back to depth; thread-safe."""
@@ -145,3 +329,51 @@ def _in_windows(
     values = over_window(depth.values, covered, windows.pixels)
     depth = masked_to_data_window(dataclasses.replace(depth, values=values), windows)
     return depth, windows.only(windows.display, depth.values)
+
+
+def _result(
+    plan: VideoPlan,
+    pipeline: Pipeline,
+    settings: VideoSettings,
+    source: FrameSource,
+    stages: FrameStages,
+) -> VideoResult:
+    """The result, without the time and the warnings of the outputs."""
+    if stages.first is None:
+        raise TypeError(stages)
+    smooths = settings.smooth_s > 0
+    return VideoResult(
+        plan=plan,
+        settings=settings,
+        numbers=stages.numbers,
+        times_s=stages.times_s,
+        rate=settings.span.rate(source.rate),
+        source_rate=source.rate,
+        first=stages.first[0],
+        depth=stages.first[1],
+        flicker=(stages.smoothed if smooths else stages.raw).value,
+        flicker_unsmoothed=stages.raw.value if smooths else None,
+        scenes=stages.scenes,
+        provider=pipeline.session.provider,
+        seconds=0.0,
+        warnings=(
+            *source.warnings,
+            *pipeline.session.warnings,
+            *focal_warnings(pipeline.card, settings.camera),
+        ),
+        problem=source.problem,
+    )
+
+
+def _no_frames(plan: VideoPlan, source: FrameSource) -> InputError:
+    if source.problem:
+        return InputError(f"{plan.name} has no frame that can be read: {source.problem}")
+    problem = f"{plan.name} has no frame in the span"
+    if source.numbers_stated is None:
+        return InputError(problem)
+    first, last = source.numbers_stated
+    length_s = float((last - first + 1) / source.rate)
+    return InputError(
+        f"{problem}; it has frames {first}–{last}, {length_s:.3f} s",
+        f"give other values of {{start}} and {{end}}; a frame number ends in f: {first}f",
+    )

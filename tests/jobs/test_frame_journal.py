@@ -4,7 +4,7 @@ import resource
 from contextlib import suppress
 from pathlib import Path
 
-from depthcli.video.frame_journal import FrameJournal
+from depthcli.jobs.video.resume import FrameJournal
 
 
 def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
