@@ -43,17 +43,17 @@ def build_graph(
         A checked model with dynamic batch, height and width, and IR version 8. With ``mirror``, it
         averages with the prediction for the mirrored picture, at twice the cost.
     """
-    network = fold_batch_norm(generator)
+    network, channels = fold_batch_norm(generator), _channels(generator)
     if mirror:
         network = MirrorAverage(network)
-    model = optimizer.optimize(_trace(network, opset))
+    model = optimizer.optimize(_trace(network, channels, opset))
     model.ir_version = min(model.ir_version, IR_VERSION)
     _strip_metadata(model.graph)
     onnx.checker.check_model(model, full_check=True)
     return model
 
 
-def _trace(network: nn.Module, opset: int) -> onnx.ModelProto:
+def _trace(network: nn.Module, channels: int, opset: int) -> onnx.ModelProto:
     """Export a network with torch.
 
     The tracing exporter is used because the dynamo exporter cannot express sizes that are halved
@@ -65,7 +65,7 @@ def _trace(network: nn.Module, opset: int) -> onnx.ModelProto:
         path = folder / "model.onnx"
         torch.onnx.export(
             network,
-            (torch.zeros(2, 1, *_TRACED_SIZE),),
+            (torch.zeros(2, channels, *_TRACED_SIZE),),
             path,
             input_names=[INPUT],
             output_names=[OUTPUT],
@@ -103,7 +103,11 @@ class MirrorAverage(nn.Module):
 
 def fold_batch_norm(network: nn.Module) -> nn.Module:
     """A copy in evaluation mode with each batch norm folded into the convolution before it."""
-    return folded_norms(copy.deepcopy(network).float().cpu(), 1)
+    return folded_norms(copy.deepcopy(network).float().cpu(), _channels(network))
+
+
+def _channels(network: nn.Module) -> int:
+    return int(getattr(network, "channels", 1))
 
 
 def weights_to_float16(model: onnx.ModelProto) -> None:
@@ -228,10 +232,10 @@ def check_parity(
         ParityError: a difference is larger, or the model does not run at a size.
     """
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
-    name = session.get_inputs()[0].name
+    name, channels = session.get_inputs()[0].name, session.get_inputs()[0].shape[1]
     largest, worst_mean = 0.0, 0.0
     for case in cases:
-        for batch in pictures or _inputs(*case):
+        for batch in pictures or _inputs(*case, channels):
             with torch.no_grad():
                 wanted = network(torch.from_numpy(batch)).numpy()
             try:
@@ -256,12 +260,14 @@ def check_parity(
     return Parity(largest, worst_mean, cases, tolerance)
 
 
-def _inputs(batch: int, height: int, width: int) -> tuple[npt.NDArray[np.float32], ...]:
-    """Noise, a ramp with a step, and waves; each (batch, 1, height, width) in [-1, 1].
+def _inputs(
+    batch: int, height: int, width: int, channels: int
+) -> tuple[npt.NDArray[np.float32], ...]:
+    """Noise, a ramp with a step, and waves; each (batch, channels, height, width) in [-1, 1].
 
     No constant image: instance norm would amplify rounding errors, which differ between runtimes.
     """
-    shape = (batch, 1, height, width)
+    shape = (batch, channels, height, width)
     noise = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
     ramp = np.broadcast_to(np.linspace(-1, 1, width, dtype=np.float32), shape).copy()
     ramp[..., height // 2 :, :] *= -1

@@ -112,8 +112,8 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
             dynamic=True,
             multiple_of=_FULL_STRIDE,
             fit=Fit.KEEP_ASPECT,
-            mean=(0.5,),
-            std=(0.5,),
+            mean=(0.5,) * config.data.channels,
+            std=(0.5,) * config.data.channels,
             pixel_aspect=round(saved.provenance.aspect * config.data.height / config.data.width, 9),
         ),
         output=OutputSpec(

@@ -219,6 +219,8 @@ def to_network_input(rgb: Tensor, data: DataConfig) -> Tensor:
 
 
 def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
+    if data.colour == "rgb":
+        return rgb
     if data.colour == "value":
         return rgb.amax(1, keepdim=True)
     weights = torch.tensor([0.299, 0.587, 0.114], device=rgb.device).view(1, 3, 1, 1)
@@ -284,5 +286,7 @@ def _jitter_exposure(gray: Tensor, data: DataConfig, random: torch.Generator) ->
 def _binomial_blur(gray: Tensor) -> Tensor:
     """The binomial filter [1, 4, 6, 4, 1] / 16 along both axes."""
     kernel = torch.tensor([1.0, 4.0, 6.0, 4.0, 1.0], device=gray.device) / 16
-    gray = F.conv2d(F.pad(gray, (2, 2, 0, 0), mode="replicate"), kernel.view(1, 1, 1, 5))
-    return F.conv2d(F.pad(gray, (0, 0, 2, 2), mode="replicate"), kernel.view(1, 1, 5, 1))
+    count = gray.shape[1]
+    across, down = (kernel.view(1, 1, *shape).repeat(count, 1, 1, 1) for shape in ((1, 5), (5, 1)))
+    gray = F.conv2d(F.pad(gray, (2, 2, 0, 0), mode="replicate"), across, groups=count)
+    return F.conv2d(F.pad(gray, (0, 0, 2, 2), mode="replicate"), down, groups=count)

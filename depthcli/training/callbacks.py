@@ -155,12 +155,13 @@ def write_samples(
 ) -> None:
     """Write ``samples/epoch-NNNN.jpg`` for up to 6 held-out pairs, in the truth's colours."""
     rows = np.linspace(0, len(validation) - 1, min(_ROWS, len(validation))).astype(int).tolist()
-    gray = ((validation.inputs(rows).numpy()[:, 0] + 1) * 127.5).astype(np.uint8)
+    inputs = validation.inputs(rows).expand(-1, 3, -1, -1).permute(0, 2, 3, 1).numpy()
+    images = ((inputs + 1) * 127.5).astype(np.uint8)
     raw = validation.raw(generator, rows, fabric.device).numpy()[:, 0]
     codec = validation.config.output.codec
     lines = []
     for i, row in enumerate(rows):
-        size = (gray.shape[2], gray.shape[1])
+        size = (images.shape[2], images.shape[1])
         depth_m = validation.store.depth_m[row, 0].float().numpy()
         truth_m = np.array(cv2.resize(depth_m, size), np.float32)
         output_m = np.array(cv2.resize(codec.decode(raw[i]), size), np.float32)
@@ -169,7 +170,7 @@ def write_samples(
             truth_m[cv2.resize(valid_mask, size) == 0] = np.nan
         output, truth = DepthMap(output_m), DepthMap(truth_m)
         shown = [PreviewWriter().render(one, spread=percentiles(truth)) for one in (output, truth)]
-        lines.append(np.hstack([cv2.cvtColor(gray[i], cv2.COLOR_GRAY2RGB), *shown]))
+        lines.append(np.hstack([images[i], *shown]))
     encoded = cv2.imencode(".jpg", np.vstack(lines)[..., ::-1])[1]
     with atomic_path(sample_path(folder, epoch)) as temporary:
         temporary.write_bytes(encoded.tobytes())

@@ -146,7 +146,7 @@ def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.
         CheckpointError: the checkpoint cannot be read or does not fit its configuration.
     """
     checkpoint = Checkpoint.load(path)
-    generator = build_generator(checkpoint.config.generator)
+    generator = build_generator(checkpoint.config.generator, checkpoint.config.data.channels)
     state = checkpoint.ema_generator if weights is Weights.AVERAGED else None
     if state is None:
         prefix = "generator."

@@ -176,8 +176,9 @@ class DataConfig:
 
     width: Side = 256  #: network input width, px
     height: Side = 256  #: network input height, px
-    #: ``value`` is V of HSV (the paper), ``luma`` Rec. 601
-    colour: Literal["value", "luma"] = "value"
+    #: ``value`` is V of HSV (the paper), ``luma`` Rec. 601; ``rgb``, three channels, is for
+    #: ``generator.name=encoder`` and the losses ``l1`` and ``gradient``
+    colour: Literal["value", "luma", "rgb"] = "value"
     #: aligned pairs of picture and depth map; False samples them independently
     paired: bool = True
     #: enlarge pictures by 286/256, then crop, as the original methods do; depth is not divided by
@@ -209,6 +210,11 @@ class DataConfig:
     #: every n-th scene by name is held out for validation; 0 holds out none
     holdout_every: Count = 7
     holdout_offset: Count = 3  #: index of the first of them
+
+    @property
+    def channels(self) -> int:
+        """Channels of the network's input."""
+        return 3 if self.colour == "rgb" else 1
 
     def view_sides(self, aspect: float) -> tuple[int, int]:
         """Width and height of views of another aspect ratio, px, with about as many pixels."""
@@ -261,6 +267,17 @@ def check_range(config: TrainConfig) -> None:
     _check_views(config)
     _check_pairing(config)
     _check_generator(config)
+    _check_colour(config)
+
+
+def _check_colour(config: TrainConfig) -> None:
+    """Refuse colour for networks that take or make a gray picture."""
+    loss, gray = config.loss, {"l1", *PAIRED_LOSSES}
+    others = loss.l1_backward or any(getattr(loss, name) for name in TERMS if name not in gray)
+    if config.data.channels > 1 and (config.generator.name != "encoder" or others):
+        raise UsageError(
+            "data.colour=rgb is for generator.name=encoder with loss.l1 and loss.gradient alone"
+        )
 
 
 def _check_views(config: TrainConfig) -> None:

@@ -223,8 +223,8 @@ def _measured_s(config: TrainConfig, fabric: Fabric, tried: tuple[int, ...]) -> 
     """Seconds of a few steps of the generator for each number of threads, in turns."""
     data = config.data
     with _preserve_torch_state():
-        network = build_generator(config.generator)
-        pictures = torch.zeros(config.optim.batch_size, 1, data.height, data.width)
+        network = build_generator(config.generator, data.channels)
+        pictures = torch.zeros(config.optim.batch_size, data.channels, data.height, data.width)
         spent_s = dict.fromkeys(tried, 0.0)
         began = time.perf_counter()
         _step_s(network, pictures, fabric)  # warm-up: the first one also allocates

@@ -60,7 +60,7 @@ def test_what_is_allowed_passes() -> None:
 
 @pytest.mark.parametrize("size", [(1, 24, 32), (3, 33, 35)])
 def test_inputs_take_up_the_range_of_pictures(size: tuple[int, int, int]) -> None:
-    noise, ramp, waves = inputs = _inputs(*size)
+    noise, ramp, waves = inputs = _inputs(*size, 1)
     batch, height, width = size
     for picture in inputs:
         assert (picture.shape, picture.dtype) == ((batch, 1, height, width), np.float32)

@@ -45,7 +45,7 @@ class Method(nn.Module):
         self.config, self.weights = config, config.loss
         self.codec = config.output.codec
         self.share_done = 0.0
-        self.generator: Generator = build_generator(config.generator)
+        self.generator: Generator = build_generator(config.generator, config.data.channels)
 
     @abstractmethod
     def networks(self, phase: Phase) -> list[nn.Module]:

@@ -9,11 +9,11 @@ from depthcli.training.networks.resnet import ResnetGenerator
 Generator = EfficientGenerator | EncoderGenerator | ResnetGenerator
 
 
-def build_generator(config: GeneratorConfig) -> Generator:
+def build_generator(config: GeneratorConfig, channels: int = 1) -> Generator:
     """The generator of a configuration, newly initialized."""
     if config.name == "encoder":
         return EncoderGenerator(
-            str(config.encoder), config.decoder, config.dropout, norm=config.norm
+            str(config.encoder), config.decoder, config.dropout, norm=config.norm, channels=channels
         )
     if config.name == "efficient":
         return EfficientGenerator(

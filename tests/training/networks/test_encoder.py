@@ -64,6 +64,16 @@ def test_any_family_trains_and_exports_with_parity(name: str, tmp_path: Path) ->
     assert exported.card.training["config"]["generator"]["encoder"] == name
 
 
+def test_network_of_colour_trains_and_exports_with_parity(weights: Path, tmp_path: Path) -> None:
+    data = replace(SUPERVISED.data, colour="rgb", blur=0.5, cutmix=0.5, noise=0.1)
+    generator = GeneratorConfig(name="encoder", encoder=FAMILIES[0], decoder=DECODER)
+    config = replace(SUPERVISED, generator=generator, data=data)
+    train_two_steps(config, tmp_path, init_weights=weights)
+    exported = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "m.onnx", ExportOptions())
+    assert exported.card.input.colour.channels == 3
+    assert exported.parity.max_abs < 1e-3
+
+
 @pytest.mark.parametrize("name", FAMILIES)
 def test_output_is_half_the_size(name: str) -> None:
     assert _generator(name)(torch.rand(2, 1, 36, 64)).shape == (2, 1, 18, 32)
@@ -152,8 +162,9 @@ def test_encoder_without_a_pyramid_is_refused(name: str) -> None:
         ["generator.name=encoder"],
         ["generator.name=efficient", "generator.encoder=test_resnet"],
         ["generator.name=encoder", "generator.encoder=test_resnet", "generator.decoder=[1]"],
+        ["data.colour=rgb"],
     ],
 )
-def test_encoder_is_a_name_only_for_the_network_of_that_name(settings: list[str]) -> None:
+def test_encoder_and_colour_are_for_the_network_of_that_name(settings: list[str]) -> None:
     with pytest.raises(UsageError, match=r"generator\."):
         apply_overrides(SUPERVISED, [], settings)
