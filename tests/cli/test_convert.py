@@ -9,12 +9,9 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-import typer
 from helpers.tiny import write_picture
 
-from depthcli.cli.shell import load_command
-from depthcli.core.camera import CameraSource, Intrinsics
-from depthcli.core.types import DepthKind, DepthMap, Provenance, with_camera
+from depthcli.core.types import DepthMap, Provenance
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
@@ -78,27 +75,6 @@ def test_a_cloud_of_an_unknown_camera_says_what_it_assumes(inside: Cli) -> None:
     assert b"give the focal length or field of view" in done.stderr
 
 
-def test_a_cloud_of_an_assumed_camera_says_so(inside: Cli) -> None:
-    source = Provenance(focal_px=4.0, camera_source=CameraSource.CARD)
-    Png16Writer().write(DepthMap(DEPTH.values, provenance=source), inside.folder / "d.png")
-    assert b"assumes an hfov of 90\xc2\xb0" in inside("convert", "d.png", "a.ply").stderr
-    assert inside("convert", "d.png", "b.ply", "--focal-px", "4").stderr == b""
-
-
-@pytest.mark.parametrize("scale", ["0", "nan", "1e-300", "1e300"])
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("convert", "a.png", "a.npy", "--from-scale"),
-        ("info", "a.png", "--from-scale"),
-        ("probe", "a.png", "1,1", "--from-scale"),
-    ],
-)
-def test_scales_that_leave_no_depth_are_refused(words: tuple[str, ...], scale: str) -> None:
-    with pytest.raises(typer.BadParameter, match=r"must be from 0\.001 to 1000000"):
-        load_command(words[0]).main([*words[1:], scale], standalone_mode=False)
-
-
 def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
     write_picture(files / "room.png", pixels)
@@ -115,13 +91,6 @@ def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> N
     assert inside("convert", "d.png", "room.png", "--picture", "room.png").returncode == 1
 
 
-def test_a_preview_s_name_makes_a_preview(inside: Cli, files: Path) -> None:
-    assert inside("convert", "d.png", "y.preview.png").returncode == 0
-    pixels = cv2.imread(str(files / "y.preview.png"), cv2.IMREAD_UNCHANGED)
-    assert pixels is not None
-    assert (pixels.dtype, pixels.shape) == (np.uint8, (6, 8, 3))
-
-
 def test_a_preview_of_stored_depth_is_that_of_predict(inside: Cli) -> None:
     write_picture(inside.folder / "room.png")
     options = ("--vmin", "0.5", "--vmax", "6", "--near", "white", "--legend", "--side-by-side")
@@ -136,33 +105,6 @@ def test_a_preview_of_stored_depth_is_that_of_predict(inside: Cli) -> None:
     done = inside(*command)
     assert done.returncode == 2
     assert "--side-by-side and --picture" in done.stderr.decode()
-
-
-def test_a_cloud_has_the_principal_point_of_the_prediction(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png")
-    options = "--centre-px", "20.1,-3.25", "--sidecar", "--json"
-    written = [word for name in ("exr", "npy", "png16", "ply") for word in ("--format", name)]
-    done = inside("predict", "room.png", "-o", "pc/", *options, *written)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["centre_px"] == [20.1, -3.25]
-    pc = inside.folder / "pc"
-    assert json.loads((pc / "room.depth.json").read_text())["centre_px"] == [20.1, -3.25]
-    for name in ("exr", "npy", "png"):  # npy has it from the sidecar
-        file = f"pc/room.depth.{name}"
-        told = json.loads(inside("info", file, "--json").stdout)["metadata"]
-        assert told["centre_px"] == "20.1,-3.25"
-        assert inside("convert", file, f"pc/{name}.ply").returncode == 0
-        clouds = [points_m(pc / f"{stem}.ply") for stem in ("room", name)]
-        np.testing.assert_allclose(clouds[1], clouds[0], atol=0.001)  # millimetres in PNG
-    assert inside("convert", "pc/room.depth.png", "own.ply", "--centre-px", "0,0").returncode == 0
-    assert points_m(inside.folder / "own.ply")[0, :2] == pytest.approx([0, 0])
-
-
-def test_a_sidecar_of_an_earlier_run_moves_no_principal_point(files: Path) -> None:
-    SidecarWriter().write(with_camera(DEPTH, Intrinsics(centre_px=(1.0, 2.0))), files / "d.json")
-    made_by = read_stored_depth(files / "d.png").displayed.provenance
-    assert made_by is not None
-    assert made_by.centre_px is None
 
 
 @pytest.mark.parametrize("stated", ["1", "1,2,3", "nan,1", "1,inf", "1e12,0", "a,b"])
@@ -279,24 +221,3 @@ def test_a_cloud_has_the_shape_of_pixels_that_are_not_square(inside: Cli, betwee
     assert (done.returncode, done.stderr) == (0, b"")
     xyz_m = points_m(inside.folder / "wide.ply")
     np.testing.assert_allclose(xyz_m.max(0), [3.5 / 5 * 2, 2.5 / 10 * 2, 2], rtol=1e-6)
-
-
-def test_no_pixel_of_a_relative_map_is_lost_in_npy(inside: Cli) -> None:
-    values = np.float32([[-1, 0], [1, 2]])
-    ExrWriter().write(DepthMap(values, DepthKind.RELATIVE), inside.folder / "r.exr")
-    done = inside("convert", "r.exr", "r.npy", "--json")
-    found = json.loads(done.stdout)
-    assert (done.returncode, found["lost"]) == (0, 0)
-
-
-def test_the_picture_is_read_as_predict_reads_it(inside: Cli, files: Path) -> None:
-    """Of 12 bits in 16: without its white level, the colours of the cloud are almost black."""
-    cv2.imwrite(str(files / "p.png"), np.full((6, 8), 4095, np.uint16))
-    dark = inside("convert", "d.png", "a.ply", "--picture", "p.png")
-    assert (dark.returncode, b"--white-level 4095" in dark.stderr) == (0, True)
-    options = ("--picture", "p.png", "--white-level", "4095")
-    bright = inside("convert", "d.png", "b.ply", *options)
-    assert (bright.returncode, bright.stderr) == (0, b"")
-    assert (files / "b.ply").read_bytes()[-1] == 255
-    alone = inside("convert", "d.png", "c.ply", "--white-level", "4095")
-    assert (alone.returncode, b"for --picture" in alone.stderr) == (0, True)

@@ -10,22 +10,20 @@ import pytest
 from helpers.folders import contents, printed
 from helpers.tiny import write_picture
 
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.types import DepthMap
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import InputFile, NameFilter
+from depthcli.io.listing.folder import NameFilter
 from depthcli.jobs.convert import (
     ConvertRequest,
     ConvertResult,
-    FolderPlan,
     convert_folder,
     plan_folder,
 )
-from depthcli.jobs.outputs import FailedInput
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,43 +55,12 @@ def tree(inside: Cli) -> Cli:
     return inside
 
 
-def test_a_foreign_file_in_the_output_folder_is_kept_and_own_ones_are_replaced(tree: Cli) -> None:
-    plate = tree.folder / "out/a.depth.exr"
-    plate.parent.mkdir()
-    plate.write_bytes(b"v/1\x01" + bytes(40))
-    for _ in range(2):
-        assert tree(*TO_EXR).returncode == 1
-        assert plate.read_bytes() == b"v/1\x01" + bytes(40)
-        assert read_stored_depth(tree.folder / "out/b.depth.exr").depth.values[0, 0] == 2
-    named = ("convert", "in/b.png", "out/a", "--format", "exr")
-    result = tree(*named)
-    assert result.returncode == 1
-    assert b"out/a.depth.exr exists and was not written by depthcli" in result.stderr
-    assert tree("convert", "in/b.png", "out/a.depth.exr").returncode == 1
-
-
 def names(folder: Path, wanted: Format = Format.EXR) -> dict[str, str]:
     """The output of each input of the folder ``in``."""
     request = ConvertRequest(f"{folder}/in", f"{folder}/out", wanted)
     plan = plan_folder(request)
     outputs = [target.removeprefix(f"{folder}/out/") for target in plan.targets]
     return dict(zip((file.name for file in plan.inputs), outputs, strict=True))
-
-
-def test_names_with_placeholders_are_those_of_files(inside: Cli) -> None:
-    found = ("C#.depth.png", "a%d.png", "b%06d.npy")
-    for name in found:
-        depth_file(inside.folder / "in" / name)
-    assert inside(*TO_EXR).returncode == 0
-    assert contents(inside, "out").keys() == {
-        f"{name}.depth.exr" for name in ("C#", "a%d", "b%06d")
-    }
-    assert inside("convert", "in/C#.depth.png", "x/D#.exr").returncode == 0
-    assert contents(inside, "x").keys() == {"D#.exr"}
-    depth_file(inside.folder / "in/plain.png")
-    refused = inside("convert", "in/plain.png", "x/C#.exr")
-    assert refused.returncode == 2
-    assert b"is a pattern for the frames of a depth video" in refused.stderr
 
 
 def test_a_tree_is_kept(tree: Cli) -> None:
@@ -161,39 +128,6 @@ def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
     assert (quiet.returncode, quiet.stdout, quiet.stderr.count(b"\n")) == (1, b"", 3)
 
 
-def test_an_error_that_nobody_foresaw_stops_no_other_conversion(
-    tree: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def write(_writer: object, depth: DepthMap, *_: object) -> tuple[str, ...]:
-        if depth.values[0, 0] == 1:
-            raise ZeroDivisionError("oh")
-        return ()
-
-    monkeypatch.setattr(PreviewWriter, "write", write)
-    request = ConvertRequest(f"{tree.folder}/in", f"{tree.folder}/out", Format.PREVIEW)
-    first, *others = convert_folder(request, plan_folder(request))
-    assert isinstance(first, FailedInput)
-    assert str(first.error) == "unexpected ZeroDivisionError: oh"
-    assert len(others) == 2
-
-
-def test_warnings_name_the_file(tree: Cli) -> None:
-    depth_file(tree.folder / "in/far.npy", 70)
-    done = tree("convert", "in", "--out", "out", "--format", "png16")
-    assert done.returncode == 0
-    (line,) = done.stderr.decode().splitlines()
-    assert line.startswith("depthcli: warning: in/far.npy: ")
-    assert b"round trip: max error 4.46 m, 0 pixels lost" in done.stdout
-
-
-def test_relative_depth_has_no_unit(inside: Cli) -> None:
-    (inside.folder / "in").mkdir()
-    relative = DepthMap(np.linspace(0, 1, 48, dtype=np.float32).reshape(6, 8), DepthKind.RELATIVE)
-    Png16Writer().write(relative, inside.folder / "in/a.png")
-    done = inside(*TO_EXR)
-    assert done.stdout == b"1 of 1 files converted; round trip: max error 0, 0 pixels lost\n"
-
-
 def test_names_of_conversions_do_not_collide(tmp_path: Path) -> None:
     given = ("a.depth.png", "a.npy", "b.depth.npy", "B.png", "c.npy", "c.npy.exr", "d.png", "D.png")
     (tmp_path / "in").mkdir()
@@ -226,16 +160,6 @@ def test_patterns_choose_and_change_no_name(tree: Cli) -> None:
     done = tree(*TO_EXR, "--include", "*.exr")
     assert done.returncode == 2
     assert b"nothing of in is left: 7 files skipped" in done.stderr
-
-
-def test_options_are_those_of_a_file(tree: Cli) -> None:
-    words = ("convert", "in", "--out", "out", "--from-scale", "500", "--format")
-    assert tree(*words, "npy", "--exclude", "hall").returncode == 0
-    assert read_stored_depth(tree.folder / "out/b.depth.npy").displayed.values[0, 0] == 4
-    done = tree("convert", "in", "--out", "clouds", "--format", "ply", "--focal-px", "5")
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert b"round trip" not in done.stdout
-    assert contents(tree, "clouds").keys() == {"a.ply", "b.ply", "hall/c.ply"}
 
 
 def test_an_output_folder_within_the_folder_is_not_read(tree: Cli) -> None:
@@ -273,15 +197,6 @@ def test_wrong_usage_of_folders(tree: Cli, words: tuple[str, ...], code: int, re
     (line,) = done.stderr.decode().splitlines()
     assert reason in line
     assert contents(tree, ".") == before
-
-
-def test_a_folder_that_cannot_be_listed_is_a_failed_conversion(tmp_path: Path) -> None:
-    request = ConvertRequest(f"{tmp_path}/in", f"{tmp_path}/out", Format.EXR)
-    unreadable = InputFile("hall", "in/hall", "in/hall cannot be listed: Permission denied")
-    (result,) = convert_folder(request, FolderPlan((unreadable,), ("out/hall",), (), ()))
-    assert isinstance(result, FailedInput)
-    assert str(result.error) == unreadable.problem
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_folders_of_a_bucket(tmp_path: Path, bucket: Bucket) -> None:

@@ -25,11 +25,6 @@ def test_all_is_well(cli: Cli) -> None:
     assert found["numpy"]["detail"]
 
 
-def test_text_is_one_line_a_check(cli: Cli) -> None:
-    lines = cli("doctor").stdout.decode().splitlines()
-    assert all(line.split()[0] in {"ok", "warning", "failed"} for line in lines)
-
-
 BROKEN = {
     "raises": "raise ImportError('libGL.so.1: cannot open shared object file\\nno such file')",
     "empty": "",
@@ -54,14 +49,3 @@ def test_a_broken_package_is_a_finding(cli: Cli, module: str, package: str, how:
     assert found["import numpy"]["status"] == found["codec .exr"]["status"] == "ok"
     other = "codec .png" if module == "onnxruntime" else "import onnxruntime"
     assert found[other]["status"] == "ok"
-
-
-def test_without_numpy_there_is_still_a_report(cli: Cli) -> None:
-    broken = cli.folder / "broken" / "numpy"
-    broken.mkdir(parents=True)
-    (broken / "__init__.py").write_text("raise ImportError('numpy C-extensions failed')")
-    done = cli("doctor", PYTHONPATH=f"{broken.parent}:{cli.site}")
-    lines = done.stdout.decode().splitlines()
-    assert done.returncode == 3
-    assert any(line.startswith("failed   import numpy") for line in lines)
-    assert lines[-1].startswith("ok       video codec ")

@@ -15,20 +15,15 @@ import cv2
 import numpy as np
 import pytest
 from helpers.rooms import Rooms, rooms, write_rooms
-from helpers.watched import Watched
 from lightning_fabric import Fabric
 
 from depthcli.cli.app import main
 from depthcli.core.options import Detail, Upsampling
 from depthcli.core.types import Frame
-from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
-from depthcli.errors import DepthcliError, ExitCode, ModelError, UsageError
-from depthcli.evaluation.evaluate import HEADLINE_TABLE
-from depthcli.export.trained import export_run
+from depthcli.errors import ExitCode
 from depthcli.inference.pipeline import load
-from depthcli.jobs.evaluate import EvalRequest, run_evaluation
 from depthcli.training.callbacks import Callback
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
@@ -38,7 +33,6 @@ from depthcli.training.settings import updated
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset
     from depthcli.training.config import TrainConfig
-    from depthcli.training.trained import TrainedRun
 
 SMALL = {
     "generator": {"width": 4, "blocks": 1},
@@ -155,28 +149,6 @@ def test_what_was_trained_stands_in_the_row(
     assert any("proposed-seed0" in note and "before" in note for note in document["notes"])
 
 
-def test_each_alignment_has_its_own_row_of_its_own_scores(
-    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    few = ("--json", "--no-trivial", "--no-published")
-    assert _run(trained, data, *few, "--align", "median") == 0
-    alone = {row["name"]: row for row in _json(capsys)["rows"]}
-    assert _run(trained, data, *few, "--align", "none", "--align", "median") == 0
-    rows = _json(capsys)["rows"]
-    assert [(row["name"], row["align"]) for row in rows] == [
-        *(("fastcut", "none"), ("fastcut", "median")),
-        *(("proposed", "none"), ("proposed", "median")),
-    ]
-    for plain, scaled in zip(rows[::2], rows[1::2], strict=True):
-        for row in (plain, scaled):
-            assert [run["align"] for run in row["runs"]] == [row["align"]] * len(row["runs"])
-        assert len(plain["runs"]) == len(scaled["runs"]) == (2 if plain["name"] == "fastcut" else 1)
-        assert scaled["scores"] == alone[scaled["name"]]["scores"]
-        assert scaled["standard_deviation"] == alone[scaled["name"]]["standard_deviation"]
-        assert scaled["scores"]["abs_rel"] != plain["scores"]["abs_rel"]
-        assert scaled["scores"]["silog"] == pytest.approx(plain["scores"]["silog"], rel=0.1)
-
-
 def test_text_csv_and_page_show_the_same_table(
     trained: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,75 +219,6 @@ def test_averaged_and_raw_weights_are_models_of_their_own(
     assert models == {"evaluated.onnx", "evaluated-raw.onnx"}
 
 
-def test_a_row_is_compared_with_every_other(
-    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    two = ("--align", "none", "--align", "median")
-    assert _run(trained, data, "--json", "--against", "proposed", *two) == 0
-    document = _json(capsys)
-    rows = {(row["name"], row["align"]): row["scores"] for row in document["rows"]}
-    found = {(entry["minus"], entry["align"]): entry for entry in document["differences"]}
-    others = ("constant mean", "per-pixel mean", "fastcut")
-    assert set(found) == {(name, align) for name in others for align in ("none", "median")}
-    for (name, align), entry in found.items():
-        assert entry["row"] == "proposed"
-        for metric in ("abs_rel", "rmse", "d1"):
-            interval = entry["intervals"][metric]
-            difference = rows["proposed", align][metric] - rows[name, align][metric]
-            assert interval["mean"] == pytest.approx(difference, abs=1e-6)
-            assert interval["low"] <= interval["mean"] <= interval["high"]
-    assert _run(trained, data, "--against", "proposed") == 0
-    out = capsys.readouterr().out
-    assert "proposed minus each row" in out
-    interval = found["fastcut", "none"]["intervals"]["abs_rel"]
-    assert f"{interval['mean']:+.4f}" in out
-
-
-def test_a_row_to_compare_with_has_to_be_there(
-    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _run(trained, data, "--against", "cut") == 2
-    assert (
-        "--against: cut is not a row; choose from constant mean, per-pixel mean, fastcut, proposed"
-        in capsys.readouterr().err
-    )
-
-
-def test_runs_that_held_out_other_pictures_are_not_mixed(
-    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    other = updated(_config("cut"), {"data": {"holdout_offset": 0}})
-    _train(other, open_nyu(data), runs / "cut-seed0", steps=1)
-    assert _run(runs, data) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert "cut-seed0 and fastcut-seed0" in error
-    assert "different pairs" in error
-
-
-def test_pictures_that_were_trained_on_are_refused(
-    runs: Path, data: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    everything = updated(_config("cut"), {"data": {"holdout_every": 0}})
-    alone = tmp_path / "alone" / "cut-seed0"
-    _train(everything, open_nyu(data), alone, steps=1)
-    assert _run(alone.parent, data) == 2
-    assert "held out no pair" in capsys.readouterr().err
-    copy = shutil.copytree(data, tmp_path / "official")
-    index = (copy / "index.csv").read_text().replace("hall_1,train", "hall_1,test")
-    (copy / "index.csv").write_text(index)
-    assert _run(runs, copy, "--split", "official") == 2
-    assert "fastcut-seed0 was trained on 2 of the 2 test images" in capsys.readouterr().err
-
-
-def test_seeds_of_other_settings_are_no_row(
-    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    other = updated(_config("fastcut", 2), {"optim": {"learning_rate": 0.1}})
-    _train(other, open_nyu(data), runs / "fastcut-seed2", steps=1)
-    assert _run(runs, data) == 2
-    assert "are not seeds of one configuration" in capsys.readouterr().err
-
-
 def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
     runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -326,52 +229,6 @@ def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
     assert shown.err.splitlines()[-1].startswith(
         "depthcli: error: 1 run is skipped: proposed-seed0 ("
     )
-
-
-def test_a_run_that_cannot_be_exported_is_named_and_the_others_are_compared(
-    trained: Path, data: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def export(run: TrainedRun, *rest: Any) -> Path:
-        if run.name in unable:
-            raise ModelError("no room")
-        return export_run(run, *rest)
-
-    watched = Watched()
-    monkeypatch.setattr("depthcli.export.trained.export_run", export)
-    few = replace(HEADLINE_TABLE, trivial=False, published=False)
-    asked = EvalRequest(data, runs=trained, split=SplitName.VAL, options=few)
-    unable = {"fastcut-seed0", "proposed-seed0"}
-    done = run_evaluation(replace(asked, shown_ids=()), watched)
-    assert done.failed == ("fastcut-seed0 (no room)", "proposed-seed0 (no room)")
-    assert [[seed.name for seed in row.seeds] for row in done.report.rows] == [["fastcut-seed1"]]
-    assert watched.begun[0] == ("exporting runs", 3, "")
-    assert watched.counts[0] == [1, 1, 1]
-    assert list(watched.stages)[1:] == ["comparing images", "drawing pictures"]
-    with pytest.raises(UsageError, match="proposed is not a row"):
-        run_evaluation(replace(asked, options=replace(few, against="proposed", trivial=True)))
-    unable.add("fastcut-seed1")
-    with pytest.raises(DepthcliError, match="no run can be exported: fastcut-seed0 "):
-        run_evaluation(asked)
-
-
-def test_ids_choose_the_pictures(
-    runs: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page = tmp_path / "page.html"
-    assert _run(runs, data, "--ids", "0005", "--html", str(page)) == 0
-    assert "pictures 0005 from top" in page.read_text()
-    capsys.readouterr()
-    assert _run(runs, data, "--ids", "0001", "--html", str(page)) == 2
-    assert "0001 is not among the 2 pictures" in capsys.readouterr().err
-    assert _run(runs, data, "--ids", "0005") == 2
-    assert "--ids: it needs figures; give --figures or --html" in capsys.readouterr().err
-
-
-def test_folder_without_runs(
-    tmp_path: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert _run(tmp_path, data) == 2
-    assert "holds no run" in capsys.readouterr().err
 
 
 def test_a_run_that_learned_no_depth_is_left_out(

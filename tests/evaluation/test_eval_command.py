@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import json
-import os
-import pty
-import shutil
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import cv2
@@ -113,72 +107,6 @@ def test_table_names_protocol_split_and_images(
     assert note in lines
 
 
-def test_several_models_and_files(
-    data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    far = write_model(models / "far", output__shift=6.0)
-    files = tmp_path / "files"
-    files.mkdir()
-    for i in range(COUNT):
-        np.save(files / f"{i:04d}.npy", _depth_m(i))
-    arguments = ["--model", "default", "--model", str(far), "--predictions", str(files)]
-    assert _run(data, "--split", "val", "--no-trivial", "--json", *arguments) == ExitCode.OK
-    near, farther, exact = _rows(capsys)
-    assert [row["name"] for row in (near, farther, exact)] == ["default", str(far), str(files)]
-    assert near["scores"]["rmse"] < farther["scores"]["rmse"]
-    assert exact["scores"]["rmse"] < 0.001
-    assert exact["source"] == "files"
-
-
-def test_a_row_is_compared_with_every_other(
-    data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    far, page = write_model(models / "far", output__shift=6.0), tmp_path / "page.html"
-    arguments = ["--split", "val", "--model", "default", "--model", str(far), "--against", str(far)]
-    assert _run(data, *arguments, "--json", "--per-image") == ExitCode.OK
-    document = json.loads(capsys.readouterr().out)
-    rows = {(row["name"], row["align"]): row for row in document["rows"]}
-    others = ["constant mean", "per-pixel mean", "default"]
-    assert [entry["minus"] for entry in document["differences"]] == others
-    for entry in document["differences"]:
-        assert (entry["row"], entry["align"]) == (str(far), "none")
-        for metric in ("abs_rel", "d1", "silog"):
-            interval = entry["intervals"][metric]
-            own, other = (
-                [image[metric] for image in rows[name, "none"]["per_image"]]
-                for name in (str(far), entry["minus"])
-            )
-            values = [a - b for a, b in zip(own, other, strict=True)]
-            assert interval["mean"] == pytest.approx(sum(values) / 2)
-            # Of two scenes with one image each, a quarter of the draws are one of them alone.
-            assert interval["low"] == pytest.approx(min(values))
-            assert interval["high"] == pytest.approx(max(values))
-    assert _run(data, *arguments, "--html", str(page)) == ExitCode.OK
-    title = (
-        f"{far} minus each row: mean and 95 % interval over 2 scenes; ! excludes 0; of so few, the "
-        "intervals are too narrow"
-    )
-    shown = capsys.readouterr().out
-    assert f"\n\n{title}\n\nminus " in shown
-    assert title in page.read_text()
-    mean = document["differences"][-1]["intervals"]["abs_rel"]["mean"]
-    cells = [line.split()[:4] for line in shown.splitlines() if line.startswith("default ")]
-    assert cells[-1] == ["default", "none", "mean", f"{mean:+.4f}!"]
-    assert f"<td>default</td><td>none</td><td>mean</td><td>{mean:+.4f}!</td>" in page.read_text()
-
-
-@pytest.mark.usefixtures("models")
-def test_predictions_alone_leave_the_bundled_model_out(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for i in range(COUNT):
-        cv2.imwrite(str(tmp_path / f"{i:04d}.png"), np.round(_depth_m(i) * 1000).astype(np.uint16))
-    arguments = ["--split", "val", "--json", "--no-trivial", "--predictions", str(tmp_path)]
-    assert _run(data, *arguments) == ExitCode.OK
-    (row,) = _rows(capsys)
-    assert row["scores"]["abs_rel"] < 1e-3
-
-
 def test_inverse_depth_needs_alignment(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -194,50 +122,12 @@ def test_inverse_depth_needs_alignment(
     assert row["scores"]["abs_rel"] < 1e-3
 
 
-def test_relative_model_needs_alignment(
-    data: Path, models: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    relative = {"output__kind": "relative", "output__min_m": None, "output__max_m": None}
-    write_model(models / "relative", **relative)
-    arguments = ["--split", "val", "--model", "relative", "--no-trivial", "--json"]
-    assert _run(data, *arguments) == ExitCode.USAGE
-    error = capsys.readouterr().err
-    assert "relative gives relative depth" in error
-    assert "--align depth" in error
-    assert _run(data, *arguments, "--align", "depth") == ExitCode.OK
-    assert _rows(capsys)[0]["scores"]["abs_rel"] < 0.03
-
-
 VARIANTS = {
     "pooled average": ["--average", "pooled"],
     "eigen crop": ["--crop", "eigen"],
     "compared at 256×256": ["--compare-at", "256"],
     "raw-valid mask": ["--mask", "raw"],
 }
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_each_variant_changes_the_numbers_and_the_name(
-    name: str, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    copy = tmp_path / "nyu"
-    shutil.copytree(data, copy)
-    (copy / "raw_depth").mkdir()
-    for i in range(COUNT):
-        # Holes in one image only, so that images have different numbers of valid pixels.
-        depth = cv2.imread(str(copy / "depth" / f"{i:04d}.png"), cv2.IMREAD_UNCHANGED)
-        depth[: 400 if i == 3 else 5] = 0
-        cv2.imwrite(str(copy / "raw_depth" / f"{i:04d}.png"), depth)
-        if name == "pooled average":
-            cv2.imwrite(str(copy / "depth" / f"{i:04d}.png"), depth)
-    documents = []
-    for extra in ([], VARIANTS[name]):
-        assert _run(copy, "--split", "val", "--no-model", "--json", *extra) == ExitCode.OK
-        documents.append(json.loads(capsys.readouterr().out))
-    headline, variant = documents
-    assert headline["protocol"]["name"] == "headline"
-    assert variant["protocol"]["name"] == name
-    assert headline["rows"][2]["scores"] != variant["rows"][2]["scores"]
 
 
 def test_csv_file(data: Path, tmp_path: Path) -> None:
@@ -249,42 +139,12 @@ def test_csv_file(data: Path, tmp_path: Path) -> None:
     assert [item.name for item in tmp_path.iterdir()] == ["table.csv"]
 
 
-def test_csv_that_cannot_be_written(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "file").write_text("in the way")
-    path = tmp_path / "file" / "table.csv"
-    code = _run(data, "--split", "val", "--no-model", "--csv", str(path))
-    assert code == ExitCode.SOME_FAILED
-    output = capsys.readouterr()
-    assert "per-pixel mean" in output.out
-    assert output.err.splitlines()[-1].startswith("depthcli: error: ")
-
-
 def test_paper_split_of_the_first_thousand(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _run(data, "--no-model") == ExitCode.USAGE
     output = capsys.readouterr()
     assert output.out == ""
     assert len(output.err.splitlines()) == 1
     assert "use --split val" in output.err
-
-
-def test_scores_of_each_image(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--split", "val", "--no-model", "--json"]
-    assert _run(data, *arguments, "--per-image") == ExitCode.OK
-    split = split_nyu(open_nyu(data), SplitName.VAL)
-    expected = [f"{i:04d}" for i in split.test]
-    assert [image["id"] for image in _rows(capsys)[0]["per_image"]] == expected
-    assert _run(data, *arguments) == ExitCode.OK
-    assert "per_image" not in _rows(capsys)[0]
-
-
-def test_quiet_and_json_say_nothing_on_the_side(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for option in ("--quiet", "--json"):
-        assert _run(data, "--split", "val", "--no-model", option) == ExitCode.OK
-        assert capsys.readouterr().err == ""
 
 
 def test_data_may_come_from_the_environment(
@@ -299,7 +159,7 @@ def test_data_may_come_from_the_environment(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--model", "default", "--no-model"], "exclude each other"),
+        (["--model", "default", "--no-model"], "not both"),
         (["--no-model", "--per-image"], "add --json"),
         (["--split", "val", "--no-model", "--no-trivial"], "nothing to compare; give --model or"),
         (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "feet is not"),
@@ -324,38 +184,6 @@ def test_usage_errors(
     assert len(error.splitlines()) == 1
 
 
-def test_data_is_required(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.delenv("DEPTHCLI_NYU", raising=False)
-    assert main(["eval", "nyu"]) == ExitCode.USAGE
-    assert "--data" in capsys.readouterr().err
-
-
-def test_a_terminal_gets_a_bar(data: Path) -> None:
-    arguments = ["eval", "nyu", "--data", str(data), "--split", "val", "--no-model"]
-    call = f"import sys; from depthcli.cli.app import main; sys.exit(main({arguments!r}))"
-    ours, theirs = pty.openpty()
-    with os.fdopen(ours, "rb", buffering=0) as terminal:
-        done = subprocess.run(
-            [sys.executable, "-c", call],
-            stdout=subprocess.PIPE,
-            stderr=theirs,
-            env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
-            check=False,
-            timeout=60,
-        )
-        os.close(theirs)
-        shown = b""
-        with contextlib.suppress(OSError):  # how a closed terminal reads on Linux
-            while piece := terminal.read(4096):
-                shown += piece
-    assert done.returncode == ExitCode.OK
-    assert b"comparing" in shown
-    assert b"2/2" in shown
-    assert b"comparing" not in done.stdout
-
-
 def test_sheets_and_page(
     data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -375,32 +203,3 @@ def test_sheets_and_page(
     ids = split_nyu(open_nyu(data), SplitName.VAL).test
     assert all(f"{i:04d}" in text for i in ids)
     assert sorted(path.name for path in sheets.iterdir()) == ["depth-colour.png", "depth-gray.png"]
-
-
-def test_page_without_models_has_the_table_alone(data: Path, tmp_path: Path) -> None:
-    page = tmp_path / "page.html"
-    assert _run(data, "--split", "val", "--no-model", "--html", str(page)) == ExitCode.OK
-    text = page.read_text()
-    assert "per-pixel mean" in text
-    assert "<img" not in text
-
-
-@pytest.mark.usefixtures("models")
-@pytest.mark.parametrize(
-    ("words", "code", "problem"),
-    [
-        (("--provider", "tensorrt"), ExitCode.FAILURE, "tensorrt"),
-        (("--provider", "gpu"), ExitCode.USAGE, "no provider named 'gpu'"),
-        (("--provider-option", "device_id"), ExitCode.USAGE, "not KEY=VALUE"),
-        (("--provider-option", "device_id=1"), ExitCode.USAGE, "takes no options"),
-    ],
-)
-def test_the_provider_and_its_options_are_those_of_predict(
-    data: Path,
-    capsys: pytest.CaptureFixture[str],
-    words: tuple[str, ...],
-    code: ExitCode,
-    problem: str,
-) -> None:
-    assert _run(data, "--split", "val", "--limit", "1", *words) == code
-    assert problem in capsys.readouterr().err

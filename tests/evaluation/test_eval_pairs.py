@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -82,27 +81,6 @@ def test_depth_may_be_in_other_units(data: Path, capsys: pytest.CaptureFixture[s
     assert _row(data, capsys, "--png-scale", "256")["scores"]["abs_rel"] < 0.03
 
 
-def test_files_of_another_tool_and_a_title(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name in FACTORS:
-        file = data.parent / f"files/{name}.png"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes((data / f"depth/{name}.png").read_bytes())
-    words = [
-        "eval",
-        "pairs",
-        str(data),
-        "--predictions",
-        str(data.parent / "files"),
-        "--limit",
-        "2",
-    ]
-    assert main(words) == ExitCode.OK
-    shown = capsys.readouterr().out
-    assert shown.startswith("own · all pairs, 2 of 3 images · ")
-    (row,) = [line for line in shown.splitlines() if "files" in line]
-    assert row.split()[3:5] == ["0.0000", "0.0000"]
-
-
 def test_predictions_have_their_own_unit(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in FACTORS:
         millimetres = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED)
@@ -179,16 +157,6 @@ def test_folders_or_the_scenes_of_an_index_are_resampled(
     assert f"{far} minus each row" in page.read_text()
 
 
-def test_a_row_to_compare_with_has_to_be_there(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    tiny = str(data.parent / "tiny")
-    assert main(["eval", "pairs", str(data), "--model", tiny, "--against", "x"]) == ExitCode.USAGE
-    shown = capsys.readouterr()
-    assert f"--against: x is not a row; choose from {tiny}\n" in shown.err
-    assert shown.out == ""
-
-
 def test_nyu_has_a_command_of_its_own(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Which knows its splits, and the pairs that models have learned."""
     for kind in ("rgb", "depth"):
@@ -219,26 +187,3 @@ def test_a_report_in_the_data_set_is_replaced_by_the_next(data: Path) -> None:
     words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--quiet"]
     for _ in range(2):
         assert main([*words, "--csv", str(table), "--html", str(page)]) == ExitCode.OK
-
-
-@pytest.mark.parametrize(
-    ("words", "line"),
-    [
-        (("--html", "."), ". is a folder; name a file"),
-        (("--compare-at", "9" * 14), "is not in the range 1<=x<=20000"),
-    ],
-)
-def test_what_cannot_be_done_is_refused_before_anything_is_measured(
-    words: tuple[str, ...], line: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["eval", "pairs", "none", *words]) == ExitCode.USAGE
-    assert line in capsys.readouterr().err
-
-
-def test_focal_lengths_that_never_end_are_refused(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (data / "cameras.csv").unlink()
-    os.mkfifo(data / "cameras.csv")
-    assert main(["eval", "pairs", str(data), "--predictions", str(data / "depth")]) == 2
-    assert "cameras.csv cannot be read" in capsys.readouterr().err

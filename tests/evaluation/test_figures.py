@@ -70,33 +70,6 @@ def test_named_pictures_keep_their_order_and_must_be_compared() -> None:
         choose_pictures(task, ["0009"])
 
 
-def test_columns_are_input_predictors_and_truth_in_one_range() -> None:
-    task = _task(["a_1", "b_1"], (120, 160))
-    dataset = task.dataset
-    assert isinstance(dataset, SmallSet)
-    ramp = np.linspace(1, 8, 160, dtype=np.float32)
-    dataset.depths_m[:] = ramp
-    exact = dict(zip(dataset.ids, dataset.depths_m, strict=True))
-    far = {name: np.full((120, 160), 9.9, np.float32) for name in dataset.ids}
-    predictors = [Playback(exact), Playback(far)]
-    gray, coloured = draw_figures(
-        task, (0, 1), list(zip(["exact", "far"], predictors, strict=True))
-    )
-    for figure in (gray, coloured):
-        sheet = _pixels(figure)
-        for row in (0, 1):
-            assert (_cell(sheet, row, 0) == row).all()  # the small set's pictures are their number
-            assert np.abs(_cell(sheet, row, 1) - _cell(sheet, row, 3)).max() == 0
-            assert np.ptp(_cell(sheet, row, 2).reshape(-1, 3), axis=0).max() == 0
-        assert "0000, 0001" in figure.caption
-    near_to_far = _cell(_pixels(gray), 0, 3)[90, :, 0]
-    assert (near_to_far[4], near_to_far[-4]) == (255, 0)
-    assert (np.diff(near_to_far) <= 0).all()
-    assert _pixels(coloured).shape[1] > _pixels(gray).shape[1]  # the legend
-    again = draw_figures(task, (0, 1), list(zip(["exact", "far"], predictors, strict=True)))
-    assert [figure.png for figure in again] == [gray.png, coloured.png]
-
-
 def test_depth_without_metres_is_fitted_before_it_is_shown() -> None:
     task = _task(["a_1"], (120, 160))
     dataset = task.dataset
@@ -197,13 +170,3 @@ def test_page_escapes_what_it_shows() -> None:
     assert "a &lt; b" in page
     assert "data:image/png;base64,cG5n" in page
     assert page.count("<table>") == 1
-
-
-def test_page_has_the_differences_in_a_table_of_their_own() -> None:
-    differences = ("a < b minus each row", [["minus", "rmse"], ["c & d", "+0.5"]])
-    page = html_page(Page("title", "subtitle", [["row"], ["a < b"]], [], differences))
-    first, second = page.split("</table>")[:2]
-    assert "<td>a &lt; b</td>" in first
-    assert "<p>a &lt; b minus each row</p>" in second
-    assert "<tr><th>minus</th><th>rmse</th></tr>" in second
-    assert "<tr><td>c &amp; d</td><td>+0.5</td></tr>" in second

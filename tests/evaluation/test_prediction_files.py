@@ -38,12 +38,6 @@ def test_npy_in_metres(tmp_path: Path) -> None:
     assert depth.values[0, 0] == 2.0
 
 
-def test_png_in_millimetres(tmp_path: Path) -> None:
-    _write_png(tmp_path)
-    depth = open_predictions(tmp_path, IDS).predict(Sample(small_set(), 0))
-    assert depth.values[0, 0] == 3.0
-
-
 def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
     png, integers, stated = (tmp_path / name for name in ("png", "npy", "stated"))
     for folder in (png, integers, stated):
@@ -63,13 +57,6 @@ def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
     assert not open_predictions(stated, IDS).warnings
 
 
-def test_most_precise_format_is_taken(tmp_path: Path) -> None:
-    _write_png(tmp_path)
-    _write_npy(tmp_path)
-    depth = open_predictions(tmp_path, IDS).predict(Sample(small_set(), 0))
-    assert depth.values[0, 0] == 2.0
-
-
 def test_every_depth_format_of_predict_is_found_under_its_own_name(tmp_path: Path) -> None:
     depth = DepthMap(np.full((4, 6), 2.5, np.float32))
     for name in (Format.PNG16, Format.EXR, Format.NPY):
@@ -80,13 +67,6 @@ def test_every_depth_format_of_predict_is_found_under_its_own_name(tmp_path: Pat
             writer.write(depth, folder / f"{dataset_id}{FORMATS[name].suffix}")
         read = open_predictions(folder, IDS).predict(Sample(small_set(), 1))
         np.testing.assert_array_equal(read.values, depth.values)
-
-
-def test_kind_can_be_told(tmp_path: Path) -> None:
-    _write_npy(tmp_path)
-    predictor = open_predictions(tmp_path, IDS, DepthKind.INVERSE)
-    assert predictor.kind is DepthKind.INVERSE
-    assert predictor.predict(Sample(small_set(), 0)).kind is DepthKind.INVERSE
 
 
 def test_metric_integers_are_refused(tmp_path: Path) -> None:
@@ -110,11 +90,6 @@ def test_missing_prediction_is_an_error(tmp_path: Path) -> None:
 def test_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="is not a folder"):
         open_predictions(tmp_path / "none", IDS)
-
-
-def test_folder_without_predictions(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="lacks 2 of 2"):
-        open_predictions(tmp_path, IDS)
 
 
 @pytest.mark.parametrize("position", [0, 1])

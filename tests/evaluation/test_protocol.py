@@ -30,13 +30,6 @@ def test_eigen_crop_is_rows_45_to_470_and_columns_41_to_600() -> None:
     assert truth.depth_m.size == 426 * 560
 
 
-def test_eigen_crop_is_not_defined_elsewhere() -> None:
-    with pytest.raises(DatasetError, match="defined at 640×480 only"):
-        EvalProtocol(crop=Crop.EIGEN, full_size_px=SMALL).truth(
-            np.ones((HEIGHT, WIDTH), np.float32)
-        )
-
-
 def test_raw_mask_counts_measured_pixels() -> None:
     dataset = small_set()
     protocol = EvalProtocol(mask=Mask.RAW, full_size_px=SMALL)
@@ -164,12 +157,6 @@ def test_names_tell_what_differs_from_the_headline() -> None:
 def test_no_variant_passes_for_the_headline(variant: EvalProtocol, name: str) -> None:
     assert variant.name == name
     assert not variant.is_headline
-
-
-def test_edges_change_no_other_number_and_no_name() -> None:
-    assert EvalProtocol(boundary=True).is_headline
-    assert EvalProtocol(boundary=True).name == "headline"
-    assert not EvalProtocol().boundary
 
 
 def test_the_ends_of_the_range_are_outside() -> None:

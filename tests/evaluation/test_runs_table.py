@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.small_set import HEIGHT, WIDTH, SmallSet, small_set
+from helpers.small_set import HEIGHT, WIDTH, small_set
 from helpers.tiny import write_model
 
 from depthcli.datasets.base import Split, SplitName
@@ -129,13 +129,6 @@ def test_rows_are_means_over_seeds_in_the_papers_order(
             assert (max(expected) > 0.1) is (row.alignment is NONE)  # no factor is left after it
 
 
-def test_pictures_without_depth_are_counted(models: list[ModelPredictor]) -> None:
-    dataset = small_set()
-    dataset.depths_m[5] = 0
-    report = _report(plan_runs(dataset, [model.run for model in models]), models)
-    assert {(line.image_count, line.empty_count) for line in _trained(report)} == {(1, 1)}
-
-
 def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[ModelPredictor]) -> None:
     report = _report(task, models)
     assert (report.dataset, report.split, report.image_count) == ("NYU Depth v2", "val", 2)
@@ -209,15 +202,6 @@ def test_notes(task: EvalTask, models: list[ModelPredictor]) -> None:
     )
 
 
-def test_trivial_and_published_rows_can_be_left_out(
-    task: EvalTask, models: list[ModelPredictor]
-) -> None:
-    options = EvalOptions(PROTOCOL, trivial=False, published=False)
-    report = evaluate(task, models, options)
-    assert [line.name for line in report.rows] == ["cut", "proposed", "zeta"]
-    assert report.train_count == 0
-
-
 @pytest.mark.parametrize(
     ("split", "limit", "title"),
     [
@@ -242,60 +226,6 @@ def test_runs_are_compared_on_nyu_only() -> None:
     own = _run("a", held_out_ids=("1449",), train_ids=("1450",))
     with pytest.raises(DatasetError, match=r"is not NYU Depth v2"):
         plan_runs(small_set(2, first=1449), [own])
-
-
-def test_one_row_minus_each_other(task: EvalTask, models: list[ModelPredictor]) -> None:
-    report = _report(task, models, NONE, MEDIAN, against="zeta")
-    assert [(d.name, d.other, d.alignment) for d in report.differences] == [
-        ("zeta", other, alignment)
-        for alignment in (NONE, MEDIAN)
-        for other in ("constant mean", "per-pixel mean", "proposed", "cut")
-    ]
-    assert not any(line.images or any(run.images for run in line.seeds) for line in report.rows)
-    rows = {(line.name, line.alignment): line.scores for line in report.rows}
-    entries = json.loads(report.to_json())["differences"]
-    page = report_page(report)
-    assert page.differences is not None
-    title, (header, *cells) = page.differences
-    assert title.startswith("zeta minus each row: mean and 95 % interval over ")
-    assert header[:4] == ["minus", "align", "", "abs_rel"]
-    assert page.to_text().count(f"\n\n{title}\n\nminus ") == 1
-    for difference, entry, cell in zip(report.differences, entries, cells[::3], strict=True):
-        alignment, other = difference.alignment, difference.other
-        assert (entry["row"], entry["minus"], entry["align"]) == ("zeta", other, alignment)
-        for i, name in enumerate(METRICS):
-            found = difference.intervals[i]
-            expected = rows["zeta", alignment][name] - rows[other, alignment][name]
-            assert found.mean == pytest.approx(expected, abs=1e-9)
-            values = {"mean": found.mean, "low": found.low, "high": found.high}
-            assert entry["intervals"][name] == values
-        first = difference.intervals[0]
-        mark = "!" if first.low > 0 or first.high < 0 else " "
-        assert cell[:4] == [other, alignment, "mean", f"{first.mean:+.4f}{mark}"]
-
-
-def test_what_has_no_score_is_a_dash(models: list[ModelPredictor]) -> None:
-    dataset = small_set()
-    dataset.depths_m[[1, 5]] = 0
-    task = plan_runs(dataset, [model.run for model in models])
-    report = _report(task, models, against="zeta")
-    page = report_page(report)
-    assert page.differences is not None
-    assert all(set(cells[3:]) == {"- "} for cells in page.differences[1][1:])
-    assert {line.split()[-1] for line in page.to_text().splitlines() if "cut " in line} == {"-"}
-
-
-def test_pages_name_footnotes_and_the_models_of_all_seeds(
-    task: EvalTask, models: list[ModelPredictor]
-) -> None:
-    page = report_page(_report(task, models))
-    assert page.notes[0] == (
-        "higher is better for d1, d2, d3, lower for the others; rmse in metres"
-    )
-    assert page.notes[1].startswith("* log10 of CycleGAN is a misprint")
-    assert [row[0] for row in page.table if row[0].endswith("*")] == ["CycleGAN (paper)*"]
-    names = [word.split()[0] for word in page.models]
-    assert names == ["cut-seed3", "proposed-seed1", "proposed-seed0", "zeta"]
 
 
 @pytest.mark.parametrize(
@@ -326,11 +256,3 @@ def test_a_group_differs_in_its_seeds_alone(first: TrainedRun, second: TrainedRu
         group_by_seed([first, second])
     seeds = _run("a-seed1", LONGER)
     assert group_by_seed([first, seeds, _run("b2")]) == {"a": (first, seeds), "b2": (_run("b2"),)}
-
-
-def test_pictures_are_read_by_nobody_else(models: list[ModelPredictor]) -> None:
-    dataset = small_set()
-    assert isinstance(dataset, SmallSet)
-    _report(plan_runs(dataset, [model.run for model in models]), models)
-    assert dataset.image_reads == {1: 1, 5: 1}
-    assert dataset.depth_reads == dict.fromkeys(range(1, 6), 1)

@@ -66,12 +66,6 @@ def test_predict_says_which_camera(source: CameraSource | None) -> None:
     assert facts["camera"] == WORDS[source]
 
 
-def test_a_camera_that_nobody_knows_is_not_named() -> None:
-    done = PictureResult("a.jpg", ("a.png",), seen_by(None, None), "cpu", 0.1, ())
-    assert "camera" not in picture_text(done)
-    assert (picture_json(done)["camera"], picture_json(done)["focal_px"]) == (None, None)
-
-
 def test_a_source_that_another_program_wrote_is_no_source(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     Png16Writer().write(seen_by(CameraSource.EXIF), path)

@@ -15,10 +15,9 @@ import pytest
 import depthcli
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
-from depthcli.io.depth.metadata import metadata_texts, provenance_of
+from depthcli.io.depth.metadata import provenance_of
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import FORMATS, Format, writer_class
@@ -91,13 +90,6 @@ def test_a_sidecar_of_another_range_is_not_that_of_an_npy(
     np.save(tmp_path / "a.npy", values)
     SidecarWriter().write(DEPTH, tmp_path / "a.json")
     assert is_used(read_stored_depth(tmp_path / "a.npy")) is expected
-
-
-def test_the_sidecar_of_a_map_without_depth_has_no_range(tmp_path: Path) -> None:
-    SidecarWriter().write(replace(DEPTH, values=DEPTH_M * 0), tmp_path / "a.json")
-    for values, expected in ((DEPTH_M * np.nan, True), (DEPTH_M, False)):
-        np.save(tmp_path / "a.npy", values)
-        assert is_used(read_stored_depth(tmp_path / "a.npy")) is expected
 
 
 def test_a_sidecar_of_another_camera_is_not_that_of_a_png(tmp_path: Path) -> None:
@@ -210,31 +202,12 @@ def test_png_and_exr_state_the_fit_themselves(
     assert not is_used(read_stored_depth(path))
 
 
-def test_a_file_of_version_0_9_has_the_fit_of_its_sidecar(tmp_path: Path) -> None:
-    texts = metadata_texts(FITTED)
-    del texts["anchors"]
-    labels = {f"depthcli:{name}": text for name, text in texts.items()} | {"depthcli:scale": "1000"}
-    (tmp_path / "a.png").write_bytes(encode_png((DEPTH_M * 1000).astype(np.uint16), labels))
-    SidecarWriter().write(FITTED, tmp_path / "a.json")
-    assert read_stored_depth(tmp_path / "a.png").displayed.provenance == FITTED.provenance
-
-
 @pytest.mark.parametrize(
     "text", ["", "1", "1,2", "0,3,1", "3,2,1", "1,2,-1", "1,2,nan", "1,2,3,4", "a,b,c"]
 )
 def test_a_fit_or_size_that_makes_no_sense_is_left_out(text: str) -> None:
     assert provenance_of({"anchors": text}) is None
     assert provenance_of({"network_size_px": text.replace("1,2", "1,0")}) is None
-
-
-def test_python_warns_of_a_sidecar_of_another_map(tmp_path: Path) -> None:
-    NpyWriter().write(DEPTH, tmp_path / "a.npy")
-    SidecarWriter().write(DEPTH, tmp_path / "a.json")
-    assert depthcli.read_depth(tmp_path / "a.npy").focal_px == 3
-    NpyWriter().write(DepthMap(DEPTH_M * 2), tmp_path / "a.npy")
-    with pytest.warns(depthcli.DepthcliWarning, match=r"a\.json describes another map") as told:
-        assert depthcli.read_depth(tmp_path / "a.npy").focal_px is None
-    assert told[0].filename == __file__
 
 
 def test_python_warns_of_an_assumed_scale(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +11,9 @@ from helpers.plates import DISPLAY, write_plate
 from helpers.videos import NTSC, damage_frames, encode, flat_frames
 
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
-from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, convert_video
+from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert_video
 from depthcli.jobs.inspect import inspect_file
 from depthcli.video.depth_video import DepthVideo, depth_frames
 from depthcli.video.frames import Timing
@@ -92,12 +91,6 @@ def test_every_frame_becomes_a_file_with_its_number(tmp_path: Path, workers: int
         assert clock_of(result.target) == (NTSC, (1, 0, *divmod(28 + number - 1001, 30)))
 
 
-def test_one_frame_has_rate_and_time_code_too(tmp_path: Path) -> None:
-    source = write_frames(tmp_path / "d.mkv", range(4))
-    convert(ConvertRequest(str(source), str(tmp_path / "a.exr"), frame=3))
-    assert clock_of(tmp_path / "a.exr") == (NTSC, (1, 0, 1, 1))
-
-
 def test_frames_of_a_variable_rate_are_numbered_consecutively(tmp_path: Path) -> None:
     places = [Fraction(n, 10) for n in (0, 7, 22, 31, 38)]
     source = write_frames(tmp_path / "d.mkv", places, step=2)
@@ -107,13 +100,6 @@ def test_frames_of_a_variable_rate_are_numbered_consecutively(tmp_path: Path) ->
     source = write_frames(tmp_path / "f.mkv", (0, 1, 3, 4), Fraction(240))
     frames = [stored.frame for stored in depth_frames(DepthVideo(source))]
     assert [frame.index for frame in frames] == [1001, 1002, 1004, 1005]
-
-
-def test_no_two_frames_have_one_number(tmp_path: Path) -> None:
-    # Milliseconds do not tell the frames of 5000 a second apart.
-    source = write_frames(tmp_path / "d.mkv", range(12), Fraction(5000))
-    found = [stored.frame.index for stored in depth_frames(DepthVideo(source))]
-    assert (found[0], len(set(found)), sorted(found)) == (1001, 12, found)
 
 
 def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
@@ -168,27 +154,6 @@ def test_geometry_is_that_of_the_plates(tmp_path: Path) -> None:
     assert (facts["framesPerSecond"], facts["timeCode"]) == ("30000/1001", "01:00:00:29")
 
 
-def test_frames_of_another_program_count_from_0(tmp_path: Path) -> None:
-    steps = np.arange(4 * 16 * 16, dtype=np.uint16).reshape(4, 16, 16)
-    encode(tmp_path / "d.mkv", steps, NTSC, "ffv1", "gray16le", timecode="01:00:00:28")
-    frames = [stored.frame for stored in depth_frames(DepthVideo(tmp_path / "d.mkv"))]
-    assert [frame.index for frame in frames] == [0, 1, 2, 3]
-    codes = [(frame.time_code or ())[:4] for frame in frames]
-    assert codes == [(1, 0, 0, 28), (1, 0, 0, 29), (1, 0, 1, 0), (1, 0, 1, 1)]
-
-
-def test_a_plate_is_never_replaced(tmp_path: Path) -> None:
-    source = write_frames(tmp_path / "d.mkv", range(3))
-    request = ConvertRequest(str(source), str(tmp_path / "p.%d.exr"))
-    list(convert_video(request, 0))
-    list(convert_video(request, 0))  # its own outputs are
-    plate = write_plate(tmp_path, 1, DISPLAY).rename(tmp_path / "p.1002.exr")
-    before = plate.read_bytes()
-    with pytest.raises(OutputError, match=r"p\.1002\.exr exists and was not written by depthcli"):
-        list(convert_video(request, 0))
-    assert plate.read_bytes() == before
-
-
 @pytest.mark.parametrize(
     ("name", "every"),
     [
@@ -236,18 +201,6 @@ def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: C
             read_stored_depth(ours).displayed.values - read_stored_depth(theirs).displayed.values
         )
         assert np.abs(difference).max() < 0.001
-
-
-def test_errors_name_the_pattern(inside: Cli) -> None:
-    write_frames(inside.folder / "d.mkv", range(2))
-    for words in (("a.exr",), ("--out", "there", "--format", "exr")):
-        done = inside("convert", "d.mkv", *words)
-        assert done.returncode == 2
-        assert b"depth.%04d.exr" in done.stderr
-    done = inside("convert", "d.mkv", "d.%04d", "--format", "json")
-    assert done.stdout == b"2 frames -> d.1001.depth.json to d.1002.depth.json\n"
-    stated = json.loads((inside.folder / "d.1002.depth.json").read_text())
-    assert stated["time_s"] == pytest.approx(1 / NTSC, abs=6e-4)
 
 
 def test_the_command_reports_all_frames(inside: Cli) -> None:

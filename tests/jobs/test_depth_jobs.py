@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 from helpers.videos import NTSC
 
-from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.table import Format
-from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, read_map, target_format
+from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, read_map
 from depthcli.jobs.inspect import DepthMapInfo, DepthVideoInfo, depth_at, inspect_file
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, depth_video
@@ -111,15 +110,6 @@ def test_a_depth_video_s_facts_are_values(
         np.testing.assert_allclose(found.values, values * unit_m, rtol=1e-6)
 
 
-def test_a_depth_video_without_depth_has_no_range(tmp_path: Path) -> None:
-    with depth_video(tmp_path / "d.MKV", Timing(NTSC), 100, None) as output:
-        frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=0.0)
-        output.append(output.encode(DepthFrame(frame, DepthMap(FRAMES_M[1]), (0, 1))))
-        output.finish()
-    facts = inspect_file(str(tmp_path / "d.MKV"))
-    assert (facts.valid, facts.min, facts.max) == (0, None, None)
-
-
 def test_a_frame_belongs_to_a_video(depth_mkv: Path, depth_npy: Path) -> None:
     with pytest.raises(InputError, match=r"d\.mkv has no frame 3; its last one is 2"):
         read_map(depth_mkv, frame=3)
@@ -177,43 +167,10 @@ def test_integers_need_a_scale(tmp_path: Path, dtype: type[np.integer[Any]]) -> 
     np.testing.assert_array_equal(relative.values, [[100, 0], [25, 120]])
 
 
-def test_what_a_conversion_cost(depth_npy: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    target = depth_npy.with_name("d.png")
-    camera = Intrinsics(focal_px=8)
-    done = convert(ConvertRequest(str(depth_npy), str(target), camera=camera))
-    assert done.round_trip is not None
-    assert done.round_trip.lost == 0
-    assert done.round_trip.max_error == pytest.approx(70 - 65.535, rel=1e-5)
-    assert done.round_trip.mean_error == pytest.approx((70 - 65.535 + 0.0004) / 3, rel=1e-5)
-    (warning,) = done.warnings
-    assert "65.535" in warning
-    known = read_stored_depth(target).displayed.provenance
-    assert known is not None
-    assert (known.focal_px, known.camera_source) == (8, CameraSource.OPTION)
-    assert capfd.readouterr() == ("", "")
-
-
-def test_a_format_that_is_not_read_back_has_no_cost(depth_npy: Path) -> None:
-    request = ConvertRequest(str(depth_npy), str(depth_npy.with_name("d.preview.png")))
-    assert convert(request).round_trip is None
-
-
 def test_a_target_without_suffix_gets_the_format_s(depth_npy: Path) -> None:
     done = convert(ConvertRequest(str(depth_npy), str(depth_npy.with_name("x")), Format.EXR))
     assert done.target == str(depth_npy.with_name("x.depth.exr"))
     assert read_stored_depth(depth_npy.with_name("x.depth.exr")).displayed.width == done.depth.width
-
-
-@pytest.mark.parametrize("wanted", Format)
-def test_a_target_s_own_suffix_matches(tmp_path: Path, wanted: Format) -> None:
-    for name in (f"a{wanted.facts.suffix}", f"a{wanted.facts.file_suffix or '.png'}", "a.dat"):
-        assert target_format(str(tmp_path / name), wanted) is wanted
-
-
-def test_a_target_is_a_file_whatever_its_format(tmp_path: Path) -> None:
-    for target, example in (("-", "depth.exr"), (str(tmp_path), f"{tmp_path}/depth.exr")):
-        with pytest.raises(UsageError, match=f"is not a file; name one, for example {example}$"):
-            target_format(target, Format.EXR)
 
 
 def test_a_target_s_suffix_has_to_match_its_format(depth_npy: Path) -> None:
@@ -224,13 +181,3 @@ def test_a_target_s_suffix_has_to_match_its_format(depth_npy: Path) -> None:
 def test_pixels_that_have_depth_no_longer_are_lost() -> None:
     here, there = np.float32([[1, 2, 3, np.nan]]), np.float32([[1, np.nan, 3.5, 4]])
     assert RoundTrip.of(DepthMap(here), DepthMap(there)) == RoundTrip(0.5, 0.25, 1)
-
-
-def test_nothing_is_lost_where_nothing_was() -> None:
-    nothing = DepthMap(np.full((2, 2), np.nan, np.float32))
-    assert RoundTrip.of(nothing, nothing) == RoundTrip(0, 0, 0)
-
-
-def test_a_file_is_never_its_own_target(depth_npy: Path) -> None:
-    with pytest.raises(OutputError, match="is an input"):
-        convert(ConvertRequest(str(depth_npy), str(depth_npy)))

@@ -13,7 +13,7 @@ from helpers.watched import Watched
 
 from depthcli.core.options import Mask
 from depthcli.datasets.base import SplitName
-from depthcli.errors import DatasetError, UsageError
+from depthcli.errors import DatasetError
 from depthcli.evaluation.evaluate import EvalOptions
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.text import report_page
@@ -61,11 +61,6 @@ def test_a_program_gets_the_table_and_the_figures(
     assert [path.name for path in written] == ["depth-gray.png", "depth-colour.png"]
     assert all(path.is_file() for path in (*written, tmp_path / "t.csv", tmp_path / "t.html"))
     assert capsys.readouterr() == ("", "")
-
-
-def test_nothing_to_compare(request_of_val: EvalRequest) -> None:
-    with pytest.raises(UsageError, match="nothing to compare"):
-        run_evaluation(replace(request_of_val, models=()))
 
 
 def test_raw_depth_that_is_missing_is_told_before_anything_is_computed(

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, written
+from helpers.plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, written
 
 from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.io.depth.read import read_metadata, read_stored_depth
@@ -91,18 +91,3 @@ def test_its_field_of_view_is_that_of_the_display_window(tmp_path: Path) -> None
     convert(ConvertRequest(f"{tmp_path}/a.exr", f"{tmp_path}/b.exr", camera=camera))
     facts = read_metadata(tmp_path / "b.exr")
     assert float(facts["focal_px"]) == pytest.approx(focal_px_of_hfov(40, 64), rel=1e-5)
-
-
-def test_a_plate_can_stand_beside_its_preview(tmp_path: Path) -> None:
-    plate = write_plate(tmp_path, 1, OVERSCAN)
-    write_depth_exr(tmp_path / "a.exr", OVERSCAN)
-    looks = WriterOptions(side_by_side=True)
-    target = f"{tmp_path}/b.preview.png"
-    convert(ConvertRequest(f"{tmp_path}/a.exr", target, picture=str(plate), writing=looks))
-    assert cv2.imread(target).shape == (48, 2 * 64, 3)
-
-
-def test_the_gray_of_three_equal_colours_keeps_its_windows(tmp_path: Path) -> None:
-    write_plate(tmp_path, 1, MIXED, aspect=2)
-    converted(tmp_path / "plate.1.exr", "b.exr")
-    assert written(tmp_path / "b.exr")[:3] == (MIXED, DISPLAY, 2)

@@ -1,3 +1,5 @@
+"""Scores of every row, trivial and published rows."""
+
 from __future__ import annotations
 
 import math
@@ -20,6 +22,7 @@ from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import EvalOptions, entry_for, evaluate, score
 from depthcli.evaluation.predictors import Sample, open_model
 from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.report import PUBLISHED, Source
 from depthcli.evaluation.task import plan_nyu, plan_pairs
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.boundary import boundary_scores, mean_boundary_scores
@@ -113,19 +116,6 @@ def test_image_without_valid_pixel_is_reported() -> None:
     assert not math.isnan(row.scores["abs_rel"])
 
 
-def test_progress_is_told_after_each_image() -> None:
-    dataset = small_set()
-    watched = Watched()
-    score(
-        dataset,
-        range(4),
-        [entry_for(Playback(noisy(dataset)))],
-        EvalProtocol(full_size_px=SMALL),
-        progress=watched,
-    )
-    assert watched.stages == {"comparing images": (4, 4)}
-
-
 def test_error_about_the_truth_names_the_pair() -> None:
     dataset = small_set()
     with pytest.raises(DatasetError, match="0003: the depth is 16×12 but the protocol needs"):
@@ -150,17 +140,6 @@ def test_relative_depth_needs_its_alignment(kind: DepthKind, needed: str) -> Non
     with pytest.raises(UsageError, match=f"playback gives {kind} depth.* add align {needed}"):
         entry_for(predictor, [Alignment.NONE, Alignment.MEDIAN])
     assert entry_for(predictor, tuple(Alignment)).alignments == (Alignment(needed),)
-
-
-def test_inverse_depth_is_aligned_in_disparity() -> None:
-    dataset = small_set()
-    inverse = {
-        name: (3 / depth.clip(0.1) + 1).astype(np.float32)
-        for name, depth in zip(dataset.ids, dataset.depths_m, strict=True)
-    }
-    entry = entry_for(Playback(inverse, kind=DepthKind.INVERSE), [Alignment.DISPARITY])
-    (row,) = score(dataset, range(6), [entry], EvalProtocol(full_size_px=SMALL))
-    assert row.scores["abs_rel"] < 1e-5
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -251,25 +230,6 @@ def test_scores_of_edges_are_those_of_the_map_put_together_again() -> None:
     assert without.boundary is without.images[0].boundary is None
 
 
-@pytest.mark.parametrize("workers", [None, 0, 2])
-def test_work_is_done_where_it_was_asked_for(workers: int | None) -> None:
-    """In the calling thread, unless there are workers; so is the fit of the trivial rows."""
-    threads: list[int] = []
-
-    class Listening(SmallSet):
-        def depth_m(self, i: int) -> np.ndarray:
-            threads.append(threading.get_ident())
-            return self.depths_m[i]
-
-    task = plan_nyu(Listening(**vars(small_set())), SplitName.OFFICIAL)
-    options = EvalOptions(EvalProtocol(full_size_px=SMALL))
-    evaluate(task, [], options if workers is None else replace(options, workers=workers))
-    training, testing = threads[:3], threads[3:]
-    for part in (training, testing):
-        assert len(part) == 3
-        assert (threading.get_ident() in part) is not bool(workers)
-
-
 def test_trivial_rows_know_the_depth_that_counts() -> None:
     dataset = small_set()
     protocol = EvalProtocol(full_size_px=SMALL, min_m=2, max_m=5)
@@ -314,3 +274,81 @@ def test_metres_are_those_of_the_pictures_own_camera(tmp_path: Path, own_camera:
         depth_m = predictor.predict(Sample(dataset, i)).values
         factor = actual_px / learned_px if own_camera else 1
         np.testing.assert_allclose(depth_m, (1 + 8 * i / 255) * factor, rtol=1e-5)
+
+
+# The paper split needs pairs around number 1000; the headline protocol needs the full size.
+AROUND_1000 = {"count": 8, "first": 995}
+ANY_SIZE = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
+
+
+TABLE_I = """
+abs_rel  rmse   rms_log log10   d1     d2     d3
+ .3483  1.2226  .4096  .1164  .4401  .7248  .8793  CycleGAN
+ .3450  1.1969  .4048  .1421  .4335  .7317  .8875  CUT
+ .3385  1.2501  .4091  .1426  .4420  .7331  .8821  FastCUT
+ .3384  1.1894  .3993  .1398  .4434  .7414  .8903  DCLGAN
+ .3483  1.1881  .4080  .1427  .4380  .7300  .8855  SimDCL
+ .3514  1.2163  .4105  .1437  .4328  .7244  .8812  HnegSRC
+ .2727   .9712  .3363  .1164  .5296  .8154  .9331  Proposed
+"""
+
+
+def test_published_rows_are_the_papers() -> None:
+    columns, *lines = (line.split() for line in TABLE_I.strip().splitlines())
+    printed = {f"{name} (paper)": [float(n) for n in numbers] for *numbers, name in lines}
+    assert {row.name: [row.scores[c] for c in columns] for row in PUBLISHED} == printed
+    assert all(row.source is Source.PUBLISHED and row.image_count == 449 for row in PUBLISHED)
+    assert all(math.isnan(row.scores["sq_rel"]) for row in PUBLISHED)
+
+
+def test_only_the_misprint_is_footnoted() -> None:
+    for row in PUBLISHED:
+        ratio = row.scores["log10"] * math.log(10) / row.scores["rms_log"]
+        assert bool(row.note) == (abs(ratio - 0.80) > 0.03), row.name
+
+
+def test_trivial_rows_know_the_training_part_only() -> None:
+    dataset = small_set(**AROUND_1000)
+    task = plan_nyu(dataset, SplitName.PAPER)
+    assert task.ids == ("1000", "1001", "1002")
+    report = evaluate(task, [], EvalOptions(ANY_SIZE))
+    assert dataset.depth_reads == dict.fromkeys(range(8), 1)
+    assert [(row.name, row.alignment) for row in report.rows] == [
+        ("constant mean", "none"),
+        ("constant mean", "median"),
+        ("per-pixel mean", "none"),
+        ("per-pixel mean", "median"),
+    ]
+    dataset.depths_m[5:] *= 0.5
+    changed = evaluate(task, [], EvalOptions(ANY_SIZE))
+    assert report.rows[0].scores != changed.rows[0].scores
+    assert any(
+        "computed from 5 of the split's 1000 training pairs" in note for note in report.notes
+    )
+
+
+def test_test_part_alone_has_no_trivial_rows_and_says_so() -> None:
+    task = plan_nyu(small_set(3, first=1000), SplitName.PAPER)
+    report = evaluate(task, [], EvalOptions(ANY_SIZE))
+    assert report.rows == ()
+    assert any("baselines are omitted" in note for note in report.notes)
+
+
+def test_published_rows_stand_beside_the_headline_of_the_paper_split_only() -> None:
+    dataset = small_set(**AROUND_1000, shape=(480, 640))
+    paper, official = (
+        plan_nyu(dataset, name, limit=1) for name in (SplitName.PAPER, SplitName.OFFICIAL)
+    )
+    pooled = EvalProtocol(averaging=Averaging.POOLED)
+    assert evaluate(paper, [], EvalOptions(trivial=False)).rows == PUBLISHED
+    assert evaluate(official, [], EvalOptions(trivial=False)).rows == ()
+    other = evaluate(paper, [], EvalOptions(pooled, trivial=False))
+    assert other.rows == ()
+    assert any("the paper's rows" in note for note in other.notes)
+
+
+def test_limit_is_spread_over_the_split() -> None:
+    dataset = small_set(100, first=1000)
+    assert plan_nyu(dataset, SplitName.PAPER, limit=3).ids == ("1000", "1050", "1099")
+    assert plan_nyu(dataset, SplitName.PAPER, limit=1).ids == ("1000",)
+    assert len(plan_nyu(dataset, SplitName.PAPER, limit=1000).ids) == 100

@@ -1,4 +1,4 @@
-"""Differences of one row of the table of models from every other."""
+"""Paired differences of rows with intervals over scenes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,20 @@ from helpers.small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_se
 
 from depthcli.datasets.base import SplitName
 from depthcli.errors import UsageError
-from depthcli.evaluation.evaluate import EvalOptions, check_against, evaluate, scene_interval
+from depthcli.evaluation.evaluate import (
+    EvalOptions,
+    check_against,
+    differences_from,
+    evaluate,
+    scene_interval,
+)
 from depthcli.evaluation.html import html_page
 from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.report import ImageScores, ReportRow, Source
 from depthcli.evaluation.task import plan_nyu, plan_pairs
 from depthcli.evaluation.text import report_page
 from depthcli.metrics.choices import Alignment, Averaging
-from depthcli.metrics.depth import METRICS
+from depthcli.metrics.depth import METRICS, Scores
 
 PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
 NONE, MEDIAN = Alignment.NONE, Alignment.MEDIAN
@@ -157,3 +164,72 @@ def test_rows_that_cannot_be_compared(name: str, rows: str, averaging: Averaging
     with pytest.raises(UsageError) as raised:
         check_against(name, list(rows), EvalProtocol(averaging=averaging))
     assert raised.value.message.option == "against"
+
+
+SCENES = tuple(f"den_{i % 12}" for i in range(60))
+
+
+def test_every_digit_follows_from_the_scores() -> None:
+    """10,000 draws of as many scenes as there are, by the generator that begins with 0."""
+    values, scenes = np.random.default_rng(8).normal(size=12), list("aabccdefghij")
+    names = sorted(set(scenes))
+    counts = np.random.default_rng(0).multinomial(10, [1 / 10] * 10, 10_000)
+    sums = {s: values[[name == s for name in scenes]].sum() for s in names}
+    means = [
+        sum(k * sums[s] for k, s in zip(draw, names, strict=True))
+        / sum(k * scenes.count(s) for k, s in zip(draw, names, strict=True))
+        for draw in counts.tolist()
+    ]
+    interval = scene_interval(values, scenes)
+    assert (interval.low, interval.high) == pytest.approx(
+        tuple(np.percentile(means, (2.5, 97.5))), rel=1e-12
+    )
+
+
+def test_pictures_of_one_scene_are_no_evidence_of_their_own() -> None:
+    values = np.random.default_rng(1).normal(0.1, 0.3, 12)
+    once = scene_interval(values, SCENES[:12])
+    often = scene_interval(np.tile(values, 5), SCENES)
+    assert (often.low, often.high) == pytest.approx((once.low, once.high))
+    apart = scene_interval(np.tile(values, 5), [str(i) for i in range(60)])
+    assert apart.high - apart.low < 0.6 * (once.high - once.low)
+
+
+def test_pictures_without_a_score_are_left_out() -> None:
+    values = np.array([0.1, math.nan, 0.3])
+    assert scene_interval(values, ["a", "b", "c"]).mean == pytest.approx(0.2)
+    none = scene_interval(np.full(3, math.nan), ["a", "b", "c"])
+    assert math.isnan(none.mean)
+    assert not none.is_significant
+
+
+def _row(name: str, abs_rel: list[float], alignment: Alignment = Alignment.NONE) -> ReportRow:
+    images = tuple(
+        ImageScores(f"{i:04}", Scores.of(abs_rel=value)) for i, value in enumerate(abs_rel)
+    )
+    mean = Scores.of(abs_rel=sum(abs_rel) / len(abs_rel))
+    return ReportRow(name, Source.MODEL, alignment, len(images), mean, images=images)
+
+
+def test_rows_are_compared_picture_by_picture_with_seeds_averaged() -> None:
+    groups = {
+        "mean": [_row("mean", [0.5, 0.5, 0.5])],
+        "ours": [_row("ours-seed0", [0.1, 0.4, 0.4]), _row("ours-seed1", [0.3, 0.2, 0.4])],
+        "cut": [_row("cut", [0.6, 0.5, 0.3], Alignment.MEDIAN)],
+    }
+    scenes = {"0000": "a", "0001": "b", "0002": "c"}
+    (found,) = differences_from("ours", groups, scenes)
+    assert (found.name, found.other, found.alignment) == ("ours", "mean", Alignment.NONE)
+    interval = found.intervals[list(METRICS).index("abs_rel")]
+    assert interval.mean == pytest.approx(-0.2)
+    assert interval.low == pytest.approx(-0.3)
+    assert interval.high == pytest.approx(-0.1)
+
+
+def test_scenes_without_a_score_are_not_counted() -> None:
+    groups = {}
+    for name, value in (("mean", 0.5), ("ours", 0.4)):
+        row, nothing = _row(name, [value] * 3), ImageScores("0001", Scores.of())
+        groups[name] = [replace(row, images=(row.images[0], nothing, row.images[2]))]
+    (found,) = differences_from("ours", groups, {"0000": "a", "0001": "b", "0002": "c"})
+    assert found.scene_count == 2
