@@ -18,7 +18,7 @@ from lightning_fabric import Fabric
 
 from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.table import METHODS
-from depthcli.training.resolve import resolve_config
+from depthcli.training.settings import resolve_config
 from depthcli.training.run import Run
 
 STEPS = 3

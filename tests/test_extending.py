@@ -24,8 +24,8 @@ EXAMPLE = re.compile(
 TINY = """
 [generator]
 name = "efficient"
-encoder = [4, 4, 8, 8, 8]
-decoder = [8, 8, 4, 4]
+encoder = [8, 8, 8, 8, 8]
+decoder = [8, 8, 8, 8]
 depths = [1, 1, 1, 1]
 [data]
 width = 64

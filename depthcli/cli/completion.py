@@ -48,7 +48,7 @@ def cards(incomplete: str) -> list[str]:
 
 def presets(incomplete: str) -> list[str]:
     """Names for ``--preset``."""
-    from depthcli.training.settings import preset_names
+    from depthcli.training.presets import preset_names
 
     return starting_with(preset_names(), incomplete)
 

@@ -42,7 +42,7 @@ from depthcli.metrics.alignment import SUITABLE
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
 from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import Accumulator, PixelSums, Scores
-from depthcli.training.trained import TrainedRun
+from depthcli.training.provenance import TrainedRun
 
 _PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
 _RESAMPLES = 10_000

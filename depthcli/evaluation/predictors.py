@@ -24,7 +24,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.read import StoredDepth, read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
-from depthcli.training.trained import TrainedRun
+from depthcli.training.provenance import TrainedRun
 
 SUFFIXES = tuple(f"{middle}{f.facts.file_suffix}" for f in READABLE for middle in ("", ".depth"))
 """Suffixes of predictions in order of precision; those with ``.depth`` are of ``predict``."""

@@ -22,7 +22,7 @@ from depthcli.datasets.base import (
 )
 from depthcli.errors import DatasetError, UsageError
 from depthcli.models.card import ModelCard
-from depthcli.training.trained import TrainedRun
+from depthcli.training.provenance import TrainedRun
 
 TRAIN_SPLIT = "nyu_split"
 """Field of a third-party model's card: the split whose training scenes it was trained on."""

@@ -13,8 +13,7 @@ from depthcli.export.onnx import ExportOptions, check_predicts_depth, export_che
 from depthcli.models.catalog import ModelLocation, read_model
 from depthcli.training.checkpoint import CHECKPOINT, load_generator
 from depthcli.training.config import TrainConfig
-from depthcli.training.provenance import DataProvenance
-from depthcli.training.trained import TrainedRun
+from depthcli.training.provenance import DataProvenance, TrainedRun
 
 CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
 _HASH_LENGTH = 16

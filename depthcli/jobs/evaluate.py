@@ -36,7 +36,7 @@ from depthcli.inference.measure import measure_ms
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.atomic import atomic_path, write_text
 from depthcli.io.storage.temporary import temporary_folder
-from depthcli.training.trained import TrainedRun
+from depthcli.training.provenance import TrainedRun
 
 _OWN_CSV, _OWN_HTML = b"name,source,align,", b"<footer>depthcli "
 _RAW_WEIGHTS = "weights of the last step, not their moving average"

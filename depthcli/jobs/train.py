@@ -17,12 +17,7 @@ from depthcli.training.callbacks import Callback, TensorBoardLogger, TrainStart
 from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.devices import Threads, launched, open_fabric, set_threads
-from depthcli.training.initial_weights import (
-    coding_differences,
-    is_encoder_file,
-    narrowed_decoder,
-    seen_by_files,
-)
+from depthcli.training.init_weights import is_encoder_file, narrowed_decoder, seen_by_files
 from depthcli.training.methods.registry import method_class
 from depthcli.training.provenance import common_ids, train_val_split
 
@@ -52,7 +47,7 @@ def weights_file(source: Path) -> Path:
 class TrainRequest:
     """What to train, and how."""
 
-    config: TrainConfig  #: of the run; see :func:`depthcli.training.resolve.resolve_config`
+    config: TrainConfig  #: of the run; see :func:`depthcli.training.settings.resolve_config`
     #: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it
     data: Path
     out: Path  #: folder for checkpoint, log and samples; a run in it is continued
@@ -119,7 +114,6 @@ def _facts(
         lacks_scenes=wanted and not held_out,
         seen_held_out=len(seen_held_out),
         narrowed_decoder=narrowed_decoder(config.generator, init_weights),
-        other_coding=coding_differences(config, init_weights),
     )
 
 
@@ -132,8 +126,5 @@ def _data(request: TrainRequest) -> TrainingData:
         split=wanted.split,
         units_per_metre=wanted.units_per_metre,
     )
-    return (
-        data
-        if request.pseudo_labels is None
-        else data.with_pseudo_labels(open_paired_folder(request.pseudo_labels))
-    )
+    labels = request.pseudo_labels
+    return data if labels is None else data.with_pseudo_labels(open_paired_folder(labels))

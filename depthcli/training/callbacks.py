@@ -1,12 +1,10 @@
-"""Callbacks of the training loop."""
+"""What happens during a run beside its steps: callbacks, metrics log, validation, sample images."""
 
 import json
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,19 +15,21 @@ from torch import Tensor, nn
 
 from depthcli.core.text import INSTALL_TENSORBOARD
 from depthcli.core.types import DepthMap
-from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.datasets.base import DepthDataset, HasScales
 from depthcli.errors import TrainingError
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.io.storage.paths import read_regular
 from depthcli.metrics.depth import Accumulator, Scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.checkpoint import TrainState, write_errors
 from depthcli.training.config import TrainConfig
-from depthcli.training.data import PairStore, whole_pictures
+from depthcli.training.data import PairStore, whole_images
 from depthcli.training.devices import Threads
-from depthcli.training.schedule import lr_factor
+from depthcli.training.run import lr_factor
+
+TENSORBOARD_FOLDER = "tensorboard"
+_BATCH_SIZE = 16  # of validation
+_SAMPLES = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +41,6 @@ class TrainStart:
     seen_held_out: int  #: number of held-out pairs that the init weights were trained on
     #: decoder channels of the init weights and of the network, if they are narrowed to these
     narrowed_decoder: tuple[tuple[int, ...], tuple[int, ...]] | None = None
-    #: settings of colour and depth in which the init weights differ, one text each
-    other_coding: tuple[str, ...] = ()
 
 
 class Callback:
@@ -56,132 +54,6 @@ class Callback:
 
     def on_epoch_end(self, state: TrainState) -> None:
         """Called after each epoch, once it is validated and saved."""
-
-
-def append(path: Path, state: TrainState, losses: dict[str, float]) -> None:
-    """Add the line of an epoch."""
-    line = {
-        "epoch": state.epoch,
-        "step": state.step,
-        "seconds": round(state.seconds, 1),
-        "losses": losses,
-        "scores": finite_or_none(state.scores),
-    }
-    with path.open("ab", buffering=0) as file:
-        append_whole(file, json.dumps(line).encode() + b"\n")
-
-
-def truncate(path: Path, step: int) -> None:
-    """Remove lines after a step, which the resumed run writes again, and an incomplete line.
-
-    Raises:
-        OutputError: the log cannot be replaced; it is unchanged.
-    """
-    content = read_regular(path, sys.maxsize) if path.exists() else b""
-    kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
-    if kept != content or path.is_symlink():  # a link is replaced, its target is not changed
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(kept)
-
-
-def _step(line: bytes) -> float:
-    try:
-        fields: Any = parsed_json(line)
-        return validated(float, fields["step"])
-    except (FieldError, TypeError, KeyError):
-        return math.inf
-
-
-def finite_or_none(scores: dict[str, float]) -> dict[str, float | None]:
-    """Scores for JSON: a value that is not finite is None."""
-    return {name: value if math.isfinite(value) else None for name, value in scores.items()}
-
-
-_BATCH_SIZE = 16
-
-
-class Validation:
-    """Scores a generator on held-out pairs; ground truth is read at full size."""
-
-    def __init__(
-        self, dataset: DepthDataset, positions: Sequence[int], config: TrainConfig
-    ) -> None:
-        self.dataset, self.positions, self.config = dataset, tuple(positions), config
-        self.store = PairStore(dataset, positions, config.data)
-        scales = dataset.scales if isinstance(dataset, HasScales) else ()
-        #: factor by which the depth of each pair was multiplied for the network's camera
-        self.scales = [scales[i] if scales else 1.0 for i in positions]
-
-    def __len__(self) -> int:
-        return len(self.positions)
-
-    def inputs(self, rows: Sequence[int]) -> Tensor:
-        """Network inputs (B, 1, H, W) in [-1, 1] of some of the pairs."""
-        return whole_pictures(self.store, self.config.data, torch.tensor(list(rows)))
-
-    @torch.no_grad()
-    def raw(self, generator: nn.Module, rows: Sequence[int], device: torch.device) -> Tensor:
-        """Raw outputs (B, 1, h, w) float32 on the CPU of some of the pairs."""
-        was_training = generator.training
-        generator.eval()
-        raw: Tensor = generator(self.inputs(rows).to(device)).float().cpu()
-        generator.train(was_training)
-        return raw
-
-    def score(self, generator: nn.Module, device: torch.device) -> Scores:
-        """Mean over the pairs of every metric, at the truth's size, to 10 m or ``output.max_m``.
-
-        Depth that is scaled to one camera is compared in true metres, as in an evaluation.
-        """
-        total, codec = Accumulator(), self.config.output.codec
-        farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
-        for start in range(0, len(self), _BATCH_SIZE):
-            rows = range(start, min(start + _BATCH_SIZE, len(self)))
-            for row, raw in zip(rows, self.raw(generator, rows, device), strict=True):
-                scale = self.scales[row]
-                truth_m = self.dataset.depth_m(self.positions[row]) / scale
-                depth_m = torch.from_numpy(codec.decode(raw.numpy()))
-                grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
-                predicted_m = grown_m[0, 0].numpy() / scale
-                total.update(DepthPixels.of(truth_m, predicted_m, max_m=farthest_m))
-        return total.compute()
-
-
-_ROWS = 6
-
-
-def write_samples(
-    folder: Path, epoch: int, validation: Validation, generator: nn.Module, fabric: Fabric
-) -> None:
-    """Write ``samples/epoch-NNNN.jpg`` for up to 6 held-out pairs, in the truth's colours."""
-    rows = np.linspace(0, len(validation) - 1, min(_ROWS, len(validation))).astype(int).tolist()
-    inputs = validation.inputs(rows).expand(-1, 3, -1, -1).permute(0, 2, 3, 1).numpy()
-    images = ((inputs + 1) * 127.5).astype(np.uint8)
-    raw = validation.raw(generator, rows, fabric.device).numpy()[:, 0]
-    codec = validation.config.output.codec
-    lines = []
-    for i, row in enumerate(rows):
-        size = (images.shape[2], images.shape[1])
-        depth_m = validation.store.depth_m[row, 0].float().numpy()
-        truth_m = np.array(cv2.resize(depth_m, size), np.float32)
-        output_m = np.array(cv2.resize(codec.decode(raw[i]), size), np.float32)
-        if validation.store.valid_mask is not None:
-            valid_mask = validation.store.valid_mask[row, 0].numpy().astype(np.uint8)
-            truth_m[cv2.resize(valid_mask, size) == 0] = np.nan
-        output, truth = DepthMap(output_m), DepthMap(truth_m)
-        shown = [PreviewWriter().render(one, spread=percentiles(truth)) for one in (output, truth)]
-        lines.append(np.hstack([images[i], *shown]))
-    encoded = cv2.imencode(".jpg", np.vstack(lines)[..., ::-1])[1]
-    with atomic_path(sample_path(folder, epoch)) as temporary:
-        temporary.write_bytes(encoded.tobytes())
-
-
-def sample_path(folder: Path, epoch: int) -> Path:
-    """The file with the sample images of an epoch."""
-    return folder / "samples" / f"epoch-{epoch:04d}.jpg"
-
-
-FOLDER = "tensorboard"
 
 
 class TensorBoardLogger(Callback):
@@ -213,13 +85,13 @@ class TensorBoardLogger(Callback):
         values["learning_rate"] = share * optim.learning_rate
         with write_errors(self._folder):
             if self._writer is None:
-                where = str(self._folder / FOLDER)
+                where = str(self._folder / TENSORBOARD_FOLDER)
                 self._writer = self._writer_class(where, purge_step=state.step)
             for name, value in values.items():
                 self._writer.add_scalar(name, value, state.step)
 
     def on_epoch_end(self, state: TrainState) -> None:
-        """Log the scores and sample pictures of an epoch that was validated."""
+        """Log the scores and sample images of an epoch that was validated."""
         self._callback.on_epoch_end(state)
         path = sample_path(self._folder, state.epoch)
         if self._writer is None or not path.is_file():
@@ -236,3 +108,123 @@ class TensorBoardLogger(Callback):
         if self._writer is not None:
             with write_errors(self._folder):
                 self._writer.close()
+
+
+def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
+    """Add the line of an epoch to a run's metrics log, one JSON object per epoch."""
+    line = {
+        "epoch": state.epoch,
+        "step": state.step,
+        "seconds": round(state.seconds, 1),
+        "losses": losses,
+        "scores": finite_or_none(state.scores),
+    }
+    with path.open("ab", buffering=0) as file:
+        append_whole(file, json.dumps(line).encode() + b"\n")
+
+
+def truncate_log(path: Path, step: int) -> None:
+    """Remove lines after a step, which the resumed run writes again, and an incomplete line.
+
+    Raises:
+        OutputError: the log cannot be replaced; it is unchanged.
+    """
+    content = path.read_bytes() if path.exists() else b""
+    kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
+    if kept != content:
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(kept)
+
+
+def _step(line: bytes) -> float:
+    try:
+        return float(json.loads(line)["step"])
+    except (ValueError, TypeError, KeyError):
+        return math.inf
+
+
+def finite_or_none(scores: dict[str, float]) -> dict[str, float | None]:
+    """Scores for JSON: a value that is not finite is None."""
+    return {name: value if math.isfinite(value) else None for name, value in scores.items()}
+
+
+class Validation:
+    """Scores a generator on held-out pairs; ground truth is read at full size."""
+
+    def __init__(
+        self, dataset: DepthDataset, positions: Sequence[int], config: TrainConfig
+    ) -> None:
+        self.dataset, self.positions, self.config = dataset, tuple(positions), config
+        self.store = PairStore(dataset, positions, config.data)
+        scales = dataset.scales if isinstance(dataset, HasScales) else ()
+        #: factor by which the depth of each pair was multiplied for the network's camera
+        self.scales = [scales[i] if scales else 1.0 for i in positions]
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def inputs(self, rows: Sequence[int]) -> Tensor:
+        """Network inputs (B, 1, H, W) in [-1, 1] of some of the pairs."""
+        return whole_images(self.store, self.config.data, torch.tensor(list(rows)))
+
+    @torch.no_grad()
+    def raw(self, generator: nn.Module, rows: Sequence[int], device: torch.device) -> Tensor:
+        """Raw outputs (B, 1, h, w) float32 on the CPU of some of the pairs."""
+        was_training = generator.training
+        generator.eval()
+        raw: Tensor = generator(self.inputs(rows).to(device)).float().cpu()
+        generator.train(was_training)
+        return raw
+
+    def score(self, generator: nn.Module, device: torch.device) -> Scores:
+        """Mean over the pairs of every metric, at the truth's size, to 10 m or ``output.max_m``.
+
+        By the headline protocol of the evaluation; depth that is scaled to one camera is compared
+        in true metres.
+        """
+        total, codec = Accumulator(), self.config.output.codec
+        farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
+        for start in range(0, len(self), _BATCH_SIZE):
+            rows = range(start, min(start + _BATCH_SIZE, len(self)))
+            for row, raw in zip(rows, self.raw(generator, rows, device), strict=True):
+                scale = self.scales[row]
+                truth_m = self.dataset.depth_m(self.positions[row]) / scale
+                depth_m = torch.from_numpy(codec.decode(raw.numpy()))
+                grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
+                predicted_m = grown_m[0, 0].numpy() / scale
+                total.update(DepthPixels.of(truth_m, predicted_m, max_m=farthest_m))
+        return total.compute()
+
+
+def write_samples(
+    folder: Path, epoch: int, validation: Validation, generator: nn.Module, fabric: Fabric
+) -> None:
+    """Write ``samples/epoch-NNNN.jpg``: input, output and truth of up to 6 held-out pairs.
+
+    Colours are those of the truth's range.
+    """
+    rows = np.linspace(0, len(validation) - 1, min(_SAMPLES, len(validation))).astype(int).tolist()
+    inputs = validation.inputs(rows).expand(-1, 3, -1, -1).permute(0, 2, 3, 1).numpy()
+    images = ((inputs + 1) * 127.5).astype(np.uint8)
+    raw = validation.raw(generator, rows, fabric.device).numpy()[:, 0]
+    codec = validation.config.output.codec
+    lines = []
+    for i, row in enumerate(rows):
+        size = (images.shape[2], images.shape[1])
+        depth_m = validation.store.depth_m[row, 0].float().numpy()
+        truth_m = np.array(cv2.resize(depth_m, size), np.float32)
+        output_m = np.array(cv2.resize(codec.decode(raw[i]), size), np.float32)
+        if validation.store.valid_mask is not None:
+            valid_mask = validation.store.valid_mask[row, 0].numpy().astype(np.uint8)
+            truth_m[cv2.resize(valid_mask, size) == 0] = np.nan
+        output, truth = DepthMap(output_m), DepthMap(truth_m)
+        shown = [PreviewWriter().render(one, spread=percentiles(truth)) for one in (output, truth)]
+        lines.append(np.hstack([images[i], *shown]))
+    encoded = cv2.imencode(".jpg", np.vstack(lines)[..., ::-1])[1]
+    with atomic_path(sample_path(folder, epoch)) as temporary:
+        temporary.write_bytes(encoded.tobytes())
+
+
+def sample_path(folder: Path, epoch: int) -> Path:
+    """The file with the sample images of an epoch."""
+    return folder / "samples" / f"epoch-{epoch:04d}.jpg"

@@ -16,7 +16,7 @@ from depthcli.core.options import Weights
 from depthcli.core.validation import FieldError, Rule, merged, validated
 from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageError
 from depthcli.io.storage.temporary import temporary_beside
-from depthcli.training.config import Amount, Count, TrainConfig, check_range
+from depthcli.training.config import Amount, Count, TrainConfig, check_config
 from depthcli.training.networks.build import build_generator
 from depthcli.training.provenance import DataProvenance, data_set
 
@@ -105,7 +105,7 @@ class Checkpoint:
         try:
             content = content if version == _VERSION else _from_version_1(content)
             content["config"] = merged(TrainConfig(), content["config"])
-            check_range(content["config"])
+            check_config(content["config"])
             content["state"] = validated(TrainState, content["state"])
             content["provenance"] = validated(DataProvenance, content["provenance"])
             return cls(**content)
@@ -178,3 +178,13 @@ def write_errors(folder: Path) -> Iterator[None]:
         is_full = getattr(cause, "errno", None) in {errno.ENOSPC, errno.EDQUOT}
         advice = "free some space or give another {out}" if is_full else "give another {out}"
         raise TrainingError(f"cannot write to {folder} ({reason})", advice) from error
+
+
+def saved_checkpoint(folder: Path) -> Checkpoint | None:
+    """The checkpoint of a folder; None if there is none.
+
+    Raises:
+        CheckpointError: it cannot be used.
+    """
+    path = folder / CHECKPOINT
+    return Checkpoint.load(path) if path.is_file() else None

@@ -154,7 +154,7 @@ def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
     return round(data.width * most), round(data.height * most)
 
 
-def whole_pictures(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
+def whole_images(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
     """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs (B,) int64, without augmentation."""
     rgb = store.rgb[rows].float() / 255
     size = (data.height, data.width)

@@ -1,13 +1,9 @@
-"""Data-parallel training, one process per device: gradients are averaged explicitly.
+"""Devices, processes and CPU threads of a run.
 
+Training is data-parallel, one process per device: gradients are averaged explicitly, as
 ``DistributedDataParallel`` expects one forward and one backward pass of all weights per step. A
 method has several of each, with some networks frozen in between, so the networks stay unwrapped
 and :func:`average_gradients` runs between backward pass and optimizer step.
-
-Choosing the number of CPU threads of a run by a short trial, unless it is given.
-
-torch's threads synchronize after every operation. On a machine with other load, two threads can be
-four times slower than one.
 """
 
 import logging
@@ -28,9 +24,15 @@ from torch import Tensor, distributed, nn
 from depthcli.core.parallel import usable_cores
 from depthcli.core.progress import exit_hook
 from depthcli.errors import TrainingError, UsageError
+from depthcli.training.checkpoint import saved_checkpoint
 from depthcli.training.config import TrainConfig
 from depthcli.training.networks.build import build_generator
-from depthcli.training.resolve import saved_checkpoint
+
+Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
+_GRACE_PERIOD_S = 3.0
+_ROUNDS = 3
+_TIME_LIMIT_S = 5.0
+_MAX_TIME_RATIO = 0.95  # more threads must take at most this fraction of the time to be chosen
 
 
 class AveragingStrategy(DDPStrategy):
@@ -41,10 +43,61 @@ class AveragingStrategy(DDPStrategy):
         return module
 
 
-def leave_process_group() -> None:
-    """Leave the process group before interpreter shutdown destroys its threads."""
-    if distributed.is_initialized():
-        distributed.destroy_process_group()
+def open_fabric(accelerator: str, precision: Precision, devices: int = 1) -> Fabric:
+    """Device, precision and processes of a run.
+
+    Raises:
+        UsageError: they are not available here.
+    """
+    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would log under --quiet
+    strategy = AveragingStrategy() if devices > 1 else "auto"
+    try:
+        return Fabric(
+            accelerator=accelerator, devices=devices, strategy=strategy, precision=precision
+        )
+    except (ImportError, MisconfigurationException, RuntimeError, ValueError) as error:
+        raise UsageError(
+            f"cannot train on {devices} device{'s' * (devices > 1)} of {accelerator} with "
+            f"precision={precision} here: {error}"
+        ) from error
+
+
+@contextmanager
+def launched(fabric: Fabric) -> Iterator[None]:
+    """Run the block in every process of a run, one per device; the others run this command again.
+
+    Raises:
+        TrainingError: a process failed.
+    """
+    if fabric.world_size == 1:
+        yield
+        return
+    fabric.launch()
+    others: list[subprocess.Popen[bytes]] = getattr(fabric.strategy.launcher, "procs", [])
+    started, others[:] = list(others), []  # else Fabric would kill this process when one exits
+    try:
+        with exit_hook(lambda: _kill(started)):
+            yield
+    except Exception as error:
+        if not fabric.is_global_zero:
+            time.sleep(_GRACE_PERIOD_S)  # rank 0 reports the same error and kills this process
+        if isinstance(error, RuntimeError):  # of the connection, when another process ended
+            raise TrainingError(
+                f"a process of this run failed: {error}", "the last checkpoint is kept"
+            ) from error
+        raise
+    else:
+        if distributed.is_initialized():  # before the interpreter's end destroys its threads
+            distributed.destroy_process_group()
+        for process in started:
+            process.wait()
+    finally:
+        _kill(started)
+
+
+def _kill(processes: list[subprocess.Popen[bytes]]) -> None:
+    for process in processes:
+        process.kill()  # only rank 0 writes files
 
 
 @contextmanager
@@ -91,82 +144,6 @@ def gather_states(fabric: Fabric, state: dict[str, Any]) -> list[dict[str, Any]]
     return states[1:]
 
 
-Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
-_GRACE_PERIOD_S = 3.0
-
-
-def open_fabric(accelerator: str, precision: Precision, devices: int = 1) -> Fabric:
-    """Device, precision and processes of a run.
-
-    Raises:
-        UsageError: they are not available here.
-    """
-    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would log under --quiet
-    strategy = AveragingStrategy() if devices > 1 else "auto"
-    try:
-        return Fabric(
-            accelerator=accelerator, devices=devices, strategy=strategy, precision=precision
-        )
-    except (ImportError, MisconfigurationException, RuntimeError, ValueError) as error:
-        raise UsageError(
-            f"cannot train on {devices} devices of {accelerator} with precision={precision} here: "
-            f"{error}"
-        ) from error
-
-
-@contextmanager
-def launched(fabric: Fabric) -> Iterator[None]:
-    """Run the block in every process of a run, one per device; the others run this command again.
-
-    Raises:
-        TrainingError: another process ended early.
-    """
-    if fabric.world_size == 1:
-        yield
-        return
-    fabric.launch()
-    others: list[subprocess.Popen[bytes]] = getattr(fabric.strategy.launcher, "procs", [])
-    started, others[:] = list(others), []  # else Fabric would kill this process when one exits
-    try:
-        with exit_hook(lambda: _kill(started)):
-            yield
-    except RuntimeError as error:
-        if fabric.is_global_zero and _any_exited(started):
-            raise TrainingError(
-                "another process of this run ended early; the last checkpoint is kept"
-            ) from error
-        raise
-    except Exception:
-        if not fabric.is_global_zero:
-            time.sleep(_GRACE_PERIOD_S)  # rank 0 reports the same error and kills this process
-        raise
-    else:
-        leave_process_group()
-        for process in started:
-            process.wait()
-    finally:
-        _kill(started)
-
-
-def _kill(processes: list[subprocess.Popen[bytes]]) -> None:
-    for process in processes:
-        process.kill()  # only rank 0 writes files
-
-
-def _any_exited(processes: list[subprocess.Popen[bytes]]) -> bool:
-    deadline = time.monotonic() + _GRACE_PERIOD_S
-    while time.monotonic() < deadline:
-        if any(process.poll() is not None for process in processes):
-            return True
-        time.sleep(0.1)
-    return False
-
-
-_ROUNDS = 3
-_TIME_LIMIT_S = 5.0
-_MAX_TIME_RATIO = 0.95  # more threads must take at most this fraction of the time to be chosen
-
-
 @dataclass(frozen=True, slots=True)
 class Threads:
     """The CPU threads of a process."""
@@ -177,7 +154,11 @@ class Threads:
 
 
 def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fabric) -> Threads:
-    """Set torch's CPU threads: the number given, else the checkpoint's, else the fastest."""
+    """Set torch's CPU threads: the number given, else the checkpoint's, else the fastest.
+
+    torch's threads synchronize after every operation: on a machine with other load, two threads
+    can be four times slower than one.
+    """
     cores = usable_cores()
     saved = saved_checkpoint(folder) if asked is None else None
     if saved is not None:  # another number would change the last digits of the results
@@ -221,36 +202,26 @@ def fastest(seconds: Mapping[int, float]) -> int:
 
 def _measured_s(config: TrainConfig, fabric: Fabric, tried: tuple[int, ...]) -> dict[int, float]:
     """Seconds of a few steps of the generator for each number of threads, in turns."""
-    data = config.data
-    with _preserve_torch_state():
+    threads, data = torch.get_num_threads(), config.data
+    with torch.random.fork_rng(devices=[]):
         network = build_generator(config.generator, data.channels)
-        pictures = torch.zeros(config.optim.batch_size, data.channels, data.height, data.width)
+        images = torch.zeros(config.optim.batch_size, data.channels, data.height, data.width)
         spent_s = dict.fromkeys(tried, 0.0)
         began = time.perf_counter()
-        _step_s(network, pictures, fabric)  # warm-up: the first one also allocates
+        _step_s(network, images, fabric)  # warm-up: the first one also allocates
         for _ in range(_ROUNDS):
-            for threads in tried:
-                torch.set_num_threads(threads)
-                spent_s[threads] += _step_s(network, pictures, fabric)
+            for count in tried:
+                torch.set_num_threads(count)
+                spent_s[count] += _step_s(network, images, fabric)
             if time.perf_counter() - began > _TIME_LIMIT_S:
                 break
+    torch.set_num_threads(threads)
     return spent_s
 
 
-def _step_s(network: nn.Module, pictures: torch.Tensor, fabric: Fabric) -> float:
+def _step_s(network: nn.Module, images: Tensor, fabric: Fabric) -> float:
     began = time.perf_counter()
     with fabric.autocast():
-        loss = network(pictures).square().mean()
+        loss = network(images).square().mean()
     loss.backward()
     return time.perf_counter() - began
-
-
-@contextmanager
-def _preserve_torch_state() -> Iterator[None]:
-    """Restore torch's random state and number of threads after the block."""
-    threads = torch.get_num_threads()
-    try:
-        with torch.random.fork_rng(devices=[]):
-            yield
-    finally:
-        torch.set_num_threads(threads)

@@ -9,13 +9,14 @@ from typing import Any
 import torch
 from lightning_fabric import Fabric
 from torch import Tensor, nn
+from torch.optim import Optimizer
 
 from depthcli.errors import CheckpointError, TrainingError
 from depthcli.training.checkpoint import Checkpoint, TrainState
 from depthcli.training.config import OptimConfig, TrainConfig
 from depthcli.training.data import TrainingBatch
 from depthcli.training.devices import average_gradients, gather_states
-from depthcli.training.initial_weights import load_init_weights
+from depthcli.training.init_weights import load_init_weights
 from depthcli.training.methods.base import Method, Phase
 from depthcli.training.methods.registry import build_method
 from depthcli.training.networks.encoder import EncoderGenerator
@@ -25,127 +26,13 @@ from depthcli.training.provenance import (
     data_differences,
     mismatch_error,
 )
-from depthcli.training.schedule import lr_factor
 
-
-class WeightAverage:
-    """Exponential moving average (EMA) of a network's weights.
-
-    Each update keeps the fraction ``decay`` of the average, less in the first steps, so that the
-    init weights have little influence. ``network`` has the average, in evaluation mode.
-    """
-
-    def __init__(self, network: nn.Module, decay: float) -> None:
-        self.network = copy.deepcopy(network).eval().requires_grad_(False)
-        self.decay = decay
-
-    @torch.no_grad()
-    def update(self, network: nn.Module, step: int) -> None:
-        """Update the average with the weights after a step, counted from 1."""
-        decay = min(self.decay, step / (step + 9))
-        now = network.state_dict()
-        for name, average in self.network.state_dict().items():
-            if average.dtype.is_floating_point:
-                average.lerp_(now[name].to(average.dtype), 1 - decay)
-            else:
-                average.copy_(now[name])
-
-
-def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> torch.optim.Optimizer:
-    """AdamW over the networks of a phase, which is Adam where nothing decays."""
-    networks, heads = method.networks(phase), method.heads() if optim.head_learning_rate else []
-    body = [network for network in networks if network not in heads]
-    encoders = [network.encoder for network in body if isinstance(network, EncoderGenerator)]
-    groups = _parameter_groups([p for network in body for p in _parts(network)], optim.weight_decay)
-    for group in _parameter_groups(encoders, optim.weight_decay):
-        groups.append(group | {"lr": optim.learning_rate * optim.encoder_rate})
-    for group in _parameter_groups(
-        [network for network in networks if network in heads], optim.weight_decay
-    ):
-        betas = (optim.head_beta1, optim.head_beta2)
-        groups.append(group | {"lr": optim.head_learning_rate, "betas": betas})
-    return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
-
-
-def _parts(network: nn.Module) -> list[nn.Module]:
-    """The network, or its parts without an encoder of timm."""
-    if not isinstance(network, EncoderGenerator):
-        return [network]
-    return [part for part in network.children() if part is not network.encoder]
-
-
-def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:
-    """Kernels and matrices, which decay, and the rest, which does not."""
-    weights = [w for network in networks for w in network.parameters()]
-    groups: list[dict[str, Any]] = [
-        {"params": [w for w in weights if w.ndim > 1], "weight_decay": weight_decay},
-        {"params": [w for w in weights if w.ndim <= 1], "weight_decay": 0.0},
-    ]
-    return [group for group in groups if group["params"]]
-
-
+_RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that users choose
 _ACCELERATORS = {"cuda": torch.cuda, "mps": torch.mps}
-
-
-def process_state(method: Method, device: torch.device) -> dict[str, Any]:
-    """The state of this process, on the CPU, by the checkpoint's keys."""
-    accelerator = _ACCELERATORS.get(device.type)
-    return {
-        "rng": torch.get_rng_state(),
-        "device_rng": accelerator.get_rng_state(device) if accelerator else None,
-        "extra": {
-            name: [image.cpu() for image in images] for name, images in method.extra_state().items()
-        },
-    }
-
-
-def load_process_state(method: Method, device: torch.device, state: dict[str, Any]) -> None:
-    """Restore a state returned by :func:`process_state`."""
-    method.load_extra_state(
-        {name: [image.to(device) for image in images] for name, images in state["extra"].items()}
-    )
-    torch.set_rng_state(state["rng"])
-    accelerator, saved = _ACCELERATORS.get(device.type), state["device_rng"]
-    # The states of different kinds of accelerators, between which a run can move, differ in size.
-    if accelerator and saved is not None and len(saved) == len(accelerator.get_rng_state(device)):
-        accelerator.set_rng_state(saved, device)
-
-
 _ADVICE = (
     "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "
     "which is kept"
 )
-
-
-def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
-    """The loss terms as floats, averaged over the processes, in one transfer from the device.
-
-    Raises:
-        TrainingError: one of them is not finite; the message names it.
-    """
-    together = torch.stack([term.detach().float() for term in losses.values()])
-    if fabric.world_size > 1:
-        together = fabric.all_reduce(together, reduce_op="mean")  # type: ignore[assignment]
-    values = dict(zip(losses, together.tolist(), strict=True))
-    for name, value in values.items():
-        if not math.isfinite(value):
-            raise TrainingError(f"the loss term '{name}' became {value}", _ADVICE)
-    return values
-
-
-def check_weights(method: nn.Module, step: int) -> None:
-    """Check the weights before they are saved: a finite loss can have a gradient that is not.
-
-    Raises:
-        TrainingError: a weight is not finite; the message names its network and the step.
-    """
-    for name, network in method.named_children():
-        whole = [weight.isfinite().all() for weight in network.state_dict().values()]
-        if whole and not bool(torch.stack(whole).all()):
-            raise TrainingError(f"a weight of '{name}' is not finite after step {step}", _ADVICE)
-
-
-_RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that users choose
 
 
 class Run:
@@ -154,7 +41,7 @@ class Run:
     ``steps`` is the number of steps of the whole schedule, ``state`` how far the run has come.
     """
 
-    optimizers: dict[Phase, torch.optim.Optimizer]
+    optimizers: dict[Phase, Optimizer]
 
     def __init__(self, config: TrainConfig, fabric: Fabric, steps_per_epoch: int) -> None:
         fabric.seed_everything(config.seed, verbose=False)
@@ -173,9 +60,7 @@ class Run:
         self.optimizers = dict(zip(phases, ready, strict=True))
         decay = config.optim.ema
         self.average = WeightAverage(self.method.generator, decay) if decay else None
-        if (
-            fabric.global_rank
-        ):  # the same weights, but other random numbers (dropout, patches, pools)
+        if fabric.global_rank:  # the same weights, but other dropout, patches and pools
             torch.manual_seed(config.seed + _RANK_STRIDE * fabric.global_rank)
 
     @property
@@ -183,18 +68,18 @@ class Run:
         """The network that is validated: the weight average, if there is one."""
         return self.average.network if self.average else self.method.generator
 
-    def load_init_weights(self, paths: Sequence[Path], pictures: Callable[[], Tensor]) -> str:
+    def load_init_weights(self, paths: Sequence[Path], images: Callable[[], Tensor]) -> str:
         """Load the mean weights of exported models or checkpoints; returns their origin.
 
-        ``pictures`` is as for :func:`depthcli.training.initial_weights.load_init_weights`.
+        ``images`` is as for :func:`depthcli.training.init_weights.load_init_weights`.
 
         Raises:
             CheckpointError: they do not fit.
         """
-        started = load_init_weights(self.method.generator, paths, pictures)
+        origin = load_init_weights(self.method.generator, paths, images)
         if self.average:
             self.average = WeightAverage(self.method.generator, self.config.optim.ema)
-        return started
+        return origin
 
     def step(self, batch: TrainingBatch) -> dict[str, float]:
         """One optimization step of every phase; the loss terms by name.
@@ -232,7 +117,7 @@ class Run:
             CheckpointError: it cannot be written; the previous one is kept.
             TrainingError: a weight is not finite; the previous one is kept.
         """
-        check_weights(self.method, self.state.step)
+        self.check_weights()
         own = process_state(self.method, self.fabric.device)
         others = gather_states(self.fabric, own)
         if not self.fabric.is_global_zero:
@@ -248,6 +133,18 @@ class Run:
             others=others,
             **own,
         ).save(path)
+
+    def check_weights(self) -> None:
+        """Check the weights before they are saved: a finite loss can have a gradient that is not.
+
+        Raises:
+            TrainingError: a weight is not finite; the message names its network and the step.
+        """
+        for name, network in self.method.named_children():
+            finite = [weight.isfinite().all() for weight in network.state_dict().values()]
+            if finite and not bool(torch.stack(finite).all()):
+                problem = f"a weight of '{name}' is not finite after step {self.state.step}"
+                raise TrainingError(problem, _ADVICE)
 
     def resume(self, path: Path) -> None:
         """Restore the state of a checkpoint, if there is one.
@@ -270,7 +167,7 @@ class Run:
             )
         try:
             self._load(saved)
-        except (AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+        except (LookupError, RuntimeError, TypeError, ValueError) as error:
             raise CheckpointError(
                 f"{path} does not fit the networks of its own configuration", "give another {out}"
             ) from error
@@ -279,9 +176,9 @@ class Run:
     def _load(self, saved: Checkpoint) -> None:
         self.method.load_state_dict(saved.method)
         for phase, optimizer in self.optimizers.items():
-            state = saved.optimizers[phase]["state"]
             # Learning rates and the like come from the configuration, not from the file.
             own_groups = optimizer.state_dict()["param_groups"]
+            state = saved.optimizers[phase]["state"]
             optimizer.load_state_dict({"state": state, "param_groups": own_groups})
         if self.average:
             self.average.network.load_state_dict(saved.ema_generator or {})
@@ -292,5 +189,113 @@ class Run:
         load_process_state(self.method, self.fabric.device, own)
 
 
-def _weights(optimizer: torch.optim.Optimizer) -> list[Tensor]:
+class WeightAverage:
+    """Exponential moving average (EMA) of a network's weights.
+
+    Each update keeps the fraction ``decay`` of the average, less in the first steps, so that the
+    random initial weights have little influence. ``network`` has the average, in evaluation mode.
+    """
+
+    def __init__(self, network: nn.Module, decay: float) -> None:
+        self.network = copy.deepcopy(network).eval().requires_grad_(False)
+        self.decay = decay
+
+    @torch.no_grad()
+    def update(self, network: nn.Module, step: int) -> None:
+        """Update the average with the weights after a step, counted from 1."""
+        decay = min(self.decay, step / (step + 9))
+        now = network.state_dict()
+        for name, average in self.network.state_dict().items():
+            if average.dtype.is_floating_point:
+                average.lerp_(now[name].to(average.dtype), 1 - decay)
+            else:
+                average.copy_(now[name])
+
+
+def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> Optimizer:
+    """AdamW over the networks of a phase, which is Adam where nothing decays."""
+    networks, heads = method.networks(phase), method.heads() if optim.head_learning_rate else []
+    body = [network for network in networks if network not in heads]
+    encoders = [network.encoder for network in body if isinstance(network, EncoderGenerator)]
+    groups = _parameter_groups([p for network in body for p in _parts(network)], optim.weight_decay)
+    for group in _parameter_groups(encoders, optim.weight_decay):
+        groups.append(group | {"lr": optim.learning_rate * optim.encoder_rate})
+    own = {"lr": optim.head_learning_rate, "betas": (optim.head_beta1, optim.head_beta2)}
+    heads = [network for network in networks if network in heads]
+    groups += [group | own for group in _parameter_groups(heads, optim.weight_decay)]
+    return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
+
+
+def _parts(network: nn.Module) -> list[nn.Module]:
+    """The network, or its parts without an encoder of timm."""
+    if not isinstance(network, EncoderGenerator):
+        return [network]
+    return [part for part in network.children() if part is not network.encoder]
+
+
+def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:
+    """Kernels and matrices, which decay, and the rest, which does not."""
+    weights = [w for network in networks for w in network.parameters()]
+    groups: list[dict[str, Any]] = [
+        {"params": [w for w in weights if w.ndim > 1], "weight_decay": weight_decay},
+        {"params": [w for w in weights if w.ndim <= 1], "weight_decay": 0.0},
+    ]
+    return [group for group in groups if group["params"]]
+
+
+def _weights(optimizer: Optimizer) -> list[Tensor]:
     return [weight for group in optimizer.param_groups for weight in group["params"]]
+
+
+def lr_factor(optim: OptimConfig, step: int, steps_per_epoch: int) -> float:
+    """Factor on the learning rate at a step, counted from 0 over the whole run.
+
+    ``linear`` is 1 for c epochs, then falls over d to zero: 1 − max(0, e+1−c)/(d+1); ``cosine`` is
+    half a cosine over all steps. Either is multiplied by a ramp over ``optim.warmup_steps``.
+    """
+    ramp = min(1.0, (step + 1) / optim.warmup_steps) if optim.warmup_steps else 1.0
+    if optim.schedule == "linear":
+        past = max(0, step // steps_per_epoch + 1 - optim.epochs_constant)
+        return ramp * (1.0 - past / (optim.epochs_decay + 1))
+    steps = optim.epochs * steps_per_epoch
+    return ramp * 0.5 * (1.0 + math.cos(math.pi * min(step, steps) / steps))
+
+
+def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
+    """The loss terms as floats, averaged over the processes, in one transfer from the device.
+
+    Raises:
+        TrainingError: one of them is not finite; the message names it.
+    """
+    together = torch.stack([term.detach().float() for term in losses.values()])
+    if fabric.world_size > 1:
+        together = fabric.all_reduce(together, reduce_op="mean")  # type: ignore[assignment]
+    values = dict(zip(losses, together.tolist(), strict=True))
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise TrainingError(f"the loss term '{name}' became {value}", _ADVICE)
+    return values
+
+
+def process_state(method: Method, device: torch.device) -> dict[str, Any]:
+    """State that differs between processes, on the CPU, by the checkpoint's keys."""
+    accelerator = _ACCELERATORS.get(device.type)
+    return {
+        "rng": torch.get_rng_state(),
+        "device_rng": accelerator.get_rng_state(device) if accelerator else None,
+        "extra": {
+            name: [image.cpu() for image in images] for name, images in method.extra_state().items()
+        },
+    }
+
+
+def load_process_state(method: Method, device: torch.device, state: dict[str, Any]) -> None:
+    """Restore a state returned by :func:`process_state`."""
+    method.load_extra_state(
+        {name: [image.to(device) for image in images] for name, images in state["extra"].items()}
+    )
+    torch.set_rng_state(state["rng"])
+    accelerator, saved = _ACCELERATORS.get(device.type), state["device_rng"]
+    # The states of different kinds of accelerators, between which a run can move, differ in size.
+    if accelerator and saved is not None and len(saved) == len(accelerator.get_rng_state(device)):
+        accelerator.set_rng_state(saved, device)

@@ -1,23 +1,52 @@
-"""Overrides of a configuration: TOML files, then ``a.b=c`` settings.
-
-Unknown names and values of a wrong type are refused.
-"""
+"""Resolving the configuration of a run from a method, a preset, TOML files and settings."""
 
 import ast
 import tomllib
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from depthcli.core.text import short_repr
-from depthcli.core.validation import FieldError, merged
 from depthcli.errors import UsageError
-from depthcli.io.storage.paths import read_regular
-from depthcli.training.config import TrainConfig, check_range, check_sides
+from depthcli.training.checkpoint import CHECKPOINT, saved_checkpoint
+from depthcli.training.config import TrainConfig, check_config, updated
+from depthcli.training.methods.registry import check_terms, default_config
+from depthcli.training.presets import preset_file
+from depthcli.training.provenance import config_differences, mismatch_error, value_differences
 
-T = TypeVar("T")
-_MAX_FILE_BYTES = 2**20
+
+def resolve_config(
+    method: str,
+    preset: str | None = None,
+    files: Sequence[Path] = (),
+    settings: Sequence[str] = (),
+    folder: Path | None = None,
+) -> TrainConfig:
+    """A method's default configuration, overridden by a preset, files and ``a.b=c`` settings.
+
+    Later ones override earlier ones. If ``folder`` has a checkpoint, its configuration is returned.
+
+    Raises:
+        UsageError: a name or a value is wrong.
+        CheckpointError: the checkpoint has another configuration.
+    """
+    usual = default_config(method)
+    files = [preset_file(preset), *files] if preset else files
+    saved = None if folder is None else saved_checkpoint(folder)
+    if folder is not None and saved is not None:
+        mismatches = (
+            *value_differences({"method": saved.config.method}, {"method": method}),
+            *config_differences(saved.config, apply_overrides(saved.config, files, settings)),
+        )
+        if mismatches:
+            raise mismatch_error(folder / CHECKPOINT, mismatches)
+        return saved.config
+    resolved = apply_overrides(usual, files, settings)
+    if resolved.method != method:
+        raise UsageError(f"the settings are of method {resolved.method}, not {method}")
+    check_terms(resolved)
+    return resolved
 
 
 def apply_overrides(
@@ -31,32 +60,15 @@ def apply_overrides(
     """
     for file in files:
         try:
-            changes = tomllib.loads(read_regular(file, _MAX_FILE_BYTES).decode())
+            base = updated(base, tomllib.loads(file.read_text("utf-8")))
         except OSError as error:
             raise UsageError(f"cannot read the configuration {file}: {error.strerror}") from None
-        except (ValueError, RecursionError) as error:
-            raise UsageError(f"the configuration {file} is not TOML in UTF-8: {error}") from None
-        try:
-            base = updated(base, changes)
-        except UsageError as error:
-            raise UsageError(f"{file}: {error}") from None
+        except (ValueError, UsageError) as error:
+            raise UsageError(f"the configuration {file} cannot be used: {error}") from None
     for setting in settings:
         base = updated(base, _nested(setting))
-    check_range(base)
-    check_sides(base)
+    check_config(base)
     return base
-
-
-def updated(config: T, changes: object) -> T:
-    """A copy with some fields replaced; nested mappings replace fields of nested dataclasses.
-
-    Raises:
-        UsageError: a name is unknown or a value has the wrong type.
-    """
-    try:
-        return merged(config, changes)
-    except FieldError as refused:
-        raise UsageError(str(refused)) from None
 
 
 def _nested(setting: str) -> dict[str, Any]:
@@ -68,29 +80,10 @@ def _nested(setting: str) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)  # for example of "1if", which is text
             value = words[text.lower()] if text.lower() in words else ast.literal_eval(text)
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+    except (ValueError, TypeError, SyntaxError):
         value = text
     *outer, last = key.split(".")
     nested: dict[str, Any] = {last: value}
     for part in reversed(outer):
         nested = {part: nested}
     return nested
-
-
-FOLDER = Path(__file__).parent / "presets"
-
-
-def preset_file(name: str) -> Path:
-    """The TOML file of a preset.
-
-    Raises:
-        UsageError: there is no such preset.
-    """
-    if name not in preset_names():
-        raise UsageError(f"no preset '{name}'; choose from {', '.join(preset_names())}")
-    return FOLDER / f"{name}.toml"
-
-
-def preset_names() -> tuple[str, ...]:
-    """Names of the presets, in alphabetic order."""
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))

@@ -25,10 +25,10 @@ from depthcli.datasets.training_data import NYU_PAPER, TrainingData
 from depthcli.errors import ExitCode
 from depthcli.inference.pipeline import load
 from depthcli.training.callbacks import Callback
+from depthcli.training.config import updated
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
-from depthcli.training.settings import updated
 
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset

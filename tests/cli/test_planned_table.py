@@ -12,8 +12,9 @@ import pytest
 from depthcli.cli.app import main
 from depthcli.training.methods.registry import default_config
 from depthcli.training.methods.table import METHODS
-from depthcli.training.schedule import lr_factor
-from depthcli.training.settings import apply_overrides, preset_file
+from depthcli.training.presets import preset_file
+from depthcli.training.run import lr_factor
+from depthcli.training.settings import apply_overrides
 from docs import write_methods
 
 PAGE = (Path(__file__).parents[2] / "docs" / "methods.md").read_text("utf-8")

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 TINY = """
 [generator]
 name = "efficient"
-encoder = [4, 4, 8, 8, 8]
-decoder = [8, 8, 4, 4]
+encoder = [8, 8, 8, 8, 8]
+decoder = [8, 8, 8, 8]
 depths = [1, 1, 1, 1]
 
 [data]
@@ -205,8 +205,8 @@ def test_warnings_say_what_initial_weights_have_seen_and_lose(folder: Path) -> N
         "scores are not those of new pictures"
     )
     assert narrowed == (
-        "depthcli: warning: the decoder of the init weights, [8,8,4,4], is narrowed to "
-        "[8,6,4,4]; --set generator.decoder=[8,8,4,4] keeps it"
+        "depthcli: warning: the decoder of the init weights, [8,8,8,8], is narrowed to "
+        "[8,6,4,4]; --set generator.decoder=[8,8,8,8] keeps it"
     )
     epoch = json.loads(done.stdout.splitlines()[0])
     assert epoch["start"].startswith("last.ckpt ")

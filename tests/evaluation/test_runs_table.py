@@ -25,7 +25,7 @@ from depthcli.evaluation.text import report_page
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
-from depthcli.training.trained import TrainedRun
+from depthcli.training.provenance import TrainedRun
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

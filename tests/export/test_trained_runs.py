@@ -17,7 +17,7 @@ from depthcli.export import trained
 from depthcli.export.trained import export_run, find_runs, open_run
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.trained import TrainedRun
+from depthcli.training.provenance import TrainedRun
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -108,8 +108,8 @@ EFFICIENT = replace(
     PAPER,
     generator=GeneratorConfig(
         name="efficient",
-        encoder=(4, 4, 8, 8, 8),
-        decoder=(8, 8, 4, 4),
+        encoder=(8, 8, 8, 8, 8),  # torch 2.13 corrupts memory with widths below 8
+        decoder=(8, 8, 8, 8),
         depths=(1, 1, 1, 1),
         dropout=0.2,
     ),

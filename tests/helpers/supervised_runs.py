@@ -47,7 +47,7 @@ def train_two_steps(
     return fit(config, data, folder, fabric, Callback(), Limits(steps=2), init_weights=sources)
 
 
-def write_extra(folder: Path, prefix: str = "photo-") -> Path:
+def write_pseudo_labels(folder: Path, prefix: str = "photo-") -> Path:
     """A folder of pseudo labels, the six rooms under names that begin so."""
     write_rooms(folder)
     (folder / "index.csv").unlink()

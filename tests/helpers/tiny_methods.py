@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from depthcli.training.config import updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
-from depthcli.training.settings import updated
 
 if TYPE_CHECKING:
     from depthcli.training.config import TrainConfig

@@ -13,9 +13,9 @@ from depthcli.errors import CheckpointError, ModelError
 from depthcli.inference.session import Session
 from depthcli.jobs.train import weights_file
 from depthcli.models.catalog import find_model
-from depthcli.training.initial_weights import load_init_weights
+from depthcli.training.init_weights import load_init_weights
 from depthcli.training.networks.build import build_generator
-from depthcli.training.resolve import resolve_config
+from depthcli.training.settings import resolve_config
 
 
 @pytest.mark.parametrize("name", ["default", "fast", "float"])

@@ -11,7 +11,7 @@ from helpers.seeded import seeded
 from torch import Tensor
 
 from depthcli.training.augment import augment, to_network_input
-from depthcli.training.config import DataConfig, TrainConfig, check_range
+from depthcli.training.config import DataConfig, TrainConfig, check_config
 
 PLAIN = DataConfig(width=32, height=24)
 FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)
@@ -122,7 +122,7 @@ def _corners(data: DataConfig, count: int, seed: int) -> Tensor:
 @pytest.mark.parametrize(("width", "height"), [(48, 36), (36, 48), (32, 32)])
 def test_views_reach_every_edge_and_never_leave_the_picture(width: int, height: int) -> None:
     data = DataConfig(width=width, height=height, zoom=1.6, rotate_deg=11.4)
-    check_range(TrainConfig(data=data))
+    check_config(TrainConfig(data=data))
     corners = _corners(data, 600, seed=5)
     assert float(corners.abs().max()) < 1 + 1e-4
     assert float(corners.amax((0, 1)).min()) > 0.995

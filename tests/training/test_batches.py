@@ -10,7 +10,7 @@ import torch
 from helpers.rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 
 from depthcli.errors import DatasetError, UsageError
-from depthcli.training.data import Batches, PairStore, TrainingBatch, _stored_size, whole_pictures
+from depthcli.training.data import Batches, PairStore, TrainingBatch, _stored_size, whole_images
 from depthcli.training.provenance import train_val_split
 
 CPU = torch.device("cpu")
@@ -157,7 +157,7 @@ def test_store_keeps_depth_to_five_millimetres() -> None:
 
 def test_whole_pictures_are_not_augmented() -> None:
     store = PairStore(rooms(), HELD_OUT, DATA)
-    (gray,) = whole_pictures(store, DATA, torch.tensor([0]))
+    (gray,) = whole_images(store, DATA, torch.tensor([0]))
     wanted = torch.nn.functional.avg_pool2d(store.rgb.float(), 2).amax(1) / 255 * 2 - 1
     torch.testing.assert_close(gray, wanted)
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from depthcli.errors import UsageError
 from depthcli.training.augment import augment, cutmix
-from depthcli.training.config import DataConfig, OptimConfig, TrainConfig, check_range
+from depthcli.training.config import DataConfig, OptimConfig, TrainConfig, check_config
 
 COUNT, HEIGHT, WIDTH = 50, 24, 32
 
@@ -107,4 +107,4 @@ def test_a_pasted_piece_brings_its_holes_along() -> None:
 def test_one_view_has_no_other_to_take_from() -> None:
     config = TrainConfig(data=DataConfig(cutmix=0.5), optim=OptimConfig(batch_size=1))
     with pytest.raises(UsageError, match=r"data\.cutmix"):
-        check_range(config)
+        check_config(config)

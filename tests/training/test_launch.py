@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from depthcli.errors import TrainingError, UsageError
-from depthcli.training import devices as launch
 from depthcli.training.devices import AveragingStrategy, launched, open_fabric
 
 if TYPE_CHECKING:
@@ -29,7 +28,7 @@ def test_several_devices_average_and_one_does_not() -> None:
     assert not logging.getLogger("lightning_fabric").isEnabledFor(logging.WARNING)
     with launched(one):  # nothing is started
         pass
-    with pytest.raises(UsageError, match="accelerator abacus, --devices 1 and precision=32-true"):
+    with pytest.raises(UsageError, match="abacus"):
         open_fabric("abacus", "32-true")
 
 
@@ -49,8 +48,7 @@ class _Others(SimpleNamespace):
 
 
 @pytest.fixture
-def others(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    monkeypatch.setattr(launch, "_GRACE_PERIOD_S", 30.0)
+def others() -> Iterator[Any]:
     made: list[_Others] = []
 
     def make(*programs: str, rank: int = 0) -> _Others:
@@ -81,18 +79,8 @@ def test_an_error_of_the_first_ends_the_others(others: Any) -> None:
     assert fabric.codes == [-9, -9]
 
 
-def test_another_that_ended_early_is_told(others: Any) -> None:
-    fabric = others(ENDLESS, "raise SystemExit(3)")
-    with pytest.raises(TrainingError, match="ended early; the last checkpoint"), launched(fabric):
+def test_lost_connection_is_a_training_error(others: Any) -> None:
+    fabric = others(ENDLESS, ENDLESS)
+    with pytest.raises(TrainingError, match="connection closed"), launched(fabric):
         raise RuntimeError("connection closed")
-    assert fabric.codes == [-9, 3]
-
-
-@pytest.mark.parametrize("rank", [0, 1])
-def test_an_error_of_the_connection_alone_stays_what_it_is(
-    others: Any, rank: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(launch, "_GRACE_PERIOD_S", 0.05)
-    fabric = others(ENDLESS if not rank else "", rank=rank)
-    with pytest.raises(RuntimeError, match="no memory"), launched(fabric):
-        raise RuntimeError("no memory")
+    assert fabric.codes == [-9, -9]

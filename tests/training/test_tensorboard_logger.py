@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 SETTINGS = (
     "generator.name=efficient",
-    "generator.encoder=[4,4,8,8,8]",
-    "generator.decoder=[8,8,4,4]",
+    "generator.encoder=[8,8,8,8,8]",
+    "generator.decoder=[8,8,8,8]",
     "generator.depths=[1,1,1,1]",
     "data.width=64",
     "data.height=48",

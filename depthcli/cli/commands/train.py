@@ -19,7 +19,7 @@ from depthcli.cli.process import ending_signals
 from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.training.methods.table import METHODS
-from depthcli.training.settings import preset_names
+from depthcli.training.presets import preset_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -159,7 +159,7 @@ def train(
     """Train one or more methods. Run the same command again to resume."""
     from depthcli.cli.parse import listed
     from depthcli.cli.screen.training import show_config
-    from depthcli.training.resolve import resolve_config
+    from depthcli.training.settings import resolve_config
 
     methods, seeds = listed(runs.methods) or (method or "",), listed(runs.seeds)
     if not methods[0] or (method and runs.methods):

@@ -81,11 +81,6 @@ class _Reporter(Callback):
                 f"the decoder of the init weights, {before}, is narrowed to {after}; "
                 f"--set generator.decoder={before} keeps it"
             )
-        if start.other_coding:
-            console.warn(
-                "the init weights are used as they are, but they were trained with other "
-                f"settings: {'; '.join(start.other_coding)}"
-            )
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Store the losses for the end of the epoch."""

@@ -26,7 +26,6 @@ class Method(nn.Module):
 
     Attributes:
         TERMS: the weights of ``LossConfig`` that the method uses; others have to be zero.
-        SETTINGS: the settings that this method uses and some other methods do not.
         PAIRED: whether it can be trained with aligned pairs of picture and depth map.
         DEPTH: whether it learns from depth; if not, it is for ``--init``, and predicts no depth.
         phases: the order of the two half steps.
@@ -35,7 +34,6 @@ class Method(nn.Module):
     """
 
     TERMS: ClassVar[frozenset[str]]
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
     PAIRED: ClassVar[bool] = False
     DEPTH: ClassVar[bool] = True
     phases: tuple[Phase, ...]

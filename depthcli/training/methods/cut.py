@@ -36,7 +36,6 @@ class Cut(Method):
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y"})
-    SETTINGS: ClassVar = frozenset({"loss.flip_contrast"})
     phases: tuple[Phase, ...] = ("discriminator", "generator")
 
     def __init__(self, config: TrainConfig) -> None:
@@ -108,7 +107,6 @@ class HnegSrc(Cut):
     """GAN + hDCE of x and G(x) + hDCE of y and G(y) + SRC of x and G(x)."""
 
     TERMS: ClassVar = Cut.TERMS | {"relation"}
-    SETTINGS: ClassVar = Cut.SETTINGS | {"loss.gamma_start", "loss.gamma_end"}
 
     @property
     def gamma(self) -> float:

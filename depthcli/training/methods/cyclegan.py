@@ -68,7 +68,6 @@ class CycleGan(Method):
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "cycle", "identity"})
-    SETTINGS: ClassVar = frozenset({"optim.pool_size"})
     phases: tuple[Phase, ...] = ("generator", "discriminator")
 
     def __init__(self, config: TrainConfig) -> None:

@@ -46,9 +46,6 @@ class DclGan(Method):
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y", "identity"})
-    SETTINGS: ClassVar = frozenset(
-        {"optim.head_learning_rate", "optim.head_beta1", "optim.head_beta2"}
-    )
     phases: tuple[Phase, ...] = ("discriminator", "generator")
 
     def __init__(self, config: TrainConfig) -> None:

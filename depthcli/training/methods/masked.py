@@ -23,7 +23,6 @@ class Masked(Method):
     """
 
     TERMS: ClassVar = frozenset({"reconstruction"})
-    SETTINGS: ClassVar = frozenset({"loss.hidden"})
     PAIRED: ClassVar = True
     DEPTH: ClassVar = False
     phases: tuple[Phase, ...] = ("generator",)

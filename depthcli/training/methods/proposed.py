@@ -24,14 +24,6 @@ class Proposed(CycleGan):
     """Eq. 7; a weight of zero leaves the term and its networks out."""
 
     TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", *PAIRED_LOSSES}
-    SETTINGS: ClassVar = CycleGan.SETTINGS | {
-        "loss.adversarial_backward",
-        "data.pseudo_label_share",
-        "loss.contrast",
-        "loss.pseudo_label_scale",
-        "loss.l1_backward",
-        "loss.weight_penalty",
-    }
     PAIRED: ClassVar = True
 
     def __init__(self, config: TrainConfig) -> None:

@@ -5,10 +5,9 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 from depthcli.errors import UsageError
-from depthcli.training.config import TERMS, TrainConfig
+from depthcli.training.config import TERMS, TrainConfig, updated
 from depthcli.training.methods.base import Method
 from depthcli.training.methods.table import METHODS, PRETRAINING
-from depthcli.training.settings import updated
 
 _ALL = METHODS | PRETRAINING
 
@@ -47,38 +46,25 @@ def build_method(config: TrainConfig) -> Method:
     """The method of a configuration, newly initialized.
 
     Raises:
-        UsageError: there is no such method, or a setting would have no effect.
+        UsageError: there is no such method, or a loss would have no effect.
     """
     check_terms(config)
     return method_class(config.method)(config)
 
 
 def check_terms(config: TrainConfig) -> None:
-    """Check that the method uses all losses and settings of the configuration.
+    """Check that the method uses all losses of the configuration.
 
     Raises:
         UsageError: one of them would have no effect.
     """
     method = method_class(config.method)
-    supported = method.TERMS
-    known = ", loss.".join(sorted(supported))
-    unknown = [name for name in TERMS if getattr(config.loss, name) and name not in supported]
+    supported = ", loss.".join(sorted(method.TERMS))
+    weights = {name: getattr(config.loss, name) for name in TERMS}
+    unknown = [name for name, weight in weights.items() if weight and name not in method.TERMS]
     if unknown:
-        raise UsageError(f"{config.method} has no loss.{unknown[0]}; it has loss.{known}")
-    if not any(getattr(config.loss, name) for name in supported):
-        raise UsageError(f"set one of loss.{known} above 0")
-    _check_settings(config, method.SETTINGS)
+        raise UsageError(f"{config.method} has no loss.{unknown[0]}; it has loss.{supported}")
+    if not any(weights.values()):
+        raise UsageError(f"set one of loss.{supported} above 0")
     if config.data.paired and not method.PAIRED:
         raise UsageError(f"{config.method} trains on unpaired data: remove data.paired")
-
-
-def _check_settings(config: TrainConfig, supported: frozenset[str]) -> None:
-    usual = default_config(config.method)
-    for path in sorted(frozenset().union(*(method_class(name).SETTINGS for name in _ALL))):
-        if path not in supported and _setting(config, path) != _setting(usual, path):
-            raise UsageError(f"{config.method} does not use {path}: remove it")
-
-
-def _setting(config: TrainConfig, path: str) -> object:
-    group, name = path.split(".")
-    return getattr(getattr(config, group), name)

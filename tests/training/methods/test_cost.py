@@ -7,10 +7,10 @@ import torch
 from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
+from depthcli.training.config import updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
 from depthcli.training.methods.table import METHODS
-from depthcli.training.settings import updated
 
 TFLOP = {
     "cyclegan": 1.85,

@@ -20,11 +20,11 @@ from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
+from depthcli.training.config import updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.masked import Masked, hidden_blocks
 from depthcli.training.methods.registry import build_method, check_terms, default_config
-from depthcli.training.settings import updated
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,7 +36,7 @@ SMALL: dict[str, Any] = SIZES | {
     "optim": {"epochs_decay": 2, "batch_size": 2, "warmup_steps": 1},
 }
 NETWORKS = {
-    "efficient": {"encoder": [4, 4, 8, 8, 8], "decoder": [8, 8, 4, 4], "depths": [1, 1, 1, 1]},
+    "efficient": {"encoder": [8, 8, 8, 8, 8], "decoder": [8, 8, 8, 8], "depths": [1, 1, 1, 1]},
     "resnet": {"width": 8, "blocks": 2},
 }
 

@@ -9,9 +9,10 @@ import torch
 from helpers.tiny_methods import batch, tiny, tiny_method
 
 from depthcli.errors import UsageError
+from depthcli.training.config import updated
 from depthcli.training.methods.registry import build_method, default_config
 from depthcli.training.methods.table import METHODS
-from depthcli.training.settings import apply_overrides, updated
+from depthcli.training.settings import apply_overrides
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -1,0 +1,150 @@
+"""Pseudo labels: pairs whose metres are less sure, a share of each batch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import torch
+from helpers.made import exif, jpeg_with_exif
+from helpers.rooms import PAPER, TRAIN, room_data, rooms
+from helpers.supervised_runs import SUPERVISED, train_two_steps, write_pseudo_labels
+from helpers.tiny import write_model, write_picture
+
+from depthcli.cli.app import main
+from depthcli.datasets.folders import open_paired_folder
+from depthcli.errors import CheckpointError, UsageError
+from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
+from depthcli.training.data import Batches, PairStore, TrainingBatch
+from depthcli.training.methods.proposed import Proposed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from torch import Tensor
+
+CPU = torch.device("cpu")
+GRAY, SEEN_M = 128, 5 + 4 * (2 * 128 / 255 - 1)
+"""An image of one brightness, and the depth that the tiny model sees in it at any size."""
+
+
+def test_batch_has_its_share_of_pseudo_labels() -> None:
+    data = replace(PAPER.data, pseudo_label_share=0.25, zoom=1.2, turn=1.0)
+    store, dark = PairStore(rooms(), TRAIN, data), PairStore(rooms(), TRAIN, data)
+    dark.rgb.zero_()
+    batches = Batches(store, data, 4, 0, CPU, pseudo_labels=dark)
+    assert batches.steps_per_epoch == len(TRAIN) // 3
+    for step in range(4):
+        batch = batches[step]
+        assert batch.is_pseudo_label is not None
+        assert batch.is_pseudo_label.tolist() == [False, False, False, True]
+        darkness = (batch.network_input == -1).all(3).all(2).all(1)
+        assert torch.equal(darkness, batch.is_pseudo_label)
+        assert torch.equal(batches[step].network_input, batch.network_input)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1])
+def test_share_below_one_pair_is_refused(share: float) -> None:
+    data = replace(PAPER.data, pseudo_label_share=share)
+    store = PairStore(rooms(), TRAIN, data)
+    with pytest.raises(UsageError, match=r"data\.pseudo_label_share"):
+        Batches(store, data, 4, 0, CPU, pseudo_labels=store)
+
+
+def _pull(method: Proposed, image: Tensor, depth_m: Tensor, is_label: Tensor) -> float:
+    """Derivative of eq. 1 with respect to a constant added to the output, log depth."""
+    shift = torch.zeros((), requires_grad=True)
+    with method.generator.register_forward_hook(lambda *call: call[2] + shift):
+        l1 = method(TrainingBatch(image, depth_m, None, is_label), "generator")["l1"]
+    return float(torch.autograd.grad(l1, shift)[0])
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.4, 1.0])
+def test_scale_of_a_pseudo_label_counts_in_part(scale: float) -> None:
+    """A truth that is farther by a factor costs its logarithm times ``pseudo_label_scale``."""
+    torch.manual_seed(0)
+    loss = replace(SUPERVISED.loss, pseudo_label_scale=scale)
+    method = Proposed(replace(SUPERVISED, loss=loss)).eval()
+    image = torch.rand(2, 1, 32, 32) * 2 - 1
+    depth_m = method.codec.decode(method.generator(image).detach().numpy())
+    depth_m = torch.nn.functional.interpolate(torch.from_numpy(depth_m), (32, 32))
+    farther = depth_m * 1.5
+    uneven = farther.clone()
+    uneven[..., 16:, 16:] *= 2
+    for is_label in (torch.tensor([True, True]), torch.tensor([False, False])):
+        same = method(TrainingBatch(image, depth_m, None, is_label), "generator")["l1"]
+        apart = method(TrainingBatch(image, farther, None, is_label), "generator")["l1"]
+        wanted = torch.log(torch.tensor(1.5)) / method.codec.scale
+        wanted = wanted * scale if is_label[0] else wanted
+        assert float(same.detach()) == pytest.approx(0, abs=1e-6)
+        assert float(apart.detach()) == pytest.approx(float(wanted), abs=1e-4)
+        pull = _pull(method, image, uneven, is_label)
+        assert pull == pytest.approx(-scale if is_label[0] else -1, abs=1e-6)
+
+
+def test_invalid_pixels_do_not_move_the_scale_of_a_pseudo_label() -> None:
+    torch.manual_seed(0)
+    method = Proposed(SUPERVISED).eval()
+    image, depth_m = torch.rand(2, 1, 32, 32) * 2 - 1, torch.rand(2, 1, 32, 32) * 3 + 1
+    valid_mask = torch.ones(2, 1, 32, 32, dtype=torch.bool)
+    valid_mask[..., :16] = False
+    wild, is_label = torch.where(valid_mask, depth_m, torch.tensor(9.0)), torch.tensor([True, True])
+    one = method(TrainingBatch(image, depth_m, valid_mask, is_label), "generator")["l1"]
+    other = method(TrainingBatch(image, wild, valid_mask, is_label), "generator")["l1"]
+    torch.testing.assert_close(one, other)
+
+
+def test_run_states_its_pseudo_labels_and_needs_them_to_resume(tmp_path: Path) -> None:
+    labels, run = write_pseudo_labels(tmp_path / "more"), tmp_path / "run"
+    train_two_steps(SUPERVISED, run, None, labels)
+    stated = Checkpoint.load(run / CHECKPOINT).provenance.pseudo_labels
+    assert stated == "6 pseudo labels (more)"
+    with pytest.raises(CheckpointError, match="the pseudo labels are others"):
+        train_two_steps(SUPERVISED, run)
+    moved = labels.rename(tmp_path / "moved")
+    assert train_two_steps(SUPERVISED, run, None, moved).step == 4
+    card = export_checkpoint(run / CHECKPOINT, run / "run.onnx", ExportOptions("run")).card
+    assert card.training["pseudo_labels"] == stated
+
+
+def test_pseudo_labels_need_log_depth(tmp_path: Path) -> None:
+    labels = write_pseudo_labels(tmp_path / "more")
+    config = replace(SUPERVISED, output=replace(SUPERVISED.output, coding="linear"))
+    with pytest.raises(UsageError, match=r"output\.coding=log"):
+        train_two_steps(config, tmp_path / "run", None, labels)
+
+
+@pytest.fixture
+def more(tmp_path: Path) -> Path:
+    """Images of three cameras, and their depth as predicted by ``batch``."""
+    camera = {"camera": {"hfov_deg": 63.3}, "input__width": 192, "input__height": 144}
+    model = write_model(tmp_path / "model", input__fit="keep-aspect", **camera)
+    for name, (height, width) in {"room": (72, 96), "wide": (72, 128), "lens": (96, 72)}.items():
+        picture = np.full((height, width, 3), GRAY, np.uint8)
+        write_picture(tmp_path / "more" / "rgb" / f"{name}.jpg", picture)
+    lens = tmp_path / "more" / "rgb" / "lens.jpg"
+    lens.write_bytes(jpeg_with_exif(lens.read_bytes(), exif(focal_35mm=26)))
+    words = ["batch", str(lens.parent), "--out", str(tmp_path / "more" / "depth"), "--quiet"]
+    assert main([*words, "--format", "png16", "--upsample", "bilinear", "--model", str(model)]) == 0
+    return tmp_path / "more"
+
+
+def test_metres_of_any_camera_become_those_of_the_trained_one(more: Path) -> None:
+    """``batch`` multiplied them by the ratio of focal lengths, which the network cannot see."""
+    pairs = open_paired_folder(more)
+    labels = room_data().with_pseudo_labels(pairs).pseudo_labels
+    assert labels is not None
+    assert pairs.ids == ("lens", "room", "wide")
+    for i, ratio in enumerate((0.926, 1, 1.155)):
+        # The input has whole pixels: up to a half percent from the ideal size.
+        assert np.median(pairs.depth_m(i)) == pytest.approx(SEEN_M * ratio, rel=0.006)
+        assert np.median(labels.depth_m(i)) == pytest.approx(SEEN_M, rel=0.006)
+
+
+def test_cameras_csv_comes_before_the_focal_lengths_of_depth_images(more: Path) -> None:
+    (more / "cameras.csv").write_text("id,focal_px\nlens,100\nroom,200\nwide,400\n")
+    pairs = open_paired_folder(more)
+    assert room_data().with_pseudo_labels(pairs).pseudo_labels == pairs.for_camera(63.3, 4 / 3)
