@@ -35,7 +35,7 @@ from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest.journal import Journal
 from depthcli.io.manifest.row import OK, Origin, Row, output_entry
-from depthcli.jobs.outputs import write_output
+from depthcli.jobs.write import write_output
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:

@@ -49,18 +49,21 @@ from depthcli.io.storage.paths import (
 )
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.inspect import is_depth_video, read_map
-from depthcli.jobs.naming import (
+from depthcli.jobs.output_names import TreeNames
+from depthcli.jobs.outputs import (
+    STDIO,
+    Destination,
+    FormatRules,
+    Kind,
     OutputPlan,
     check_collisions,
-    check_suffix,
     is_folder,
-    refuse_pattern,
 )
-from depthcli.jobs.outputs import FailedInput, failure_reason, output_guard
-from depthcli.jobs.unique_names import TreeNames
+from depthcli.jobs.write import FailedInput, failure_reason, output_guard
 from depthcli.video.depth_video import DepthVideo, depth_frames
 from depthcli.video.numbering import is_pattern, numbered_name
 
+_RULES = FormatRules((), format_of, stem_of, FILE_SUFFIXES)
 _FRAME = r"(?i)\.depth\.\d{6,}$"
 """End of the stem of a numbered file, ``clip.depth.000001``."""
 
@@ -123,15 +126,16 @@ def convert(request: ConvertRequest) -> ConvertResult:
         UsageError: the target's suffix is of no format, or it is a pattern and the name of the
             source is none, or the request does not fit the source.
     """
-    if not is_pattern(path_of(request.source).name):
-        refuse_pattern("", request.target)
+    is_plain = is_pattern(path_of(request.source).name)
+    target_destination(request.target, request.format, is_plain=is_plain)
     stored = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
     return _write_converted(stored, request)
 
 
 def _write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
-    wanted = target_format(request.target, request.format)
+    destination = target_destination(request.target, request.format, is_plain=True)
+    ((wanted, path),) = destination.outputs(path_of(request.target)).items()
     shown = with_camera(stored.displayed, request.camera)
     given = None if request.picture is None else _colours(request, request.picture, shown)
     picture = given
@@ -140,12 +144,8 @@ def _write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertRes
     else:
         depth = shown
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
-    name = request.target
-    check_writable(path_of(name))
-    if not format_of(name):
-        name += wanted.facts.suffix
     guard = output_guard(inputs, overwrite=request.overwrite)
-    with atomic_path(path_of(name), guard=guard) as temporary:
+    with atomic_path(path, guard=guard) as temporary:
         writing = _sidecar_options(request, stored) if wanted is Format.JSON else request.writing
         warnings = writing.writer(wanted).write(depth, temporary, picture)
         round_trip = None
@@ -153,26 +153,27 @@ def _write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertRes
             round_trip = RoundTrip.of(depth, read_stored_depth(temporary, kind=depth.kind).depth)
     of_picture = given.warnings if given else ()
     warnings = (*stored.warnings_with_scale("from_scale"), *of_picture, *warnings)
-    return ConvertResult(safe_name(request.source), name, shown, round_trip, warnings)
+    return ConvertResult(safe_name(request.source), str(path), shown, round_trip, warnings)
 
 
-def target_format(target: str, asked: Format | None) -> Format:
-    """The format to write: the requested one, else that of the target's suffix.
+def target_destination(
+    target: str, asked: Format | None, *, is_plain: bool = False
+) -> Destination[Format]:
+    """Where a converted map goes, and its format.
+
+    Args:
+        target: the file.
+        asked: the format; None for that of the target's suffix.
+        is_plain: whether a placeholder such as ``%04d`` is part of the name.
 
     Raises:
         UsageError: the suffix is of no format or another one, or the target is not a file.
     """
-    if target == "-" or is_folder(target):
-        folder = "" if target == "-" else f"{target.rstrip('/')}/"
-        raise UsageError(f"{target} is not a file; name one, for example {folder}depth.exr")
-    if asked is not None:
-        check_suffix("", target, asked)
-    found = asked or format_of(target)
-    if found is None:
-        suffixes = ", ".join(FILE_SUFFIXES)
-        raise UsageError(
-            f"{target} has no suffix that selects a format", f"use {suffixes}, or give {{format}}"
-        )
+    formats = () if asked is None else (asked,)
+    found = Destination.parse(target, formats, _RULES, is_plain=is_plain)
+    if found.kind in {Kind.FOLDER, Kind.STDOUT}:
+        folder = "" if target == STDIO else f"{target.rstrip('/')}/"
+        raise UsageError(f"{target} is not a file", f"name one, for example {folder}depth.exr")
     return found
 
 
@@ -339,7 +340,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
             suffix is of no format.
     """
     _check_sequence(request)
-    target_format(request.target, request.format)
+    target_destination(request.target, request.format, is_plain=True)
     problem: InputError | None = None
 
     def readable(video: DepthVideo) -> Generator[StoredDepth, None, None]:

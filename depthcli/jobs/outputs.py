@@ -1,103 +1,292 @@
-"""Writing the outputs of a picture, atomically to files or to a stream."""
+"""Where a command writes: ``-o/--out`` and the formats, and the names of its outputs."""
 
-import errno
-from collections.abc import Iterable
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
 
-from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
-from depthcli.errors import (
-    NO_THREADS,
-    DepthcliError,
-    OutputError,
-    is_out_of_memory,
-    is_out_of_threads,
-)
-from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.guard import Guard
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.errors import UsageError
+from depthcli.io.formats.table import Format
+from depthcli.io.listing.folder import RealPaths, is_exr
+from depthcli.io.storage.atomic import is_special
+from depthcli.io.storage.paths import check_writable, path_of, safe_name
+from depthcli.video.formats import VideoFormat
+from depthcli.video.numbering import base_name, is_pattern
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
 
-def output_guard(inputs: Iterable[Path], *, overwrite: bool = False) -> Guard:
-    """Guard of the files that the outputs for some inputs may not replace."""
-    return Guard.of(is_own, inputs, overwrite=overwrite)
+STDIO = "-"
+FormatT = TypeVar("FormatT", Format, VideoFormat)
 
 
-def write_output(
-    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path, guard: Guard
-) -> tuple[str, ...]:
-    """Write one format of a picture's depth to a file.
+class Kind(StrEnum):
+    """What ``-o/--out`` names."""
 
-    Depth is that of all pixels of the frame; only formats with a display window get the overscan.
+    BESIDE = "beside"
+    """Nothing: outputs stand beside their inputs."""
+    FOLDER = "folder"
+    FILE = "file"
+    """One file, or the stem of several."""
+    PATTERN = "pattern"
+    """Numbered files, such as ``depth.%04d.exr``."""
+    STDOUT = "stdout"
 
-    Returns:
-        Warnings, one line each.
+
+@dataclass(frozen=True, slots=True)
+class FormatRules(Generic[FormatT]):
+    """How a command chooses the formats of its outputs."""
+
+    defaults: tuple[FormatT, ...]  #: in a folder, and beside the inputs
+    of_name: Callable[[str], FormatT | None]  #: the format that the name of a file chooses
+    stem_of: Callable[[str], str]  #: a file's name without the suffix of its format
+    suffixes: tuple[str, ...]  #: of files that choose a format, for messages
+    stdout: FormatT | None = None  #: for standard output; None if nothing is written there
+    #: the format that the name of numbered files chooses; None if the command writes none
+    of_pattern: Callable[[str], FormatT | None] | None = None
+    is_bare_folder: bool = False  #: whether a name without suffix is that of a folder
+
+
+@dataclass(frozen=True, slots=True)
+class Destination(Generic[FormatT]):
+    """Where outputs are written, and their formats."""
+
+    kind: Kind
+    path: Path | None  #: file, folder or pattern; None beside the inputs, and for standard output
+    formats: tuple[FormatT, ...]  #: each once
+    sidecar: FormatT | None = None  #: JSON besides, if it is not one of the formats
+    #: the stem of several files at the path; None if it is the whole name of one, or a folder
+    stem: str | None = None
+
+    @classmethod
+    def parse(
+        cls,
+        out: str | None,
+        asked: Sequence[FormatT],
+        rules: FormatRules[FormatT],
+        sidecar: FormatT | None = None,
+        *,
+        is_plain: bool = False,
+    ) -> Self:
+        """Parse ``-o/--out``.
+
+        Args:
+            out: a file or URI, a folder (it exists, or ends in ``/``), a pattern, ``-``, or None.
+            asked: the formats; if there are none, the suffix of ``out`` chooses, or the defaults.
+            rules: those of the command.
+            sidecar: JSON, if it is to be written besides.
+            is_plain: whether a placeholder such as ``%04d`` is part of the name of one file.
+
+        Raises:
+            UsageError: it is empty, of a kind that the command does not write, behind HTTP, or has
+                the suffix of no format or of another one.
+        """
+        kind = _kind_of(out, is_bare_folder=rules.is_bare_folder, is_plain=is_plain)
+        path = None if out is None or kind is Kind.STDOUT else path_of(out)
+        if path is not None:
+            check_writable(path)
+        formats = _formats(kind, path, tuple(dict.fromkeys(asked)), rules)
+        stem = None
+        if path is not None and kind is Kind.FILE:
+            if is_special(path):
+                raise _out_error(path, "is a device or a pipe", "'-' is standard output")
+            if len(formats) > 1 or "%" in formats[0].facts.suffix:
+                stem = rules.stem_of(path.name)
+            elif rules.of_name(path.name) is None:
+                path = path.with_name(path.name + formats[0].facts.suffix)
+        return cls(kind, path, formats, None if sidecar in formats else sidecar, stem)
+
+    @property
+    def wanted(self) -> tuple[FormatT, ...]:
+        """The formats, and the sidecar's."""
+        return self.formats + (() if self.sidecar is None else (self.sidecar,))
+
+    def outputs(self, base: Path) -> dict[FormatT, Path]:
+        """Path of each output of an input; of numbered files, their pattern.
+
+        Args:
+            base: the path of the input's outputs without suffix, where no name is given.
+        """
+        path = self.path
+        if path is None or self.kind is Kind.FOLDER or self.stem is not None:
+            base = path.with_name(self.stem) if path and self.stem is not None else base
+            return {which: base.with_name(base.name + which.facts.suffix) for which in self.wanted}
+        stem = base_name(path.stem) if self.kind is Kind.PATTERN else path.stem
+        beside = {} if self.sidecar is None else {self.sidecar: path.with_name(f"{stem}.json")}
+        return {self.formats[0]: path, **beside}
+
+
+def is_folder(out: str) -> bool:
+    """Whether ``-o`` names a folder: it exists as one, or it ends in a separator."""
+    return out.endswith(("/", os.sep)) or path_of(out).is_dir()
+
+
+def _kind_of(out: str | None, *, is_bare_folder: bool, is_plain: bool) -> Kind:
+    if out is None:
+        return Kind.BESIDE
+    if not out:
+        raise UsageError("is empty", "name a file or a folder, or omit it", option="out")
+    if is_folder(out):
+        return Kind.FOLDER
+    if out == STDIO:
+        return Kind.STDOUT
+    if is_pattern(path_of(out).name) and not is_plain:
+        return Kind.PATTERN
+    return Kind.FOLDER if is_bare_folder and not path_of(out).suffix else Kind.FILE
+
+
+def _formats(
+    kind: Kind, path: Path | None, asked: tuple[FormatT, ...], rules: FormatRules[FormatT]
+) -> tuple[FormatT, ...]:
+    """The formats to write: the requested ones, else those of the destination."""
+    if path is not None and kind is Kind.PATTERN:
+        return (_format_of_pattern(path, asked, rules),)
+    if kind in {Kind.BESIDE, Kind.FOLDER}:
+        return asked or rules.defaults
+    found = rules.stdout if path is None else rules.of_name(path.name)
+    if asked:
+        if path is not None and found is not None and len(asked) == 1:
+            _check_suffix(path, asked[0])
+        return asked
+    if found is None:
+        suffixes = ", ".join(rules.suffixes)
+        raise _out_error(
+            path or Path(STDIO),
+            f"has no suffix that selects a format, such as {suffixes}",
+            "add one, give {format}, or end the name in '/' for a folder",
+        )
+    if path is not None:
+        _check_suffix(path, found)
+    return (found,)
+
+
+def _format_of_pattern(
+    path: Path, asked: tuple[FormatT, ...], rules: FormatRules[FormatT]
+) -> FormatT:
+    if rules.of_pattern is None:
+        raise _out_error(
+            path, "is a pattern for numbered files of a video", "name one file, or a folder"
+        )
+    found = rules.of_pattern(path.name)
+    if found is None or set(asked) - {found}:
+        raise _out_error(
+            path,
+            "is a pattern for numbered files, which end in .png, .exr or .npy",
+            "give such a name, and no other {format}",
+        )
+    return found
+
+
+def _check_suffix(path: Path, which: FormatT) -> None:
+    """Check that the suffix of a file, which is that of a format, fits."""
+    suffix = Path(f"a{which.facts.suffix}").suffix
+    if "%" in which.facts.suffix:
+        raise _out_error(
+            path,
+            f"is one file, and {which} writes one for each frame",
+            f"name a folder, or a pattern such as {path.stem}.%04d{suffix}",
+        )
+    if path.suffix.lower() != suffix:
+        raise _out_error(path, f"does not end in {suffix}", "the suffix has to match {format}")
+
+
+def _out_error(path: Path, problem: str, advice: str) -> UsageError:
+    return UsageError(f"{safe_name(str(path))} {problem}", advice, option="out")
+
+
+class OutputPlan(NamedTuple, Generic[FormatT]):
+    """The outputs of one input."""
+
+    source: Path | None  #: the input; None for standard input
+    outputs: dict[FormatT, Path]  #: path of each format
+
+
+def plan_outputs(
+    sources: Sequence[Path | None], destination: Destination[FormatT]
+) -> list[OutputPlan[FormatT]]:
+    """Name every output that goes to a file.
+
+    Without a destination, outputs are placed beside their input. If another image or video with the
+    same stem is in the input's folder, or goes to the same folder, the output's name keeps the
+    input's suffix (``a.jpg.depth.png``, ``a.png.depth.png``), so that names do not depend on the
+    order or choice of the inputs. A folder without a name, such as ``.`` or ``/``, gets no outputs.
+
+    Args:
+        sources: the inputs; None is standard input, whose outputs go to the working directory.
+        destination: not standard output.
 
     Raises:
-        OutputError: it cannot be written, or would replace an input or a file of another program.
+        UsageError: two inputs share an output, an output is an input, or the destination is no
+            folder but there are several inputs.
     """
-    with atomic_path(path, guard=guard) as temporary:
-        return _write(options, name, depth, frame, temporary)
+    if destination.kind not in {Kind.BESIDE, Kind.FOLDER} and len(sources) != 1:
+        path = destination.path or Path(STDIO)
+        raise _out_error(
+            path, f"is one file but there are {len(sources)} inputs", f"name a folder: {path}/"
+        )
+    plans = [
+        OutputPlan(source, {} if source and not source.name else destination.outputs(base))
+        for source, base in zip(sources, _base_paths(sources, destination), strict=True)
+    ]
+    check_collisions(plans)
+    return plans
 
 
-def write_stream(
-    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, stream: BinaryIO
-) -> tuple[str, ...]:
-    """Write one format of a picture's depth to a stream, as :func:`write_output` does.
+def _base_paths(sources: Sequence[Path | None], destination: Destination[FormatT]) -> list[Path]:
+    """Path of each input's outputs, without suffix."""
+    out = destination.path
+    if out is not None and destination.kind is not Kind.FOLDER:
+        return [out]
+    from depthcli.jobs.output_names import STDIN_STEM, output_bases  # noqa: PLC0415 - loads NumPy
 
-    Returns:
-        Warnings, one line each.
+    bases = output_bases(sources)
+    folders = [out or (Path() if source is None else source.parent) for source in sources]
+    stems = [
+        _case_folded_path(folder / (source.stem if source else STDIN_STEM))
+        for source, folder in zip(sources, folders, strict=True)
+    ]
+    # Inputs of several folders; an EXR gives way, as in one folder.
+    shared = Counter(
+        stem
+        for source, stem, base in zip(sources, stems, bases, strict=True)
+        if source is None or base == source.stem or not is_exr(source.name)
+    )
+    return [
+        folder / (source.name if source and base == source.stem and shared[stem] > 1 else base)
+        for source, folder, stem, base in zip(sources, folders, stems, bases, strict=True)
+    ]
+
+
+def check_collisions(plans: Sequence[OutputPlan[FormatT]]) -> None:
+    """Check that no output is an input, or another output.
 
     Raises:
-        OutputError: the stream cannot be written.
-        BrokenPipeError: its reader has exited.
+        UsageError: one is.
     """
-    # The libraries of the formats write files only.
-    with temporary_folder() as folder:
-        path = folder / f"depth{Path(FORMATS[name].suffix).suffix}"
-        try:
-            warnings = _write(options, name, depth, frame, path)
-            data = path.read_bytes()
-        except OSError as error:
-            raise OutputError(
-                f"cannot write a temporary file in {folder.parent}: {error.strerror or error}; set "
-                "TMPDIR to a folder with room"
-            ) from error
-    try:
-        stream.write(data)
-        stream.flush()
-    except BrokenPipeError:
-        raise  # the reader has exited, which is not an error
-    except OSError as error:
-        reason = "it is closed" if error.errno == errno.EBADF else error.strerror
-        raise OutputError(f"cannot write standard output: {reason}") from error
-    return warnings
+    places = RealPaths()
+    sources = (plan.source for plan in plans if plan.source is not None)
+    inputs = {_case_folded_path(place) for source in sources for place in places.all_of(source)}
+    owners: dict[str, Path | None] = {}
+    for plan in plans:
+        for path in plan.outputs.values():
+            check_writable(path)
+            place = _case_folded_path(places.of(path))
+            if place in inputs:
+                raise UsageError(f"{path} is an input", "choose another {out}")
+            if place in owners:
+                if places.of(plan.source or "") == places.of(owners[place] or ""):
+                    raise UsageError(f"{plan.source} is given twice", "give it once")
+                raise UsageError(
+                    f"{plan.source} and {owners[place]} would both become {path}",
+                    "run them one by one with different {out}",
+                )
+            owners[place] = plan.source
 
 
-def _write(
-    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path
-) -> tuple[str, ...]:
-    if not name.facts.has_overscan:
-        depth, frame = displayed_depth(depth, frame.windows), displayed_frame(frame)
-    return options.writer(name).write(depth, path, frame)
-
-
-class FailedInput(NamedTuple):
-    """An input that cannot be used, or whose outputs cannot be written."""
-
-    name: str  #: the input, as the user wrote it
-    error: DepthcliError  #: why
-
-
-def failure_reason(error: Exception) -> str:
-    """The reason why an input failed, in one line."""
-    if isinstance(error, DepthcliError):
-        return error.message
-    if is_out_of_memory(error):
-        return "does not fit into memory; make it smaller"
-    if is_out_of_threads(error):
-        return NO_THREADS
-    if isinstance(error, OSError) and error.strerror:  # for example too many open files
-        return ": ".join(filter(None, (error.filename and str(error.filename), error.strerror)))
-    return f"unexpected {type(error).__name__}: {error}"
+def _case_folded_path(path: str | Path) -> str:
+    """The path in the form that case-insensitive file systems compare."""
+    return os.path.normcase(os.path.abspath(path)).casefold()  # noqa: PTH100 - links stay as named

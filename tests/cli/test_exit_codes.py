@@ -19,7 +19,7 @@ from helpers.tiny import write_picture
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
 from depthcli.errors import NO_THREADS, InputError
-from depthcli.jobs.outputs import failure_reason
+from depthcli.jobs.write import failure_reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable

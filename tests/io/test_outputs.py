@@ -7,6 +7,7 @@ import os
 import stat
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +23,16 @@ from depthcli.io.formats.by_suffix import write_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.jobs.naming import plan_outputs
+from depthcli.jobs.outputs import OutputPlan, plan_outputs
+from depthcli.jobs.predict.plan import picture_destination
 
-PNG = {"png16": ".depth.png"}
+
+def planned(sources: Sequence[Path | None], out: str | None) -> list[OutputPlan[Format]]:
+    """Outputs in 16-bit PNG."""
+    return plan_outputs(sources, picture_destination(out, (Format.PNG16,)))
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
@@ -73,7 +79,7 @@ def test_a_map_is_not_written_over_its_picture(tmp_path: Path) -> None:
 
 
 def test_outputs_stand_beside_their_input() -> None:
-    (plan,) = plan_outputs([Path("in/a.jpg")], None, PNG)
+    (plan,) = planned([Path("in/a.jpg")], None)
     assert plan.outputs == {"png16": Path("in/a.depth.png")}
 
 
@@ -82,7 +88,7 @@ def test_names_do_not_depend_on_the_order() -> None:
     plans = {
         tuple(sorted((str(p.source), str(p.outputs["png16"])) for p in plan))
         for order in itertools.permutations(sources)
-        for plan in [plan_outputs(order, "out/", PNG)]
+        for plan in [planned(order, "out/")]
     }
     (only,) = plans
     assert dict(only) == {
@@ -99,8 +105,8 @@ def test_names_do_not_depend_on_what_else_is_asked_for(tmp_path: Path, there: li
         (tmp_path / name).touch()
     sources = [tmp_path / name for name in ("a.jpg", "c.png", *there)]
     for out in (None, "out/"):
-        together = {p.source: p.outputs for p in plan_outputs(sources, out, PNG)}
-        alone = {s: plan_outputs([s], out, PNG)[0].outputs for s in sources}
+        together = {p.source: p.outputs for p in planned(sources, out)}
+        alone = {s: planned([s], out)[0].outputs for s in sources}
         assert together == alone
         assert alone[sources[0]]["png16"].name.startswith("a.jpg.")
         assert alone[sources[1]]["png16"].name == "c.depth.png"
@@ -110,12 +116,12 @@ def test_names_do_not_depend_on_what_else_is_asked_for(tmp_path: Path, there: li
 def test_an_output_of_the_user_s_own_name_is_no_namesake(tmp_path: Path) -> None:
     depth = DepthMap(np.ones((2, 3), np.float32), DepthKind.METRIC)
     Png16Writer().write(depth, tmp_path / "a.png")
-    (plan,) = plan_outputs([tmp_path / "a.jpg"], None, PNG)
+    (plan,) = planned([tmp_path / "a.jpg"], None)
     assert plan.outputs["png16"].name == "a.depth.png"
 
 
 def test_a_folder_without_a_name_gets_no_outputs() -> None:
-    plans = plan_outputs([Path(), Path("/"), Path("a.jpg")], None, PNG)
+    plans = planned([Path(), Path("/"), Path("a.jpg")], None)
     assert [len(plan.outputs) for plan in plans] == [0, 0, 1]
 
 
@@ -155,24 +161,24 @@ def test_shared_outputs_and_inputs_are_refused(
     sources: list[Path], out: str | None, reason: str
 ) -> None:
     with pytest.raises(UsageError, match=reason):
-        plan_outputs(sources, out, PNG)
+        planned(sources, out)
 
 
 @pytest.mark.parametrize("again", ["a.jpg", Path.cwd() / "a.jpg", "x/../a.jpg"])
 def test_a_file_that_is_given_twice_is_told(again: str | Path) -> None:
     with pytest.raises(UsageError, match=r"a\.jpg is given twice; give it once$"):
-        plan_outputs([Path("a.jpg"), Path(again)], "out/", PNG)
+        planned([Path("a.jpg"), Path(again)], "out/")
 
 
 @pytest.mark.parametrize("name", ["..png", "...png", ".png", "a..png"])
 def test_dots_in_a_name_lead_to_no_other_folder(name: str) -> None:
-    (plan,) = plan_outputs([Path("in") / name], "out/", PNG)
+    (plan,) = planned([Path("in") / name], "out/")
     assert [path.parent for path in plan.outputs.values()] == [Path("out")]
 
 
 def test_a_format_s_suffix_leads_to_no_file_beside_a_device() -> None:
-    with pytest.raises(UsageError, match="'-o -' writes to standard output"):
-        plan_outputs([Path("a.png")], os.devnull, PNG)
+    with pytest.raises(UsageError, match="device or a pipe"):
+        planned([Path("a.png")], os.devnull)
 
 
 def test_devices_and_pipes_are_not_replaced(tmp_path: Path) -> None:

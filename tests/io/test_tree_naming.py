@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.io.formats.table import FORMATS
-from depthcli.jobs.unique_names import TreeNames
+from depthcli.jobs.output_names import TreeNames
 
 
 @pytest.mark.parametrize(

@@ -36,13 +36,15 @@ from depthcli.io.manifest.row import OK
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.naming import output_bases, plan_outputs
-from depthcli.jobs.outputs import FailedInput
+from depthcli.jobs.output_names import output_bases
+from depthcli.jobs.outputs import plan_outputs
 from depthcli.jobs.predict.pictures import PictureResult
+from depthcli.jobs.predict.plan import picture_destination
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
 from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
+from depthcli.jobs.write import FailedInput
 from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:
@@ -222,11 +224,15 @@ def test_its_outputs_have_names_of_their_own(tmp_path: Path) -> None:
     assert output_bases([jpg]) == ["plate"]
     assert output_bases([jpg, plate]) == output_bases([plate, jpg])[::-1] == ["plate", "plate.exr"]
     for out in (None, f"{tmp_path}/out/"):
-        plans = plan_outputs([jpg, plate], out, {"npy": ".depth.npy"})
+        plans = plan_outputs([jpg, plate], picture_destination(out, (Format.NPY,)))
         names = [plan.outputs["npy"].name for plan in plans]
         assert names == ["plate.depth.npy", "plate.exr.depth.npy"]
-    plans = plan_outputs([jpg, tmp_path / "b" / "plate.exr"], f"{tmp_path}/out/", {"npy": ".npy"})
-    assert [plan.outputs["npy"].name for plan in plans] == ["plate.jpg.npy", "plate.exr.npy"]
+    destination = picture_destination(f"{tmp_path}/out/", (Format.NPY,))
+    plans = plan_outputs([jpg, tmp_path / "b" / "plate.exr"], destination)
+    assert [plan.outputs["npy"].name for plan in plans] == [
+        "plate.jpg.depth.npy",
+        "plate.exr.depth.npy",
+    ]
     assert output_bases([tmp_path / "a.exr", tmp_path / "A.EXR"])[0].startswith("a.exr.")
 
 

@@ -23,10 +23,10 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
-from depthcli.jobs.outputs import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
+from depthcli.jobs.write import FailedInput
 
 if TYPE_CHECKING:
     from depthcli.core.types import Frame

@@ -36,12 +36,12 @@ from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.models import add_model
-from depthcli.jobs.outputs import FailedInput
 from depthcli.jobs.predict.pictures import PictureResult
 from depthcli.jobs.predict.request import PredictRequest
 from depthcli.jobs.predict.run import predict
 from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
+from depthcli.jobs.write import FailedInput
 from depthcli.models.catalog import find_model
 from depthcli.video.formats import VideoFormat
 
@@ -430,7 +430,7 @@ def test_listed_objects_are_named_as_in_their_folder(
     bucket: Bucket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("depthcli.io.storage.objects._PAGE_NAMES", 2)
-    monkeypatch.setattr("depthcli.jobs.unique_names._NEAR", 2)
+    monkeypatch.setattr("depthcli.jobs.output_names._NEAR", 2)
     names = ["a.jpg", "a.png", "a1.jpg", "a2/b.jpg", "b.jpg", "b.jpg.png", "b.png", "z.png"]
     for name in names:
         bucket.put(f"in/{name}", b"")

@@ -28,7 +28,7 @@ from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_formats
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, PreviewCodec, VideoFormat
@@ -401,7 +401,7 @@ def test_names_of_outputs(tmp_path: Path) -> None:
     described = plan_video(VideoRequest("a.mov", "x/b.webm", sidecar=True))
     assert described.names == {VideoFormat.WEBM: "b.webm", VideoFormat.JSON: "b.json"}
     assert plan_video(VideoRequest("a.mov", str(tmp_path), formats)).folder == tmp_path
-    assert video_formats("frames", ()) == (VideoFormat.MKV, VideoFormat.MP4)
+    assert video_destination("frames", ()).formats == (VideoFormat.MKV, VideoFormat.MP4)
     assert set(VIDEO_FORMATS) == set(VideoFormat)
 
 

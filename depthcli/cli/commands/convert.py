@@ -146,7 +146,11 @@ def convert(
     if is_folder and form is None:
         raise UsageError("", "name the format of the outputs with {format}, for example exr")
     side_by_side = writing.preview.side_by_side
-    format_ = form if is_folder and form else job.target_format(output, form)
+    format_ = (
+        form
+        if is_folder and form
+        else job.target_destination(output, form, is_plain=True).formats[0]
+    )
     if format_ is Format.PREVIEW and side_by_side != (inputs.picture is not None):
         raise UsageError("", "give both {side_by_side} and {picture}, or neither")
     parse.refuse_replacing(camera.calibration, output)

@@ -76,20 +76,21 @@ def predict(
     from depthcli.cli import parse
     from depthcli.cli.checks import FORMAT_OPTIONS, INPUT_OPTIONS, image_kinds, without_effect
     from depthcli.io.storage.paths import safe_name
+    from depthcli.jobs.outputs import STDIO
     from depthcli.jobs.predict import run as job
-    from depthcli.jobs.predict.plan import STDIO, picture_formats, split_own_outputs
+    from depthcli.jobs.predict.plan import picture_destination, split_own_outputs
     from depthcli.jobs.predict.request import PredictRequest
 
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     parse.refuse_replacing(camera.calibration, output.out)
-    formats = picture_formats(output.out, output.formats or ())
+    destination = picture_destination(output.out, output.formats or (), sidecar=output.sidecar)
     pictures, own = split_own_outputs(images)
     request = PredictRequest(
         pictures=tuple(pictures),
         output=output.out,
-        formats=formats,
+        formats=destination.formats,
         sidecar=output.sidecar,
         overwrite=output.overwrite,
         model=parse.session_loader(model.model, model.runtime),
@@ -104,13 +105,12 @@ def predict(
     )
     results = job.predict(request)
     if not screen.quiet:
-        written = [*formats, Format.JSON] if output.sidecar else formats
         console.warn_all(request.camera.warnings)
-        console.warn_all(without_effect(given, FORMAT_OPTIONS, written))
+        console.warn_all(without_effect(given, FORMAT_OPTIONS, destination.wanted))
         console.warn_all(without_effect(given, INPUT_OPTIONS, image_kinds(pictures)))
         console.warn_all(f"{safe_name(name)} was written by depthcli; skipped" for name in own)
     from depthcli.cli.screen.results import print_picture
-    from depthcli.jobs.outputs import FailedInput
+    from depthcli.jobs.write import FailedInput
 
     failed = []
     for result in results:

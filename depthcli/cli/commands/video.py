@@ -162,17 +162,20 @@ def video(
     from depthcli.cli.screen import console
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import safe_name
-    from depthcli.jobs.outputs import FailedInput
+    from depthcli.jobs.outputs import STDIO
     from depthcli.jobs.video import run as job
-    from depthcli.jobs.video.plan import STDIO, VideoRequest, VideoSettings, video_formats
+    from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
+    from depthcli.jobs.write import FailedInput
     from depthcli.video.numbering import is_sequence
 
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     parse.refuse_replacing(camera.calibration, output.out)
-    formats = video_formats(output.out, output.formats or ())
-    if writing.png.png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(formats):
+    destination = video_destination(output.out, output.formats or (), sidecar=output.sidecar)
+    if writing.png.png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(
+        destination.formats
+    ):
         raise UsageError("mkv is in millimetres", "leave out {png_normalize}, or mkv")
     settings = VideoSettings(
         writing=parse.writer_options(writing),
@@ -189,8 +192,8 @@ def video(
     request = VideoRequest(
         video=file,
         output=output.out,
-        formats=formats,
-        sidecar=output.sidecar,
+        formats=destination.formats,
+        sidecar=destination.sidecar is not None,
         overwrite=output.overwrite,
         codec=preview.codec,
         has_audio=preview.audio,
@@ -201,10 +204,9 @@ def video(
         stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
     if not screen.quiet:
-        written = [*formats, VideoFormat.JSON] if output.sidecar else formats
         kinds = INPUT_OPTIONS if is_sequence(file) else ()
         console.warn_all(settings.camera.warnings)
-        console.warn_all(without_effect(given, FORMAT_OPTIONS, written))
+        console.warn_all(without_effect(given, FORMAT_OPTIONS, destination.wanted))
         console.warn_all(without_effect(given, INPUT_OPTIONS, kinds))
     result: VideoResult | FailedInput
     try:

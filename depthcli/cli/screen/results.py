@@ -13,7 +13,7 @@ from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, ModelError, UsageError, about
 from depthcli.io.depth.metadata import DepthMetadata, anchor_fields, camera_text
 from depthcli.io.listing.folder import skip_summary
-from depthcli.jobs.outputs import FailedInput
+from depthcli.jobs.write import FailedInput
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable

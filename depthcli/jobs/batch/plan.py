@@ -38,7 +38,7 @@ from depthcli.io.storage.paths import (
     without_file_scheme,
 )
 from depthcli.io.tables import read_lenses
-from depthcli.jobs.unique_names import StemCounts, TreeNames, namesakes, stem
+from depthcli.jobs.output_names import StemCounts, TreeNames, namesakes, stem
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import is_remote, path_of
 from depthcli.jobs.batch.plan import Plan
-from depthcli.jobs.outputs import failure_reason, output_guard
+from depthcli.jobs.write import failure_reason, output_guard
 from depthcli.video.formats import COUNTERPARTS, VIDEO_FORMATS, VideoFormat
 
 _FormatT = TypeVar("_FormatT", Format, VideoFormat)

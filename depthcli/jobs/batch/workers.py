@@ -28,9 +28,9 @@ from depthcli.io.storage.paths import path_of
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.tasks import Result, Task, check_picture, check_video
-from depthcli.jobs.outputs import write_output
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.jobs.video.stages import write_video
+from depthcli.jobs.write import write_output
 from depthcli.video.formats import SEQUENCES, VideoFormat
 
 PictureTask: TypeAlias = Task[Format]

@@ -19,15 +19,16 @@ from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import path_of
-from depthcli.jobs.outputs import (
+from depthcli.jobs.outputs import STDIO
+from depthcli.jobs.predict.plan import PicturePlan
+from depthcli.jobs.predict.request import PredictRequest
+from depthcli.jobs.write import (
     FailedInput,
     failure_reason,
     output_guard,
     write_output,
     write_stream,
 )
-from depthcli.jobs.predict.plan import STDIO, PicturePlan
-from depthcli.jobs.predict.request import PredictRequest
 
 
 class PictureResult(NamedTuple):

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from depthcli.errors import UsageError
-from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.paths import path_of
-from depthcli.jobs.predict.plan import PicturePlan, picture_formats, plan_pictures
+from depthcli.jobs.predict.plan import picture_destination, plan_pictures
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
-    from depthcli.jobs.outputs import FailedInput
     from depthcli.jobs.predict.pictures import PictureResult
     from depthcli.jobs.predict.request import PredictRequest
+    from depthcli.jobs.write import FailedInput
 
 
 def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
@@ -28,23 +25,12 @@ def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
         cannot be used, and UsageError if the model does not accept a focal length.
 
     Raises:
-        UsageError: the outputs do not fit the pictures, or collide, or one would replace the known
-            depth.
+        UsageError: the outputs do not fit the pictures, or collide.
     """
-    formats = picture_formats(request.output, request.formats)
-    plans = plan_pictures(request.pictures, request.output, formats, sidecar=request.sidecar)
-    _check_anchors_stay(plans, request)
+    destination = picture_destination(request.output, request.formats, sidecar=request.sidecar)
+    plans = plan_pictures(request.pictures, destination)
     loading = request.model.start()
     # Imported here, while the model loads.
     from depthcli.jobs.predict.pictures import predict_pictures  # noqa: PLC0415
 
     return predict_pictures(request, plans, loading)
-
-
-def _check_anchors_stay(plans: Sequence[PicturePlan], request: PredictRequest) -> None:
-    if isinstance(request.anchors, tuple):
-        return
-    known = path_of(request.anchors.path)
-    for path in (path for plan in plans for path in plan.outputs.values()):
-        if path is not None and is_same_file(path, known):
-            raise UsageError(f"{path} is the file of --anchors; choose another -o")

@@ -17,9 +17,9 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions, format_of
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.paths import check_writable, path_of, safe_name
-from depthcli.jobs.naming import is_folder, output_bases
-from depthcli.jobs.unique_names import comparable, names_near
+from depthcli.io.storage.paths import path_of, safe_name
+from depthcli.jobs.output_names import comparable, names_near, output_bases
+from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
 from depthcli.video.container import InputPipe, OutputPipe
 from depthcli.video.formats import (
     SEQUENCES,
@@ -34,8 +34,6 @@ from depthcli.video.formats import (
 )
 from depthcli.video.frames import WHOLE, Span, rate_text
 from depthcli.video.numbering import (
-    base_name,
-    is_pattern,
     is_sequence,
     is_sequence_image,
     listed_names,
@@ -48,11 +46,7 @@ from depthcli.video.time_code import time_code_text
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
 
-STDIO = "-"
 _ON_GRID = 1e-6
-DEFAULT_FORMATS = (VideoFormat.MKV, VideoFormat.MP4)
-
-
 LOCK_S = 1.0
 
 
@@ -214,92 +208,41 @@ class VideoResult:
         return json.dumps(metadata, indent=2, allow_nan=False) + "\n"
 
 
-def video_formats(output: str | None, asked: Sequence[VideoFormat]) -> tuple[VideoFormat, ...]:
-    """The formats to write: the requested ones, else that of the output's suffix, else the default.
+def _of_name(name: str) -> VideoFormat | None:
+    """The format of a video, or of numbered files, that a file's suffix chooses."""
+    found = video_format_of(name) or _of_pattern(name)
+    return None if found is VideoFormat.JSON else found
+
+
+def _of_pattern(name: str) -> VideoFormat | None:
+    """The format of numbered files that a name's suffix chooses; previews of a video are videos."""
+    return None if format_of(name) is Format.PREVIEW else sequence_of(name)
+
+
+_RULES = FormatRules(
+    (VideoFormat.MKV, VideoFormat.MP4),
+    _of_name,
+    video_stem_of,
+    (".mkv", ".mp4", ".webm", ".mov"),
+    stdout=VideoFormat.MKV,
+    of_pattern=_of_pattern,
+    is_bare_folder=True,
+)
+
+
+def video_destination(
+    output: str | None, asked: Sequence[VideoFormat], *, sidecar: bool = False
+) -> Destination[VideoFormat]:
+    """Where the outputs of a video go, and their formats.
 
     Raises:
-        UsageError: the output is empty, or a file whose suffix is of no format, or JSON is the only
-            format.
+        UsageError: as :meth:`Destination.parse` does, or JSON is the only format.
     """
-    if output == "":
-        raise UsageError("it is empty; name a file or a folder", option="out")
-    if output is not None and is_pattern(path_of(output).name) and not is_folder(output):
-        return (_format_of_pattern(output, asked),)
-    if set(asked) == {VideoFormat.JSON}:
+    formats = [which for which in asked if which is not VideoFormat.JSON]
+    if asked and not formats:
         raise UsageError("json only describes other outputs", "give another {format} with it")
-    if asked:
-        return tuple(dict.fromkeys(asked))
-    if output == STDIO:
-        return (VideoFormat.MKV,)
-    if output is None or is_output_folder(output):
-        return DEFAULT_FORMATS
-    found = video_format_of(output) or _sequence_named(output)
-    if found is None or found is VideoFormat.JSON:
-        raise UsageError(
-            f"{safe_name(output)} has no suffix that selects a format; use .mkv, .mp4, .webm or "
-            ".mov, or end the name in '/' for a folder",
-            "or give {format}",
-            option="out",
-        )
-    return (found,)
-
-
-def is_output_folder(output: str) -> bool:
-    """Whether an output is a folder: it exists as one, ends in a separator, or has no suffix."""
-    return is_folder(output) or not path_of(output).suffix
-
-
-def _file_names(
-    output: Path, formats: Sequence[VideoFormat], wanted: Sequence[VideoFormat]
-) -> dict[VideoFormat, str]:
-    """File names for an output that is no folder: a pattern, one file, or the stem of the names.
-
-    A name without the suffix of a format is a stem, also of a single file.
-
-    Args:
-        output: the path.
-        formats: what is to be written.
-        wanted: what is to be written, with JSON if a sidecar is.
-
-    Raises:
-        UsageError: the suffix is of another format, or the format is one file per frame.
-    """
-    main = [which for which in formats if which is not VideoFormat.JSON]
-    if is_pattern(output.name):
-        sidecar = base_name(output.stem)
-    elif len(main) == 1 and (video_format_of(output) or format_of(output)):
-        _check_suffix(output, main[0])
-        sidecar = output.stem
-    else:
-        stem = video_stem_of(output)
-        return {which: stem + VIDEO_FORMATS[which].suffix for which in wanted}
-    names = {main[0]: output.name, VideoFormat.JSON: f"{sidecar}.json"}
-    return {which: names[which] for which in dict.fromkeys((*main, *wanted))}
-
-
-def _check_suffix(output: Path, which: VideoFormat) -> None:
-    if which in SEQUENCES:
-        problem = f"{output} is one file, and {which} writes one per frame"
-        raise UsageError(problem, "give a pattern such as d.%04d.exr, or a folder", option="out")
-    if video_format_of(output) is not which:
-        raise UsageError(f"{output} does not end in .{which}", option="out")
-
-
-def _format_of_pattern(output: str, asked: Sequence[VideoFormat]) -> VideoFormat:
-    """The format of the files of a pattern such as ``depth.%04d.exr``."""
-    found = _sequence_named(output)
-    if found is None or set(asked) - {found}:
-        problem = f"{output} is a pattern for numbered files, which end in .png, .exr or .npy"
-        raise UsageError(problem, "give no other {format}", option="out")
-    return found
-
-
-def _sequence_named(output: str) -> VideoFormat | None:
-    """The format of numbered files that a name's suffix chooses; None if it chooses none."""
-    if format_of(output) is Format.PREVIEW:
-        problem = f"previews of a video are videos; end {safe_name(output)} in .mp4, .webm or .mov"
-        raise UsageError(problem, option="out")
-    return sequence_of(output)
+    is_described = sidecar or VideoFormat.JSON in asked
+    return Destination.parse(output, formats, _RULES, VideoFormat.JSON if is_described else None)
 
 
 def video_base(source: Path | None) -> str:
@@ -369,18 +312,16 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     name, output = request.video, request.output
     if not name:  # as a path, it would be the working directory
         raise InputError("the input's name is empty; is a variable of the command not set?")
-    formats = video_formats(output, request.formats)
+    destination = video_destination(output, request.formats, sidecar=request.sidecar)
     source, file = _source(name, request.stdin), None if name == STDIO else path_of(name)
-    wanted = tuple(dict.fromkeys([*formats, VideoFormat.JSON] if request.sidecar else formats))
-    if output == STDIO:
-        folder, names = Path(), _stdout_name(wanted, request.stdout)
-    elif output is None or is_output_folder(output):
-        folder = path_of(name).parent if output is None else path_of(output)
-        base = video_base(file)
-        names = {which: base + VIDEO_FORMATS[which].suffix for which in wanted}
+    if destination.kind is Kind.STDOUT:
+        folder, names = Path(), _stdout_name(destination.wanted, request.stdout)
     else:
-        folder = path_of(output).parent
-        names = _file_names(path_of(output), formats, wanted)
+        base = destination.path or path_of(name).parent
+        if destination.kind in {Kind.BESIDE, Kind.FOLDER}:
+            base = base / video_base(file)
+        folder = base.parent
+        names = {which: path.name for which, path in destination.outputs(base).items()}
     asked = None if request.codec is None else Codec(request.codec)
     plan = VideoPlan(
         name=safe_name(name),
@@ -397,7 +338,6 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         overwrite=request.overwrite,
     )
     for path in map(plan.path, names):
-        check_writable(path)
         if file is not None and is_same_file(path, file):
             raise UsageError(f"{path} is the input", "choose another {out}")
     return plan

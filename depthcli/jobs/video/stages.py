@@ -39,9 +39,9 @@ from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.guard import Guard
-from depthcli.jobs.outputs import output_guard
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import earlier_frames, rounding_scale
+from depthcli.jobs.write import output_guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat, preview_codec
 from depthcli.video.frames import FrameSource, Timing

@@ -1,10 +1,10 @@
-"""Unique output names for a folder tree, independent of the order of the inputs."""
+"""Unique names of outputs, independent of the order and the choice of the inputs."""
 
 import hashlib
 import os
 import unicodedata
 from array import array
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
 from typing import TypeAlias
@@ -12,9 +12,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from depthcli.io.listing.folder import is_media
+from depthcli.io.listing.folder import is_exr, is_media
+from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.paths import RemotePath
 
+STDIN_STEM = "stdin"
 _NEAR = 1000  # names of a store that are skipped rather than asked for again
 
 
@@ -168,3 +170,31 @@ def _is_in(hashes: _Hashes, name: str) -> bool:
     wanted = np.uint64(_hash(name))
     place = int(np.searchsorted(hashes, wanted))
     return place < len(hashes) and bool(hashes[place] == wanted)
+
+
+def output_bases(sources: Sequence[Path | None]) -> list[str]:
+    """The names of each input's outputs, without suffix; None is standard input.
+
+    An EXR gives way to other images and videos with its stem. It does not change their names,
+    which are those of a batch: that reads no EXR, since many hold depth or other data.
+    """
+    inside: dict[Path, set[str]] = {}
+    for source in sources:
+        if source is not None:
+            inside.setdefault(source.parent, set()).add(source.name)
+    bases: dict[tuple[Path, str], str] = {}
+    for folder, own in inside.items():
+        names = own | _rivals(folder, own)
+        others = {name for name in names if not is_exr(name)}
+        for them, among in ((own & others, TreeNames(others)), (own - others, TreeNames(names))):
+            bases |= {(folder, name): among.base(name) for name in them}
+    return [STDIN_STEM if s is None else bases[s.parent, s.name] for s in sources]
+
+
+def _rivals(folder: Path, own: set[str]) -> set[str]:
+    """The images and videos beside the inputs of a folder whose outputs could collide."""
+    return {
+        name
+        for name in set(chain(*namesakes(folder, own).values())) - own
+        if is_media(name) and not (folder / name).is_dir() and not is_own_picture(folder / name)
+    }

@@ -1,0 +1,103 @@
+"""Writing the outputs of a picture, atomically to files or to a stream."""
+
+import errno
+from collections.abc import Iterable
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
+from depthcli.errors import (
+    NO_THREADS,
+    DepthcliError,
+    OutputError,
+    is_out_of_memory,
+    is_out_of_threads,
+)
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.temporary import temporary_folder
+
+
+def output_guard(inputs: Iterable[Path], *, overwrite: bool = False) -> Guard:
+    """Guard of the files that the outputs for some inputs may not replace."""
+    return Guard.of(is_own, inputs, overwrite=overwrite)
+
+
+def write_output(
+    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path, guard: Guard
+) -> tuple[str, ...]:
+    """Write one format of a picture's depth to a file.
+
+    Depth is that of all pixels of the frame; only formats with a display window get the overscan.
+
+    Returns:
+        Warnings, one line each.
+
+    Raises:
+        OutputError: it cannot be written, or would replace an input or a file of another program.
+    """
+    with atomic_path(path, guard=guard) as temporary:
+        return _write(options, name, depth, frame, temporary)
+
+
+def write_stream(
+    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, stream: BinaryIO
+) -> tuple[str, ...]:
+    """Write one format of a picture's depth to a stream, as :func:`write_output` does.
+
+    Returns:
+        Warnings, one line each.
+
+    Raises:
+        OutputError: the stream cannot be written.
+        BrokenPipeError: its reader has exited.
+    """
+    # The libraries of the formats write files only.
+    with temporary_folder() as folder:
+        path = folder / f"depth{Path(FORMATS[name].suffix).suffix}"
+        try:
+            warnings = _write(options, name, depth, frame, path)
+            data = path.read_bytes()
+        except OSError as error:
+            raise OutputError(
+                f"cannot write a temporary file in {folder.parent}: {error.strerror or error}; set "
+                "TMPDIR to a folder with room"
+            ) from error
+    try:
+        stream.write(data)
+        stream.flush()
+    except BrokenPipeError:
+        raise  # the reader has exited, which is not an error
+    except OSError as error:
+        reason = "it is closed" if error.errno == errno.EBADF else error.strerror
+        raise OutputError(f"cannot write standard output: {reason}") from error
+    return warnings
+
+
+def _write(
+    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path
+) -> tuple[str, ...]:
+    if not name.facts.has_overscan:
+        depth, frame = displayed_depth(depth, frame.windows), displayed_frame(frame)
+    return options.writer(name).write(depth, path, frame)
+
+
+class FailedInput(NamedTuple):
+    """An input that cannot be used, or whose outputs cannot be written."""
+
+    name: str  #: the input, as the user wrote it
+    error: DepthcliError  #: why
+
+
+def failure_reason(error: Exception) -> str:
+    """The reason why an input failed, in one line."""
+    if isinstance(error, DepthcliError):
+        return error.message
+    if is_out_of_memory(error):
+        return "does not fit into memory; make it smaller"
+    if is_out_of_threads(error):
+        return NO_THREADS
+    if isinstance(error, OSError) and error.strerror:  # for example too many open files
+        return ": ".join(filter(None, (error.filename and str(error.filename), error.strerror)))
+    return f"unexpected {type(error).__name__}: {error}"
