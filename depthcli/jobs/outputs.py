@@ -187,7 +187,7 @@ def _check_suffix(path: Path, which: FormatT) -> None:
     if "%" in which.facts.suffix:
         raise _out_error(
             path,
-            f"is one file, and {which} writes one for each frame",
+            f"is one file, and {which} writes one per frame",
             f"name a folder, or a pattern such as {path.stem}.%04d{suffix}",
         )
     if path.suffix.lower() != suffix:
