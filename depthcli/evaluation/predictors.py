@@ -1,7 +1,7 @@
 """Predictors, which give one depth map per image: models, files of other tools, baselines."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -120,21 +120,6 @@ def open_model(loader: SessionLoader, detail: Detail = DEFAULT_DETAIL) -> ModelP
     """
     pipeline = Pipeline(loader.load(), detail)
     return ModelPredictor(str(loader.model or pipeline.card.name), pipeline)
-
-
-def open_models(
-    loaders: Sequence[SessionLoader], detail: Detail, warn: Callable[[str], object]
-) -> list[ModelPredictor]:
-    """Load models; ``warn`` is called once with each distinct warning.
-
-    Raises:
-        DepthcliError: a model or its provider is missing or cannot be used.
-    """
-    models = [open_model(loader, detail) for loader in loaders]
-    warnings = (text for model in models for text in model.pipeline.session.warnings)
-    for warning in dict.fromkeys(warnings):
-        warn(warning)
-    return models
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """Evaluating models, predictions of other tools and training runs on a data set."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -23,9 +24,10 @@ from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.html import html_page
 from depthcli.evaluation.predictors import (
     TRIVIAL_NAMES,
+    FilePredictor,
     ModelPredictor,
     Predictor,
-    open_models,
+    open_model,
     open_predictions,
 )
 from depthcli.evaluation.report import EvalReport
@@ -97,7 +99,7 @@ def run_evaluation(
         DepthcliError: a model, or no training run, can be used.
     """
     options, failed = request.options, list[str]()
-    runs = [] if request.runs is None else _open_runs(request.runs, failed)
+    runs = _open_runs(request.runs, failed) if request.runs else []
     task = _plan_task(request, runs)
     positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
     trivial = TRIVIAL_NAMES if has_trivial(task, options) else ()
@@ -111,12 +113,14 @@ def run_evaluation(
     if options.protocol.mask is Mask.RAW and isinstance(task.dataset, HasRawDepth):
         task.dataset.raw_depth_m(task.test[0])  # raises early for a data set without raw depth
     with temporary_folder() as fallback_folder:
-        predictors: list[Predictor] = []
+        models = [open_model(loader, request.detail) for loader in request.models]
         if runs:
-            exported = _export_runs(runs, fallback_folder, request.weights, progress, failed)
-            predictors += _load_runs(exported, request, warn)
-        predictors += open_models(request.models, request.detail, warn)
-        predictors += _open_predictions(request, task, warn)
+            models += _load_runs(request, runs, fallback_folder, progress, failed)
+        files = list(_open_predictions(request, task))
+        own = (text for model in models for text in model.pipeline.session.warnings)
+        for warning in dict.fromkeys((*own, *(text for file in files for text in file.warnings))):
+            warn(warning)
+        predictors = [*models, *files]
         report = evaluate(task, predictors, options, progress)
         if runs and request.weights is Weights.RAW:
             report = replace(report, notes=(*report.notes, _RAW_WEIGHTS))
@@ -149,18 +153,13 @@ def _open_pairs(path: Path, units_per_metre: float | None) -> DepthDataset:
     return open_indexed_folder(path, units_per_metre=units)
 
 
-def _open_predictions(
-    request: EvalRequest, task: EvalTask, warn: Callable[[str], object]
-) -> Iterator[Predictor]:
+def _open_predictions(request: EvalRequest, task: EvalTask) -> Iterator[FilePredictor]:
     kind, scale = request.predictions_kind, request.predictions_scale
     if not request.predictions and (scale is not None or kind is not None):
         option = "predictions_scale" if kind is None else "predictions_kind"
         raise UsageError("it is about depth files", "give {predictions} as well", option=option)
     for folder in request.predictions:
-        predictor = open_predictions(folder, task.ids, kind, scale)
-        for warning in predictor.warnings:
-            warn(warning)
-        yield predictor
+        yield open_predictions(folder, task.ids, kind, scale)
 
 
 def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
@@ -168,50 +167,48 @@ def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
     from depthcli.export.trained import find_runs, open_run  # noqa: PLC0415 - needs torch
 
     opened = []
-    for run in find_runs(folder):
-        try:
-            opened.append(open_run(run))
-        except DepthcliError as error:
-            failed.append(f"{run.name} ({error})")
+    for path in find_runs(folder):
+        with _noted(path.name, failed):
+            opened.append(open_run(path))
     if not opened:
         raise DepthcliError(f"no run of {folder} can be used: {'; '.join(failed)}")
     return opened
 
 
-def _export_runs(
+def _load_runs(
+    request: EvalRequest,
     runs: Sequence[TrainedRun],
     fallback_folder: Path,
-    weights: Weights,
     progress: Progress,
     failed: list[str],
-) -> list[tuple[TrainedRun, Path]]:
-    """Every run with its model; runs that cannot be exported are added to ``failed``."""
+) -> list[ModelPredictor]:
+    """The exported models; runs that cannot be exported are added to ``failed``."""
     from depthcli.export.trained import export_run  # noqa: PLC0415 - needs torch
 
-    advance, exported = progress.begin("exporting runs", len(runs)), []
+    advance, exported = progress.begin("exporting runs", len(runs)), dict[str, Path]()
     for run in runs:
-        try:
-            exported.append((run, export_run(run, fallback_folder, weights)))
-        except DepthcliError as error:
-            failed.append(f"{run.name} ({error})")
+        with _noted(run.name, failed):
+            exported[run.name] = export_run(run, fallback_folder, request.weights)
         advance(1)
     if not exported:
         raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")
-    return exported
-
-
-def _load_runs(
-    exported: Sequence[tuple[TrainedRun, Path]],
-    request: EvalRequest,
-    warn: Callable[[str], object],
-) -> list[ModelPredictor]:
-    loaders = [replace(request.runner, model=path) for _, path in exported]
-    models = open_models(loaders, request.detail, warn)
+    opened = [run for run in runs if run.name in exported]
+    loaders = [replace(request.runner, model=path) for path in exported.values()]
+    models = [open_model(loader, request.detail) for loader in loaders]
     times_ms = measure_ms([model.pipeline for model in models])
     return [
         replace(model, name=run.name, run=run, latency_ms=ms)
-        for (run, _), model, ms in zip(exported, models, times_ms, strict=True)
+        for run, model, ms in zip(opened, models, times_ms, strict=True)
     ]
+
+
+@contextmanager
+def _noted(name: str, failed: list[str]) -> Iterator[None]:
+    """Note an error of a run, so that the others are compared."""
+    try:
+        yield
+    except DepthcliError as error:
+        failed.append(f"{name} ({error})")
 
 
 def _shown(predictors: Sequence[Predictor], report: EvalReport) -> list[tuple[str, Predictor]]:
