@@ -21,7 +21,7 @@ _CUT_DECAY = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """How a picture differs from the one before."""
+    """Difference of an image from the one before."""
 
     #: (h, w) float32 in [0, 1], of brightness averaged over 5×5 pixels of the thumbnail, against
     #: noise
@@ -147,7 +147,7 @@ class Smoother:
 
 
 class FlickerMeter:
-    """How much depth changes from frame to frame where the picture hardly changes.
+    """Measures how much depth changes from frame to frame where the picture hardly changes.
 
     The value is the mean absolute change of log depth against the frame before, over all pixels
     whose brightness changed by less than 2 % and all frames but the first of each scene: 0.01 is a

@@ -66,7 +66,7 @@ class FrameDecoder:
         return next(self._frames, None)
 
     def pop_failed(self, before: int | None = None) -> int:
-        """How many frames could not be decoded since the last call.
+        """Number of frames that could not be decoded since the last call.
 
         Args:
             before: only those before this time, in ticks of the stream; None for all.

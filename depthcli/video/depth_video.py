@@ -46,6 +46,7 @@ class DepthVideo:
             programs.
         scale: units per metre; None if the file is normalized and has no unit.
         kind: what the numbers mean.
+        frame_labels: numbers, time code and geometry of its frames.
     """
 
     def __init__(self, path: str | Path, *, scale: float | None = None) -> None:
@@ -62,7 +63,6 @@ class DepthVideo:
         container, stream = open_video(self.path)
         pixel_format, fps = stream.codec_context.pix_fmt, stream.average_rate
         texts = dict(container.metadata)
-        container.close()
         if pixel_format != DEPTH_PIXELS:
             raise InputError(f"{self.path} is not 16-bit gray, so it holds no depth")
         self.labels = {
@@ -75,6 +75,12 @@ class DepthVideo:
         self.kind = kind_named(self.labels.get("kind"))
         stated = depth_scale(self.labels, scale)
         self.scale = stated and stated.units_per_metre
+        frames = FrameLabels.parse(self.labels)
+        if frames.source_rate is None and self.rate is not None:  # of another program
+            time_code = header_time_code(container, stream, self.rate)
+            frames = replace(frames, source_rate=self.rate, time_code=time_code)
+        self.frame_labels = frames
+        container.close()
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.
@@ -141,7 +147,7 @@ class DepthVideo:
 
 @dataclass(frozen=True, slots=True)
 class FrameLabels:
-    """What is known of all frames of a depth video.
+    """Facts about all frames of a depth video.
 
     Attributes:
         first: number of the first frame.
@@ -162,7 +168,7 @@ class FrameLabels:
 
     @classmethod
     def of_first(cls, frame: Frame, timing: Timing) -> Self:
-        """Those of a video that begins with a frame."""
+        """Make those of a video that begins with a frame."""
         display = frame.windows.display if frame.windows else None
         return cls(
             first=frame.index,
@@ -175,7 +181,7 @@ class FrameLabels:
 
     @classmethod
     def parse(cls, texts: Mapping[str, str]) -> Self:
-        """Those that a file states; the default for what it does not state."""
+        """Read those that a file states; the default for what it does not state."""
         rate = parse_rate(texts.get("source_rate"))
         step = number(texts.get("frame_step"))
         origin = re.fullmatch(r"(-?\d{1,8}),(-?\d{1,8})", texts.get("display_origin", ""), re.ASCII)
@@ -246,7 +252,7 @@ def depth_frames(
     Raises:
         InputError: a frame is damaged or missing; those before it have been yielded.
     """
-    labels, stated = _labels(video), depth_scale(video.labels, scale)
+    labels, stated = video.frame_labels, depth_scale(video.labels, scale)
     first_s, number = None, labels.first - 1
     for count, (stated_number, depth) in enumerate(video.numbered_maps()):
         time_s = (depth.provenance and depth.provenance.time_s) or 0.0
@@ -264,14 +270,3 @@ def depth_frames(
             time_code=labels.time_code_at(time_s - first_s),
         )
         yield StoredDepth(name or str(video.path), depth, video.labels, stated, frame)
-
-
-def _labels(video: DepthVideo) -> FrameLabels:
-    """Those of the file; of another program's, its rate and the time code of its header."""
-    labels = FrameLabels.parse(video.labels)
-    if labels.source_rate is not None or video.rate is None:
-        return labels
-    container, stream = open_video(video.path)
-    with container:
-        time_code = header_time_code(container, stream, video.rate)
-    return replace(labels, source_rate=video.rate, time_code=time_code)

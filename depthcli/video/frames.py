@@ -37,7 +37,7 @@ class Span:
         return min(rate, 1 / self.every.value)
 
     def count(self, frames: int, rate: Fraction) -> int:
-        """How many frames are selected from a video of ``frames`` evenly spaced ones."""
+        """Number of frames selected from a video of ``frames`` evenly spaced ones."""
         if self == WHOLE:
             return frames
         return sum(self.selected((index, index / rate) for index in range(frames)))
@@ -96,7 +96,7 @@ class FrameSource(ABC):
         """
 
     def count(self, span: Span) -> int | None:
-        """How many frames a span has; None if that is not known."""
+        """Number of frames in a span; None if that is not known."""
         return None if self.frames_stated is None else span.count(self.frames_stated, self.rate)
 
     def close(self) -> None:  # noqa: B027 - there may be none
@@ -251,7 +251,7 @@ class Timeline:
         self._unassigned = 0
 
     def _missing(self, index: int, measured_s: Fraction | None) -> int:
-        """How many frames are missing before the next, by its timestamp if that is regular."""
+        """Number of frames missing before the next, by its timestamp if that is regular."""
         missing = self._unassigned
         if measured_s is not None:
             by_time = round(measured_s * self._rate)

@@ -35,14 +35,6 @@ _LISTED = 4
 """Most patterns that an error lists."""
 
 
-class _Parts(NamedTuple):
-    """A pattern, divided at its last placeholder."""
-
-    start: str
-    digits: int  #: least number of digits
-    end: str
-
-
 def is_pattern(name: str) -> bool:
     """Whether a name has exactly one placeholder for a number."""
     return len(_PLACEHOLDER.findall(name)) == 1
@@ -69,18 +61,16 @@ def is_single_image(name: str) -> bool:
 
 def numbered_name(pattern: str, number: int) -> str:
     """The name of the file with a number."""
-    parts = _parts(pattern)
-    return pattern if parts is None else f"{parts.start}{number:0{parts.digits}d}{parts.end}"
+    start, digits, end = _parts(pattern)
+    return f"{start}{number:0{digits}d}{end}" if digits else pattern
 
 
 def number_in(pattern: str, name: str) -> int | None:
     """The number in a name; None if the name does not match the pattern."""
-    parts = _parts(pattern)
-    if parts is None:
-        return None
-    digits = name[len(parts.start) : len(name) - len(parts.end)]
-    is_number = digits.isdecimal() and numbered_name(pattern, int(digits)) == name
-    return int(digits) if is_number else None
+    start, _, end = _parts(pattern)
+    number = name[len(start) : len(name) - len(end)]
+    is_number = number.isdecimal() and numbered_name(pattern, int(number)) == name
+    return int(number) if is_number and name != pattern else None
 
 
 def pattern_of(stem: str) -> str | None:
@@ -96,25 +86,26 @@ def pattern_of(stem: str) -> str | None:
 
 def base_name(stem: str) -> str:
     """The name of a sequence: ``plate`` of ``plate.%04d``."""
-    parts = _parts(stem)
-    start = (stem if parts is None else parts.start).rstrip(_SEPARATORS)
-    return start or "sequence"
+    return _parts(stem)[0].rstrip(_SEPARATORS) or "sequence"
 
 
 def sequence_name(pattern: str) -> str:
     """The name of the one file that a sequence counts as: ``plate.exr`` of ``plate.%04d.exr``."""
-    parts = _parts(pattern)
-    return base_name(pattern) + parts.end if parts else pattern
+    _, digits, end = _parts(pattern)
+    return base_name(pattern) + end if digits else pattern
 
 
-def _parts(pattern: str) -> _Parts | None:
-    """The parts of a pattern; None if it has no placeholder."""
+def _parts(pattern: str) -> tuple[str, int, str]:
+    """Text before the last placeholder, least number of digits, and text after it.
+
+    Without a placeholder: the whole text, 0 and nothing.
+    """
     matches = list(_PLACEHOLDER.finditer(pattern))
     if not matches:
-        return None
+        return pattern, 0, ""
     last = matches[-1]
     digits = len(last[2] or "") or int(last[1] or 1)
-    return _Parts(pattern[: last.start()], digits, pattern[last.end() :])
+    return pattern[: last.start()], digits, pattern[last.end() :]
 
 
 class NumberedImage(NamedTuple):

@@ -18,7 +18,7 @@ from depthcli.video.numbering import NumberedImage, find_images
 
 _SHOWN = 10
 _TRIES = 10
-"""How many images are asked for their frame rate."""
+"""Images that are asked for their frame rate."""
 _CUT = "images with more overscan than the first one, which is cut off"
 
 
@@ -101,7 +101,7 @@ class ImageSequence(FrameSource):
                 )
 
     def count(self, span: Span) -> int:
-        """How many images a span has."""
+        """Number of images in a span."""
         return sum(span.selected(self._numbers_and_times()))
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
@@ -133,7 +133,7 @@ class ImageSequence(FrameSource):
 
 
 def _stated_rate(paths: Sequence[Path]) -> Fraction | None:
-    """The frame rate of the first EXR that can be read, as ``--fps`` takes it; None if none."""
+    """The frame rate of the first EXR that can be read, exact; None if none."""
     for path in paths[:_TRIES]:
         with suppress(InputError):  # which reading its pixels reports
             rate = read_exr_rate(path)
@@ -148,7 +148,7 @@ def _listed(numbers: Sequence[object]) -> str:
 
 
 def _overscan(frame: Frame) -> Window:
-    """What its pixels cover, relative to the corner of the display window."""
+    """The window of a frame's pixels, relative to the corner of its display window."""
     if frame.windows is None:
         return Window(0, 0, frame.width, frame.height)
     left, top = frame.windows.display[:2]

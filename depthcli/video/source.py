@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import av
 import numpy as np
@@ -39,54 +38,25 @@ _RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "m4v
 # Containers without presentation times: FFmpeg numbers the packets, also those of B-frames.
 _NUMBERED_FORMATS = {"avi", "mxf"}
 
-
+_AVI = "avi"
 _AVI_UNKNOWN_FRAMES = 1 << 30  # as FFmpeg states in an AVI that it writes into a pipe
 
 
-@dataclass(frozen=True, slots=True)
-class StreamInfo:
-    """Rate, time base, length and time code."""
-
-    rate: Fraction  #: frames a second, exact, as the file states it, often as a mean
-    is_rate_stated: bool  #: whether the file states it
-    is_constant: bool  #: whether frames are evenly spaced, as far as the header tells
-    time_base: Fraction  #: seconds a tick, of which every frame's time is a multiple
-    #: which of FFmpeg's timestamps the file gives in the order of presentation
-    timestamps: Literal["pts", "dts"] | None
-    frames: int | None  #: how many there are; None if nothing states it
-    time_code: TimeCode | None  #: of the first frame; None if nothing states it
-
-
-def _file_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
-    """Frames a second that the file states; None if it states none."""
+def _stated_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
+    """Frames a second that a file states, often as a mean; None if it states none."""
     if container.format.name not in _RAW_FORMATS:
         return exact_rate(stream.average_rate or stream.guessed_rate or 0)
     return exact_rate(stream.guessed_rate or 0) if stream.codec_context.framerate else None
 
 
-def stream_info(container: InputContainer, stream: VideoStream) -> StreamInfo:
-    """Read the properties of a stream."""
-    stated = _file_rate(container, stream)
-    rate = stated or FALLBACK_RATE
-    time_base = stream.time_base or 1 / rate
-    is_raw = container.format.name in _RAW_FORMATS
-    is_constant = is_raw or stream.average_rate == stream.base_rate
-    length_s = Fraction(0)
+def _stated_frames(container: InputContainer, stream: VideoStream, rate: Fraction) -> int | None:
+    """Number of frames that a file states, directly or by its length; None if it states neither."""
+    if container.format.name == _AVI and stream.frames == _AVI_UNKNOWN_FRAMES:
+        return None
+    length_s = Fraction(container.duration or 0, av.time_base)
     if stream.duration:
-        length_s = stream.duration * time_base
-    elif container.duration:
-        length_s = Fraction(container.duration, av.time_base)
-    is_numbered = container.format.name in _NUMBERED_FORMATS
-    is_unknown = container.format.name == "avi" and stream.frames == _AVI_UNKNOWN_FRAMES
-    return StreamInfo(
-        rate=rate,
-        is_rate_stated=stated is not None,
-        is_constant=is_constant,
-        time_base=time_base,
-        frames=None if is_unknown else stream.frames or round(length_s * rate) or None,
-        timestamps=None if is_raw else "dts" if is_numbered else "pts",
-        time_code=header_time_code(container, stream, rate),
-    )
+        length_s = stream.duration * (stream.time_base or 1 / rate)
+    return stream.frames or round(length_s * rate) or None
 
 
 _INTERLACED = (
@@ -161,7 +131,6 @@ def _warnings_about(first: VideoFrame) -> Iterator[str]:
 
 
 _MISSING_SHARE = 200
-_AVI = "avi"
 _TRANSPOSED = 5
 """The first EXIF orientation that swaps rows and columns."""
 
@@ -172,6 +141,7 @@ class VideoSource(FrameSource):
     width: int  #: columns of an upright frame
     height: int  #: rows of an upright frame
     is_own_depth: bool  #: whether it is depth that depthcli wrote
+    frames_stated = None
 
     def __init__(self, source: str | Path | InputPipe, *, max_pixels: int = MAX_PIXELS) -> None:
         """Open any video that FFmpeg reads, except playlists; larger frames are refused.
@@ -185,12 +155,15 @@ class VideoSource(FrameSource):
         self._container, stream = open_video(self._source)
         self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in self._container.metadata)
         check_pixel_count(str(source), stream.width, stream.height, max_pixels)
-        stated = stream_info(self._container, stream)
-        self.rate, self.tick_s = stated.rate, stated.time_base
-        self._time_code = stated.time_code
-        self.frames_stated = stated.frames if self.paths else None  # in a pipe it is a guess
-        no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
-        self.warnings = () if stated.is_rate_stated else (no_rate,)
+        rate = _stated_rate(self._container, stream)
+        if rate is None:
+            no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
+            self.warnings = (no_rate,)
+        self.rate = rate or FALLBACK_RATE
+        self.tick_s = stream.time_base or 1 / self.rate
+        if self.paths:  # in a pipe it is a guess
+            self.frames_stated = _stated_frames(self._container, stream, self.rate)
+        self._time_code = header_time_code(self._container, stream, self.rate)
         self._decoder = FrameDecoder(self._container, stream, is_own=self.is_own_depth)
         self._reformatter = VideoReformatter()
         first = self._decoder.next()
@@ -200,20 +173,26 @@ class VideoSource(FrameSource):
                 f"{source} holds no frame that can be decoded: it is damaged",
                 pipe_advice(self._source),
             )
-        self._timestamps = stated.timestamps
         self._current, self._is_read = first, False
         self._inspect(first, stream, max_pixels)
+        self._begin(first, stream)
+
+    def _begin(self, first: VideoFrame, stream: VideoStream) -> None:
+        """Set the clock by the first frame that can be decoded."""
+        container = self._container.format.name
+        is_raw = container in _RAW_FORMATS
+        self._timestamps = None if is_raw else "dts" if container in _NUMBERED_FORMATS else "pts"
         self._timeline = Timeline(
             self.rate,
-            stated.time_base,
+            self.tick_s,
             self._ticks(first),
-            is_constant=stated.is_constant,
+            is_constant=is_raw or stream.average_rate == stream.base_rate,
             failed=self._decoder.pop_failed(self._ticks(first)),
             stated_ticks=stream.start_time,
         )
         if self._container.streams.audio:
-            begins_s = (stream.start_time or 0) * stated.time_base
-            self.start_s = self._timeline.start_s if stated.timestamps == "pts" else begins_s
+            begins_s = (stream.start_time or 0) * self.tick_s
+            self.start_s = self._timeline.start_s if self._timestamps == "pts" else begins_s
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Decode the frames of a span; to be called once.

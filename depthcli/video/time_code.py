@@ -107,7 +107,7 @@ def _frame_of(time_code: TimeCode, rate: Fraction) -> int:
 
 
 def _with_frame(time_code: TimeCode, number: int, rate: Fraction) -> TimeCode:
-    """The same time code with another number of the frame within its second."""
+    """A time code with another number of the frame within its second."""
     if round(rate) <= _MOST_FPS_UNPAIRED:
         return *time_code[:_FRAME], number, *time_code[_FRAME + 1 :]
     flags = time_code[_FRAME + 1 : _SECOND_OF_PAIR]

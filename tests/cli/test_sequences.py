@@ -16,12 +16,11 @@ from helpers.file_trees import contents
 from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.commands.video import parse_rate
-from depthcli.errors import InputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Point, Span
-from depthcli.video.numbering import find_images, is_sequence, number_in, numbered_name
+from depthcli.video.numbering import is_sequence, number_in, numbered_name
 from depthcli.video.source import open_frames
 
 if TYPE_CHECKING:
@@ -130,21 +129,6 @@ def test_sixteen_bit_pictures_keep_their_bits(tmp_path: Path) -> None:
     assert [frame.timestamp_s for frame in frames] == [float(i / FILM) for i in range(3)]
     for frame, pixels in zip(frames, pictures, strict=True):
         np.testing.assert_array_equal(frame.pixels, pixels[..., ::-1])
-
-
-def test_a_folder_goes_by_names_and_leaves_our_own_files(inside: Cli) -> None:
-    for name in ("b", "a", "c"):
-        cv2.imwrite(str(inside.folder / f"{name}.png"), np.full((4, 4, 3), 99, np.uint8))
-    inside("predict", "a.png")
-    (inside.folder / "note.txt").touch()
-    found = find_images(inside.folder)
-    assert [(file.number, file.path.name) for file in found] == [
-        (0, "a.png"),
-        (1, "b.png"),
-        (2, "c.png"),
-    ]
-    with pytest.raises(InputError, match="no such picture"):
-        find_images(inside.folder / "x.%04d.png")
 
 
 def test_a_span_counts_in_the_sequences_own_numbers(tmp_path: Path) -> None:

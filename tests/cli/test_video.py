@@ -74,20 +74,6 @@ def test_without_options_lossless_depth_and_a_preview_beside_the_video(cli: Cli)
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 24
 
 
-def test_the_report_and_the_sidecar_state_the_exact_rate(cli: Cli) -> None:
-    ramp(cli)
-    done = cli("video", "clip.mp4", "--out", "d.mkv", "--sidecar", "--json", "--every", "2")
-    facts = report(done)
-    sidecar = json.loads((cli.folder / "d.json").read_text())
-    for found in (facts, sidecar):
-        assert (found["fps"], found["source_fps"]) == ("15000/1001", "30000/1001")
-        assert (found["frames"], found["unit"], found["scale"]) == (12, "m", 1000)
-        assert found["constant_rate"] is True
-    assert facts["status"] == "ok"
-    assert facts["outputs"] == ["d.mkv", "d.json"]
-    assert here(cli) == {"clip.mp4", "d.mkv", "d.json"}
-
-
 def test_a_cut_video_is_written_as_far_as_it_goes(cli: Cli) -> None:
     path = write_video(cli.folder / "cut.avi", flat_frames(range(60)))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])

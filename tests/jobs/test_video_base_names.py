@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from helpers.command_line import Cli
-    from helpers.stores import Bucket
 
 
 def write_names(folder: Path, names: str) -> None:
@@ -63,13 +62,3 @@ def test_every_output_has_the_name(tmp_path: Path) -> None:
     formats = (VideoFormat.MKV, VideoFormat.PNG16)
     plan = plan_video(VideoRequest(str(tmp_path / "p.####.exr"), "out/", formats))
     assert list(plan.names.values()) == ["p.exr.depth.mkv", "p.exr.depth.%06d.png"]
-
-
-def test_inputs_in_a_store_share_no_name_either(bucket: Bucket) -> None:
-    for name in ("p.1001.exr", "p.1001.png", "p.mov"):
-        bucket.put(f"shot/{name}", b"")
-    names = ("p.%04d.exr", "p.%04d.png", "p.mov")
-    found = [plan_video(VideoRequest(bucket.uri(f"shot/{name}"))).names for name in names]
-    assert [plan[VideoFormat.MKV].removesuffix(".depth.mkv") for plan in found] == [
-        *("p.exr", "p.png", "p.mov")
-    ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,7 +20,6 @@ from depthcli.video.formats import VideoFormat
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from helpers.stores import Bucket, Faults
 
 BOTH = (VideoFormat.MKV, VideoFormat.MP4)
 
@@ -61,37 +59,6 @@ def test_it_is_not_replaced(
     assert place.read_bytes() == whole
 
 
-def test_it_is_not_replaced_in_a_bucket(
-    folder: Path, loader: SessionLoader, bucket: Bucket
-) -> None:
-    sensor = (folder / "clip.depth.mkv").read_bytes()
-    name = bucket.put("clip.depth.mkv", sensor)
-    request = VideoRequest(str(folder / "clip.mp4"), bucket.uri(), model=loader)
-    with pytest.raises(OutputError, match=f"^{name} exists and was not written by depthcli"):
-        video(request)
-    assert bucket.objects() == {"clip.depth.mkv": sensor}
-    bucket.client.delete_object(Bucket=bucket.name, Key="clip.depth.mkv")
-    for _ in range(2):  # its own is replaced
-        assert video(request).frames == 3
-    assert len(bucket.names()) == 2
-
-
-def test_a_store_that_does_not_answer_gets_no_video(
-    folder: Path, loader: SessionLoader, bucket: Bucket, faults: Faults
-) -> None:
-    request = VideoRequest(str(folder / "clip.mp4"), bucket.uri(), (VideoFormat.MKV,), model=loader)
-    for answer, is_written in (("500 InternalError", False), ("403 AccessDenied", True)):
-        faults.fault = lambda method, path, _, answer=answer: (
-            answer if method == "GET" and path.endswith(".mkv") else None
-        )
-        if is_written:
-            assert video(request).frames == 3
-        else:
-            with pytest.raises(OutputError, match=r"cannot write .*clip\.depth\.mkv"):
-                video(request)
-        assert bool(bucket.names()) is is_written
-
-
 def test_a_batch_does_not_replace_it_in_any_run(folder: Path) -> None:
     place = folder.parent / "out" / "clip.depth.mkv"
     place.parent.mkdir()
@@ -109,11 +76,3 @@ def test_a_batch_does_not_replace_it_in_any_run(folder: Path) -> None:
     for is_kept in (False, True):
         (result,) = Batch(asked)
         assert (result.row.error, result.is_kept) == (None, is_kept)
-
-
-def test_a_pipe_is_refused_without_reading_it(folder: Path, loader: SessionLoader) -> None:
-    place = folder / "clip.depth.mkv"
-    place.unlink()
-    os.mkfifo(place)
-    with pytest.raises(OutputError, match="is a device or a pipe and is not replaced"):
-        video(VideoRequest(str(folder / "clip.mp4"), model=loader))

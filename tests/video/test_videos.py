@@ -100,11 +100,6 @@ def test_rates_that_containers_round_are_known(fps: float, rate: Fraction) -> No
     assert exact_rate(fps) == rate
 
 
-@pytest.mark.parametrize("fps", [0, -1, float("nan"), float("inf"), 90000])
-def test_a_rate_that_says_nothing_is_none(fps: float) -> None:
-    assert exact_rate(fps) is None
-
-
 @pytest.mark.parametrize("rate", RATES, ids=rate_text)
 def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) -> None:
     frames = 200
@@ -284,14 +279,6 @@ def test_the_rate_of_a_span() -> None:
     assert Span(every=seconds("0.001")).rate(NTSC) == NTSC
 
 
-def test_exact_times_of_an_ntsc_video(tmp_path: Path) -> None:
-    path = write_mp4(tmp_path / "a.mp4", flat_frames([0] * 100))
-    with VideoSource(path) as source:
-        assert (source.rate, source.frames_stated) == (NTSC, 100)
-        times_s = [frame.timestamp_s for frame in source.frames()]
-    assert times_s == [float(Fraction(i * 1001, 30000)) for i in range(100)]
-
-
 ONE = 1 << 16
 MATRICES = {  # a, b, c, d: x' = a x + c y, y' = b x + d y
     1: (ONE, 0, 0, ONE),
@@ -382,6 +369,9 @@ def test_a_cut_video_gives_what_there_is_and_says_so(make: Any, tmp_path: Path) 
     with VideoSource(path) as source:
         assert len(list(source.frames(Span(end=number(4))))) == 4
         assert source.problem is None
+    if path.suffix == ".mkv":
+        with pytest.raises(InputError, match="truncated or damaged"):
+            list(DepthVideo(path))
 
 
 def test_a_whole_video_has_no_problem(tmp_path: Path) -> None:
@@ -535,24 +525,6 @@ def test_a_gap_in_matroska_is_noticed(tmp_path: Path) -> None:
     with VideoSource(tmp_path / "a.mkv") as source:
         assert 40 < len(list(source.frames())) < 58
         assert source.problem is not None
-
-
-@pytest.mark.parametrize("suffix", ["mp4", "webm", "mov"])
-def test_a_time_lapse_over_days_keeps_its_times(suffix: str, tmp_path: Path) -> None:
-    times_s = [0.0, 28_800.0, 57_600.0, 172_800.0]
-    rate = Fraction(4, 172_800)
-    write_depth(tmp_path / "a.mkv", [np.ones((16, 16), np.float32)] * 4, rate, times_s=times_s)
-    path = tmp_path / f"a.{suffix}"
-    codec = preview_codec(f".{suffix}", None)
-    timing = Timing(rate, Fraction(1, 90_000))
-    with preview_video(path, timing, PreviewWriter(), None, codec=codec) as output:
-        for time_s in times_s:
-            output.append(output.encode(shot(np.ones((16, 16), np.float32), time_s=time_s)))
-        output.finish()
-    for name in ("a.mkv", path.name):
-        with VideoSource(tmp_path / name) as source:
-            found = [frame.timestamp_s for frame in source.frames()]
-        assert found == pytest.approx(times_s)
 
 
 def stream_of(path: Path) -> tuple[str, str | None, Fraction | None]:

@@ -1,4 +1,4 @@
-"""What is asked of ``depthcli video``, the names of its outputs, and its result."""
+"""The request of ``depthcli video``, the names of its outputs, and its result."""
 
 from __future__ import annotations
 
