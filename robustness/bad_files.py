@@ -1,4 +1,6 @@
-"""A table of files that are not what they should be: the command, its line and its exit code.
+"""Give each command files that are not what they should be: each costs one line and an exit code.
+
+    python -m robustness.bad_files [FAMILY...]
 
 Pictures have a table of their own, tests/helpers/bad_pictures.py.
 """
@@ -7,7 +9,10 @@ import copy
 import io
 import json
 import os
-from collections.abc import Callable
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +22,7 @@ import numpy as np
 import onnx
 import OpenEXR
 import torch
+from helpers.command_line import ROOT
 from helpers.tiny import CARD, card_with, tiny_onnx
 from onnx import TensorProto, helper
 
@@ -25,7 +31,6 @@ from robustness.fuzz_targets import (
     depth_pngs,
     exr_pictures,
     flat_exr,
-    manifests,
     mats,
     videos,
 )
@@ -405,24 +410,6 @@ NYU = {
     "long field": Bad(_folder("id,scene,official_split\n" + "x" * 200_000), "is not CSV in UTF", 2),
 }
 
-_ROW = json.loads(manifests()[0].splitlines()[0])
-MANIFESTS = {
-    "no JSON": "{",
-    "deep": "[" * 100_000,
-    "long number": "9" * 5000,
-    "a list": "[1]",
-    "words": json.dumps(_ROW | {"seconds": "long"}),
-    "outputs": json.dumps(_ROW | {"outputs": [{"path": 3, "bytes": "a", "sha256": None}]}),
-    "not a number": json.dumps(_ROW | {"seconds": float("nan")}),
-    "no name": json.dumps(_ROW | {"input": None}),
-    "surrogate": json.dumps(_ROW | {"input": "\ud800"}),
-    "zeros": "\0" * 9999,
-    "elsewhere": json.dumps(_ROW | {"outputs": [_ROW["outputs"][0] | {"path": "/dev/zero"}]}),
-    "long name": json.dumps(_ROW | {"outputs": [_ROW["outputs"][0] | {"path": "a" * 9999}]}),
-    "NUL": json.dumps(_ROW | {"outputs": [_ROW["outputs"][0] | {"path": "a\0"}]}),
-}
-"""Lines that a manifest or journal may hold, which are passed over."""
-
 _TRAIN = ("train", "proposed", "--data", "none", "--out", "run", "--config", "a.toml")
 FAMILIES = {
     "depth": Family("a.npy", ("info", "a.npy"), DEPTH),
@@ -438,3 +425,49 @@ FAMILIES = {
     "mat": Family("a.mat", ("eval", "nyu", "--data", "a.mat"), MATS),
     "nyu": Family("nyu", ("eval", "nyu", "--data", "nyu"), NYU),
 }
+
+
+def problems(family: str, name: str, folder: Path) -> Iterator[str]:
+    """What a command did otherwise than it should, given a bad file of a family."""
+    file, words, table = FAMILIES[family]
+    bad = table[name]
+    write(bad.make, folder / file)
+    cv2.imwrite(str(folder / "good.png"), np.full((8, 8, 3), 99, np.uint8))
+    before = {path.name for path in folder.iterdir()}
+    done = subprocess.run(
+        [sys.executable, "-m", "depthcli", *words],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        check=False,
+        timeout=120,
+    )
+    lines = done.stderr.decode().splitlines()
+    errors = [line for line in lines if not line.startswith("depthcli: warning: ")]
+    if done.returncode != bad.code:
+        yield f"exit code {done.returncode}, not {bad.code}"
+    if len(errors) != 1 or not errors[0].isprintable() or "unexpected " in errors[0]:
+        yield f"not one line: {errors}"
+    elif bad.line not in errors[0]:
+        yield f"another line: {errors[0]}"
+    left = {path.name for path in folder.iterdir()} - before - {"b.mkv"}  # whole frames
+    if left:
+        yield f"left {sorted(left)}"
+
+
+def main(names: Sequence[str]) -> int:
+    """Try every bad file of the families, and print what went wrong."""
+    count = short = 0
+    for family in names or FAMILIES:
+        for name in FAMILIES[family].table:
+            with tempfile.TemporaryDirectory(prefix="bad-") as folder:
+                count += 1
+                for problem in problems(family, name, Path(folder)):
+                    short += 1
+                    print(f"{family}, {name}: {problem}", flush=True)
+    print(f"{count} bad files, {short} fell short")
+    return int(short > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

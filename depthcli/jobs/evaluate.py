@@ -120,7 +120,7 @@ def run_evaluation(
         own = (text for model in models for text in model.pipeline.session.warnings)
         for warning in dict.fromkeys((*own, *(text for file in files for text in file.warnings))):
             warn(warning)
-        predictors = [*models, *files]
+        predictors: list[Predictor] = [*models, *files]
         report = evaluate(task, predictors, options, progress)
         if runs and request.weights is Weights.RAW:
             report = replace(report, notes=(*report.notes, _RAW_WEIGHTS))
