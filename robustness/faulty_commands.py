@@ -132,7 +132,7 @@ _PICTURES = (
     "cv2",
     "onnxruntime",
     "OpenEXR",
-    "depthcli.jobs.predict.pictures",
+    "depthcli.jobs.predict_images",
     "depthcli.api.model",
 )
 _VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.workers")

@@ -27,7 +27,7 @@ from depthcli.io.formats.table import Format
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
-from depthcli.jobs.predict.plan import picture_destination
+from depthcli.jobs.predict import picture_destination
 
 
 def planned(sources: Sequence[Path | None], out: str | None) -> list[OutputPlan[Format]]:

@@ -17,8 +17,7 @@ from depthcli.io.images.read import read_image
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.predict.request import PredictRequest
-from depthcli.jobs.predict.run import predict
+from depthcli.jobs.predict import PredictRequest, predict
 
 if TYPE_CHECKING:
     from pathlib import Path

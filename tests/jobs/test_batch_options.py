@@ -15,8 +15,7 @@ from depthcli.core.options import GPU_BATCH, Detail, Upsampling
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch, dry_run
-from depthcli.jobs.predict.request import PredictRequest
-from depthcli.jobs.predict.run import predict
+from depthcli.jobs.predict import PredictRequest, predict
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat

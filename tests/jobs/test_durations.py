@@ -14,16 +14,15 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest.row import OK, Origin, Row
+from depthcli.jobs import predict_images as predict_pictures
 from depthcli.jobs.batch import options as tally
 from depthcli.jobs.batch import tasks as task
 from depthcli.jobs.batch import workers as batch_pictures
 from depthcli.jobs.batch import workers as batch_videos
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tasks import Result
-from depthcli.jobs.predict import pictures as predict_pictures
-from depthcli.jobs.predict.pictures import PictureResult
-from depthcli.jobs.predict.request import PredictRequest
-from depthcli.jobs.predict.run import predict
+from depthcli.jobs.predict import PredictRequest, predict
+from depthcli.jobs.predict_images import PictureResult
 from depthcli.jobs.video import run as video_write
 from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video

@@ -16,8 +16,7 @@ from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.predict.request import PredictRequest
-from depthcli.jobs.predict.run import predict
+from depthcli.jobs.predict import PredictRequest, predict
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat

@@ -12,8 +12,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.predict.request import PredictRequest
-from depthcli.jobs.predict.run import predict
+from depthcli.jobs.predict import PredictRequest, predict
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -23,9 +23,9 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
-from depthcli.jobs.predict.pictures import PictureResult
-from depthcli.jobs.predict.request import PredictRequest
-from depthcli.jobs.predict.run import predict
+from depthcli.jobs.predict_images import PictureResult
+from depthcli.jobs.predict import PredictRequest
+from depthcli.jobs.predict import predict
 from depthcli.jobs.write import FailedInput
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def test_nobody_who_reads_is_no_error_of_a_picture(tmp_path: Path, loader: Sessi
 
 def test_a_request_is_made_before_anything_heavy_is_loaded() -> None:
     code = (
-        "import sys, depthcli.jobs.predict.run, depthcli.jobs.predict.request; print(*sys.modules)"
+        "import sys, depthcli.jobs.predict, depthcli.jobs.predict; print(*sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     modules = set(done.stdout.decode().split())
@@ -232,7 +232,7 @@ def test_a_picture_that_does_not_fit_into_memory_fails_alone(
             raise MemoryError
         return read_image(path, *arguments, **options)
 
-    monkeypatch.setattr("depthcli.jobs.predict.pictures.read_image", read)
+    monkeypatch.setattr("depthcli.jobs.predict_images.read_image", read)
     huge, small = predict(PredictRequest(tuple(names), formats=(Format.NPY,), model=loader))
     assert isinstance(huge, FailedInput)
     assert str(huge.error) == "does not fit into memory; make it smaller"

@@ -1,0 +1,138 @@
+"""Predicting the depth of images, as ``depthcli predict`` does; free of numpy until a model loads.
+
+What needs numpy is in :mod:`depthcli.jobs.predict_images`, imported while the model loads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail, ReadOptions
+from depthcli.errors import UsageError
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.formats.table import FILE_SUFFIXES, Format, WriterOptions, format_of, stem_of
+from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.storage.paths import path_of, safe_name
+from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, plan_outputs
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+    from typing import BinaryIO
+
+    from depthcli.core.camera import Anchor
+    from depthcli.io.depth.anchors import AnchorFiles
+    from depthcli.jobs.predict_images import PictureResult
+    from depthcli.jobs.write import FailedInput
+
+_RULES = FormatRules(
+    (Format.PNG16, Format.PREVIEW), format_of, stem_of, FILE_SUFFIXES, stdout=Format.PNG16
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PredictRequest:
+    """Pictures, and how to process them."""
+
+    pictures: tuple[str, ...]  #: names of files; ``-`` is ``stdin``
+    #: a file for one picture, a folder (it exists, or ends in ``/``), ``-`` for ``stdout``; None
+    #: for files beside each picture
+    output: str | None = None
+    #: formats to write; empty for that of the output's suffix, else PNG and preview
+    formats: tuple[Format, ...] = ()
+    sidecar: bool = False  #: write the JSON as well
+    model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
+    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
+    #: points of known depth, or a file of them for all images
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    reading: ReadOptions = AS_STATED  #: how images are read
+    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
+    detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size picture
+    max_pixels: int = MAX_PIXELS  #: larger pictures are refused
+    overwrite: bool = False  #: whether outputs may replace files of other programs
+    stdin: BinaryIO | None = None  #: where ``-`` is read
+    stdout: BinaryIO | None = None  #: where ``-`` is written
+
+
+class PicturePlan(NamedTuple):
+    """One input and its outputs."""
+
+    name: str  #: the input as the user wrote it
+    source: Path | None  #: the file; None for standard input
+    outputs: dict[Format, Path | None]  #: the file of each format; None for standard output
+
+
+def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
+    """Predict the depth of pictures; a bad one does not stop the others.
+
+    Outputs are named and the model starts to load before this returns; pictures are processed
+    while the result is iterated over.
+
+    Returns:
+        An iterator of results, in the order of the pictures. It raises ModelError if the model
+        cannot be used, and UsageError if the model does not accept a focal length.
+
+    Raises:
+        UsageError: the outputs do not fit the pictures, or collide.
+    """
+    destination = picture_destination(request.output, request.formats, sidecar=request.sidecar)
+    plans = plan_pictures(request.pictures, destination)
+    loading = request.model.start()
+    # Imported here, while the model loads.
+    from depthcli.jobs.predict_images import predict_pictures  # noqa: PLC0415
+
+    return predict_pictures(request, plans, loading)
+
+
+def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Inputs, and those to skip because depthcli wrote them; ``*.png`` matches these as well.
+
+    Raises:
+        UsageError: all of them were written by depthcli.
+    """
+    own = [name for name in names if name != STDIO and is_own_picture(name)]
+    others = [name for name in names if name not in own]
+    if not others:
+        raise UsageError(
+            f"{safe_name(own[0])} was written by depthcli",
+            "name a picture, or use 'depthcli convert' for depth files",
+        )
+    return others, own
+
+
+def picture_destination(
+    output: str | None, asked: Sequence[Format], *, sidecar: bool = False
+) -> Destination[Format]:
+    """Where the outputs of pictures go, and their formats.
+
+    Raises:
+        UsageError: as :meth:`Destination.parse` does.
+    """
+    return Destination.parse(output, asked, _RULES, Format.JSON if sidecar else None)
+
+
+def plan_pictures(
+    names: Sequence[str], destination: Destination[Format]
+) -> tuple[PicturePlan, ...]:
+    """Name every output before anything is read.
+
+    Raises:
+        UsageError: the outputs do not fit the inputs, or collide.
+    """
+    if list(names).count(STDIO) > 1:
+        raise UsageError("'-' is standard input and can be read once", "give it once")
+    sources = [None if name == STDIO else path_of(name) for name in names]
+    if destination.kind is Kind.STDOUT:
+        if len(names) != 1 or len(destination.wanted) != 1:
+            raise UsageError(
+                "standard output takes one input and one format",
+                "name a folder for more",
+                option="out",
+            )
+        return (PicturePlan(safe_name(names[0]), sources[0], dict.fromkeys(destination.wanted)),)
+    return tuple(
+        PicturePlan(safe_name(name), plan.source, {**plan.outputs})
+        for name, plan in zip(names, plan_outputs(sources, destination), strict=True)
+    )
