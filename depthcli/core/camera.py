@@ -12,7 +12,7 @@ from typing import NamedTuple, Self
 
 from depthcli.core.text import short_repr
 from depthcli.core.validation import Rule
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, Message, UsageError
 
 HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
 """Horizontal fields of view; outside this range, depths would be almost zero or infinite."""
@@ -117,9 +117,9 @@ class Intrinsics:
     @property
     def warnings(self) -> tuple[str, ...]:
         """How it differs from a pinhole camera, one line each."""
-        distorted = (
-            "the camera has lens distortion, which is not removed; rectify the pictures, and then "
-            "add --rectified"
+        distorted = Message(
+            "the camera has lens distortion, which is not removed",
+            "rectify the pictures, and then add {rectified}",
         )
         return (distorted,) if self.is_distorted else ()
 

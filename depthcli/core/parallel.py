@@ -1,18 +1,21 @@
 """Work on a stream of items with several threads, in order and in bounded memory."""
 
+from __future__ import annotations
+
 import math
-import multiprocessing
 import os
 import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterable, Iterator
+    from concurrent.futures import Future
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -44,6 +47,8 @@ def ordered_map(
     if workers == 0:
         yield from map(function, items)
         return
+    from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415 - predict needs none
+
     ahead = 2 * workers if ahead is None else ahead
     pending: deque[Future[_Result]] = deque()
     pool = ThreadPoolExecutor(workers, thread_name_prefix="depthcli")
@@ -74,6 +79,9 @@ def process_map(
     if workers <= 1:
         yield from map(function, items)
         return
+    import multiprocessing  # noqa: PLC0415 - only training data and renderings need it
+    from concurrent.futures import ProcessPoolExecutor  # noqa: PLC0415
+
     # A signal ends this process at once; the resource tracker then warns of the pool's semaphores.
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
     context = multiprocessing.get_context("spawn")  # a fork would copy locks held by threads
@@ -90,7 +98,9 @@ def _start_worker() -> None:
 
 def _exit_with_parent() -> None:
     """Exit when the parent was killed; else the worker would wait for work forever."""
-    parent = multiprocessing.parent_process()
+    from multiprocessing import parent_process  # noqa: PLC0415 - as above
+
+    parent = parent_process()
     if parent is not None:
         parent.join()
         os._exit(1)

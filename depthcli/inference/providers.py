@@ -103,8 +103,8 @@ def check_options(provider: str, options: Mapping[str, str]) -> None:
     """
     if options and provider in {AUTO, CPU}:
         raise UsageError(
-            f"provider {provider!r} takes no options; name one such as cuda with --provider, or "
-            "remove --provider-option"
+            f"provider {provider!r} takes no options",
+            "name one such as cuda with {provider}, or remove {provider_options}",
         )
 
 

@@ -79,7 +79,7 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
 def _matrix_rows(root: cv2.FileStorage, path: Path, *, rectified: bool) -> list[list[float]]:
     """The first two rows of the camera matrix, or of that in the projection matrix."""
     names, columns = (_PROJECTIONS, 4) if rectified else (_MATRICES, 3)
-    advice = "give --focal-px and --centre-px of the rectified pictures" if rectified else _ADVICE
+    advice = "give {focal_px} and {centre_px} of the rectified pictures" if rectified else _ADVICE
     numbers = _numbers(_node(root, names, path, advice))
     rows = [numbers[start : start + 3] for start in range(0, len(numbers), columns)]
     if len(numbers) != 3 * columns or rows[2] != _LAST_ROW:
@@ -147,7 +147,7 @@ def _node(
         node = root.getNode(name)
         if not node.isNone():
             return node
-    raise InputError(f"{path} has no {names[0]}; {advice}")
+    raise InputError(f"{path} has no {names[0]}", advice)
 
 
 def _numbers(node: cv2.FileNode) -> list[float]:

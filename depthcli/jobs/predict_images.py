@@ -11,10 +11,8 @@ from depthcli.core.parallel import Background
 from depthcli.core.types import DepthMap, Frame, displayed_depth
 from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
-from depthcli.inference.measure import check_network
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
-from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.guard import Guard
@@ -54,7 +52,7 @@ def predict_pictures(
     points = _known_points(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
-    known = [path_of(request.anchors.path)] if isinstance(request.anchors, AnchorFiles) else []
+    known = [] if isinstance(request.anchors, tuple) else [path_of(request.anchors.path)]
     inputs = [*known, *(plan.source for plan in plans if plan.source is not None)]
     guard = output_guard(inputs, overwrite=request.overwrite)
     for plan in plans:
@@ -64,6 +62,8 @@ def predict_pictures(
         except (InputError, OutputError) as error:
             yield FailedInput(plan.name, error)
         except ModelError as error:
+            from depthcli.inference.measure import check_network  # noqa: PLC0415 - seldom needed
+
             check_network(error, loading.result())
             yield FailedInput(plan.name, error)
         except Exception as error:
@@ -105,12 +105,12 @@ def _known_points(request: PredictRequest) -> AnchorPoints | None:
     try:
         return request.anchors.read()
     except InputError as error:
-        raise UsageError(f"--anchors: {error}") from error
+        raise UsageError(error.message, option="anchors") from error
 
 
 def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:
     if not plan.name:
-        raise InputError("an input's name is empty; is a variable of the command not set?")
+        raise InputError("an input's name is empty", "is a variable of the command not set?")
     try:
         data = request.stdin.read() if plan.source is None and request.stdin else None
         return read_image(
@@ -120,7 +120,7 @@ def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:
         reason = "it is closed" if error.errno == errno.EBADF else error.strerror
         raise InputError(f"cannot read standard input: {reason}") from error
     except MemoryError as error:
-        raise InputError("does not fit into memory; make it smaller") from error
+        raise InputError("does not fit into memory", "make it smaller") from error
 
 
 def _write_picture(
@@ -134,5 +134,5 @@ def _write_picture(
     if path is not None:
         return write_output(request.writing, name, depth, frame, path, guard)
     if request.stdout is None:
-        raise UsageError("output is '-' but there is no stdout; name a file or a folder")
+        raise UsageError("the output is '-' but there is no stdout", "name a file or a folder")
     return write_stream(request.writing, name, depth, frame, request.stdout)

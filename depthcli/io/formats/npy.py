@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError
+from depthcli.errors import InputError, Message
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stated_kind
 from depthcli.io.depth.scale import DepthScale, dequantized
 from depthcli.io.formats.sidecar import with_sidecar
@@ -33,9 +33,7 @@ class NpyWriter:
             file.write(values.data)  # np.save reports no error when the disk is full
         if depth.is_metric:
             return ()
-        return (
-            f"{depth.kind} depth has no unit, which npy cannot say; a --sidecar beside it does",
-        )
+        return (Message(f"{depth.kind} depth has no unit, which npy cannot say", "{sidecar} does"),)
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:

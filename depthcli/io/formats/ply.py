@@ -10,7 +10,7 @@ from depthcli.core.camera import CameraSource, focal_px_of_hfov, hfov_deg
 from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.text import one_line
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.errors import OutputError
+from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import metadata_texts
 from depthcli.io.formats.table import KEY_PREFIX
 
@@ -28,7 +28,8 @@ class PlyWriter:
         """Write one vertex for each pixel with depth; comments in the header have the metadata."""
         if not depth.is_metric:
             raise OutputError(
-                f"a point cloud needs metres, and {depth.kind} depth has none; fit it with --anchor"
+                f"a point cloud needs metres, and {depth.kind} depth has none",
+                "fit it to known depth with {anchors}",
             )
         source = depth.provenance or Provenance()
         focal_px = source.focal_px or focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
@@ -45,7 +46,8 @@ class PlyWriter:
         if source.focal_px and source.camera_source is not CameraSource.CARD:
             return ()
         assumed = f"the point cloud assumes an hfov of {hfov_deg(focal_px, depth.width):.3g}°"
-        return (f"no focal length is known; {assumed}; give the focal length or field of view",)
+        problem = f"no focal length is known; {assumed}"
+        return (Message(problem, "give the focal length or the field of view"),)
 
 
 def _points(cloud: PointCloud) -> npt.NDArray[np.void]:

@@ -12,7 +12,6 @@ from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import EXPOSURE, MAX_PIXELS, ReadOptions
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.io.exr.image import clip_warning, encode
 from depthcli.io.images.decode import CheckedImage, check, read_bytes
 from depthcli.io.images.exif import EXIF_IFD, FOCAL_35MM, ORIENTATION, Exif, parse_exif
 from depthcli.io.images.headers import Decoded
@@ -99,6 +98,8 @@ def _frame_pixels(
     """Pixels of a frame, not turned yet, and warnings about them."""
     header, pixels = image.header, decoded.pixels
     if decoded.is_linear:
+        from depthcli.io.exr.image import clip_warning, encode  # noqa: PLC0415 - loads OpenEXR
+
         light = pixels.reshape(*pixels.shape[:2], -1)
         above = encode(light, exposure)
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
