@@ -18,8 +18,8 @@ from lightning_fabric import Fabric
 
 from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.table import METHODS
-from depthcli.training.settings import resolve_config
 from depthcli.training.run import Run
+from depthcli.training.settings import resolve_config
 
 STEPS = 3
 LAYOUTS = {"contiguous": torch.contiguous_format, "channels-last": torch.channels_last}

@@ -29,8 +29,8 @@ from depthcli.training.callbacks import Callback, TensorBoardLogger
 from depthcli.training.data import Batches, PairStore, TrainingBatch
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import default_config
-from depthcli.training.run import Run
 from depthcli.training.presets import preset_file
+from depthcli.training.run import Run
 from depthcli.training.settings import apply_overrides
 
 if TYPE_CHECKING:

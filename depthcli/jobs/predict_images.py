@@ -18,8 +18,7 @@ from depthcli.io.images.read import read_image
 from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.outputs import STDIO
-from depthcli.jobs.predict import PicturePlan
-from depthcli.jobs.predict import PredictRequest
+from depthcli.jobs.predict import PicturePlan, PredictRequest
 from depthcli.jobs.write import (
     FailedInput,
     failure_reason,

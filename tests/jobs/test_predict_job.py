@@ -23,9 +23,8 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
+from depthcli.jobs.predict import PredictRequest, predict
 from depthcli.jobs.predict_images import PictureResult
-from depthcli.jobs.predict import PredictRequest
-from depthcli.jobs.predict import predict
 from depthcli.jobs.write import FailedInput
 
 if TYPE_CHECKING:
@@ -138,9 +137,7 @@ def test_nobody_who_reads_is_no_error_of_a_picture(tmp_path: Path, loader: Sessi
 
 
 def test_a_request_is_made_before_anything_heavy_is_loaded() -> None:
-    code = (
-        "import sys, depthcli.jobs.predict, depthcli.jobs.predict; print(*sys.modules)"
-    )
+    code = "import sys, depthcli.jobs.predict, depthcli.jobs.predict; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     modules = set(done.stdout.decode().split())
     assert not modules & {"numpy", "cv2", "onnxruntime", "typer", "rich"}

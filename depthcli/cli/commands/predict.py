@@ -76,10 +76,9 @@ def predict(
     from depthcli.cli import parse
     from depthcli.cli.checks import FORMAT_OPTIONS, INPUT_OPTIONS, image_kinds, without_effect
     from depthcli.io.storage.paths import safe_name
-    from depthcli.jobs.outputs import STDIO
     from depthcli.jobs import predict as job
-    from depthcli.jobs.predict import picture_destination, split_own_outputs
-    from depthcli.jobs.predict import PredictRequest
+    from depthcli.jobs.outputs import STDIO
+    from depthcli.jobs.predict import PredictRequest, picture_destination, split_own_outputs
 
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:
