@@ -7,9 +7,7 @@ import math
 import warnings
 import weakref
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
-from threading import get_ident
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -130,13 +128,6 @@ def test_a_focal_length_that_scales_nothing_is_a_warning(tmp_path: Path) -> None
     plain.predict(PIXELS, focal_px=80, anchors=[(3, 4, 2.0)])
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2"])
-def test_gray_of_each_depth(dtype: Any, model: depthcli.DepthModel) -> None:
-    white = np.full((12, 16), np.iinfo(dtype).max, dtype)
-    for pixels in (white, white[..., None], np.dstack([white, white])):
-        assert model.predict(pixels).values == pytest.approx(9)
-
-
 @pytest.mark.parametrize(
     ("mode", "value", "depth_m"),
     [("L", 255, 9), ("1", 1, 9), ("I;16", 65535, 9), ("P", 0, 1), ("LA", (255, 0), 9), ("F", 1, 9)],
@@ -145,25 +136,6 @@ def test_pil_pictures_of_each_mode(
     mode: str, value: Any, depth_m: float, model: depthcli.DepthModel
 ) -> None:
     assert model.predict(Image.new(mode, (16, 12), value)).values == pytest.approx(depth_m)
-
-
-def test_a_pil_picture_that_pillow_cannot_convert_is_refused(model: depthcli.DepthModel) -> None:
-    with pytest.raises(depthcli.InputError, match="mode La is not supported"):
-        model.predict(Image.new("La", (16, 12)))
-
-
-@pytest.mark.parametrize("kind", [np.asarray, depthcli.Frame])
-def test_highlights_are_white_in_tiles_too(
-    kind: Callable[[np.ndarray], Any], model: depthcli.DepthModel
-) -> None:
-    pixels = np.full((96, 128), 0.5, np.float32)
-    pixels[:30] = 7.0
-    folder = model.pipeline.session.model.path.parent
-    detail = depthcli.Detail(tile_px=64)
-    tiled = depthcli.load_model(folder, provider="cpu", detail=detail)
-    np.testing.assert_array_equal(
-        tiled.predict(kind(pixels)).values, tiled.predict(pixels.clip(0, 1)).values
-    )
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -191,16 +163,6 @@ def test_a_pil_picture_as_opened_is_turned_like_its_file(
     assert (changed.frame.orientation, changed.frame.focal_35mm) == (1, None)
 
 
-def test_a_truncated_pil_picture_is_an_input_error(model: depthcli.DepthModel) -> None:
-    data = io.BytesIO()
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)).save(
-        data, "jpeg"
-    )
-    cut = Image.open(io.BytesIO(data.getvalue()[:900]))
-    with pytest.raises(depthcli.InputError, match="truncated"):
-        model.predict(cut)
-
-
 @pytest.mark.parametrize(
     ("picture", "problem"),
     [
@@ -224,27 +186,6 @@ def test_what_is_no_picture_is_refused_in_one_line(
     with pytest.raises(depthcli.InputError, match=problem) as caught:
         model.predict(picture)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("name", ["a\0.npy", "\ud800.npy", "a\0/a.npy"])
-def test_a_name_that_no_file_has_is_refused(
-    name: str, tmp_path: Path, model: depthcli.DepthModel
-) -> None:
-    with pytest.raises(depthcli.OutputError, match="no file has such a name"):
-        model.predict(PIXELS).save(tmp_path / "out" / name)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("scale", [0, -1000, math.nan, math.inf])
-def test_a_scale_that_keeps_no_depth_is_refused(
-    scale: float, tmp_path: Path, model: depthcli.DepthModel
-) -> None:
-    with pytest.raises(depthcli.UsageError, match="is not a number above 0"):
-        model.predict(PIXELS).save(tmp_path / "out" / "a.png", png_scale=scale)
-    assert not list((tmp_path / "out").iterdir())
-    model.predict(PIXELS).save(tmp_path / "b.png")
-    with pytest.raises(depthcli.UsageError, match="is not a number above 0"):
-        depthcli.read_depth(tmp_path / "b.png", png_scale=scale)
 
 
 @pytest.mark.parametrize(
@@ -278,14 +219,6 @@ def test_a_camera_or_anchors_without_sense_are_refused(
         model.predict(PIXELS, **options)
     with pytest.raises(refused, match=problem):
         list(model.predict_many([PIXELS], **options))
-
-
-def test_the_camera_s_buffer_may_be_used_again(model: depthcli.DepthModel) -> None:
-    buffer = PIXELS.copy()
-    depth = model.predict(buffer)
-    buffer[:] = 0
-    assert depth.frame is not None
-    np.testing.assert_array_equal(depth.frame.pixels, PIXELS)
 
 
 # Streams
@@ -330,19 +263,6 @@ def test_a_live_camera_is_never_read_ahead(model: depthcli.DepthModel) -> None:
     assert taken == [0]
 
 
-def test_workers_are_other_threads(model: depthcli.DepthModel, tmp_path: Path) -> None:
-    path = write_picture(tmp_path / "room.png")
-    seen = set()
-
-    class Name:
-        def __fspath__(self) -> str:
-            seen.add(get_ident())
-            return str(path)
-
-    assert len(list(model.predict_many([Name()] * 4, workers=2))) == 4  # type: ignore[list-item]
-    assert get_ident() not in seen
-
-
 def test_a_bad_picture_ends_the_stream_at_its_turn(model: depthcli.DepthModel) -> None:
     depths = model.predict_many([PIXELS, b"no picture", PIXELS])
     next(depths)
@@ -351,36 +271,6 @@ def test_a_bad_picture_ends_the_stream_at_its_turn(model: depthcli.DepthModel) -
 
 
 STREAM_OPTIONS = [{"workers": 2}, {"batch_size": 3}, {"batch_size": 3, "workers": 2}]
-
-
-@pytest.mark.parametrize("options", STREAM_OPTIONS)
-@pytest.mark.parametrize("kind", ["array", "file", "frame", "PIL", "PIL file"])
-def test_one_buffer_serves_a_whole_stream(
-    kind: str, options: dict[str, int], model: depthcli.DepthModel
-) -> None:
-    def content(level: int) -> np.ndarray:
-        pixels = np.full((12, 16), 25 * level, np.uint8)
-        pixels[-1, -1] = 255
-        return np.ravel(cv2.imencode(".bmp", pixels)[1]) if "file" in kind else pixels
-
-    buffer = content(0)
-    ways = {"array": np.asarray, "file": memoryview, "frame": depthcli.Frame}
-    image = Image.new("L", (16, 12))
-
-    def camera() -> Iterator[Any]:
-        for level in range(10):
-            buffer[:] = content(level)
-            if kind == "PIL":
-                image.paste(Image.fromarray(buffer))
-                yield image
-            elif kind == "PIL file":
-                with Image.open(io.BytesIO(buffer)) as opened:
-                    yield opened
-            else:
-                yield ways[kind](buffer)
-
-    found = [float(depth.values[0, 0]) for depth in model.predict_many(camera(), **options)]
-    assert found == pytest.approx([1 + 8 * 25 * level / 255 for level in range(10)], abs=1e-4)
 
 
 @pytest.mark.parametrize("options", STREAM_OPTIONS)
@@ -409,34 +299,6 @@ def test_maps_before_an_error_are_not_lost(
         next(depths)
 
 
-@pytest.mark.parametrize("options", STREAM_OPTIONS)
-def test_maps_before_a_failure_of_the_model_are_not_lost(
-    options: dict[str, int], tmp_path: Path
-) -> None:
-    folder = write_model(
-        tmp_path / "white-is-infinitely-far",
-        output__kind="relative",
-        output__min_m=None,
-        output__max_m=None,
-        output__transform="exp",
-        output__scale=1000.0,
-    )
-    model = depthcli.load_model(folder, provider="cpu")
-    black, white = (np.full((48, 64), level, np.uint8) for level in (0, 255))
-    depths = model.predict_many([black, black, white, black], **options)
-    assert [next(depths).valid.all() for _ in range(2)] == [True, True]
-    with pytest.raises(depthcli.ModelError, match="not one number is finite"):
-        next(depths)
-
-
-@pytest.mark.parametrize(
-    "pictures", ["room.png", b"data", Path("room.png"), PIXELS, depthcli.Frame(PIXELS), 3]
-)
-def test_one_picture_is_no_stream(pictures: Any, model: depthcli.DepthModel) -> None:
-    with pytest.raises(depthcli.UsageError, match="use predict for one"):
-        model.predict_many(pictures)
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -453,14 +315,6 @@ def test_options_of_a_stream_are_refused_at_once(
 ) -> None:
     with pytest.raises(depthcli.UsageError):
         model.predict_many([], **options)
-
-
-@pytest.mark.parametrize("name", ["a" * 5000, "a\0"])
-def test_a_name_that_nothing_can_have_is_refused(name: str) -> None:
-    with pytest.raises(depthcli.ModelError):
-        depthcli.load_model(name)
-    with pytest.raises(depthcli.InputError):
-        depthcli.VideoSource(name)
 
 
 def test_what_is_wrong_with_a_video_is_a_warning(tmp_path: Path) -> None:
@@ -528,17 +382,6 @@ def test_errors_name_parameters_of_python(tmp_path: Path) -> None:
         depthcli.load_model(folder, provider_options={"a": "b"})
 
 
-def test_a_tensor_of_pytorch_gives_no_warning(model: depthcli.DepthModel) -> None:
-    tensor = pytest.importorskip("torch").from_numpy(PIXELS)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        np.testing.assert_array_equal(model.predict(tensor).values, model.predict(PIXELS).values)
-
-
-def test_an_array_of_pictures_is_a_stream(model: depthcli.DepthModel) -> None:
-    assert len(list(model.predict_many(np.stack([PIXELS, PIXELS])))) == 2
-
-
 # Facts
 
 
@@ -566,19 +409,6 @@ def test_the_focal_length_scales_metres(model: depthcli.DepthModel) -> None:
     assert model.predict(PIXELS, focal_px=learned_px).values == pytest.approx(
         model.predict(PIXELS, hfov_deg=60).values, rel=1e-5
     )
-
-
-@pytest.mark.parametrize("number", [np.float32(60), np.int64(60), np.array(60.0)])
-def test_a_camera_may_be_a_number_of_numpy(
-    number: Any, model: depthcli.DepthModel, tmp_path: Path
-) -> None:
-    for name in ("focal_px", "hfov_deg"):
-        camera = {name: number}
-        expected = model.predict(PIXELS, **{name: 60.0})
-        for depth in (model.predict(PIXELS, **camera), *model.predict_many([PIXELS], **camera)):
-            np.testing.assert_array_equal(depth.values, expected.values)
-            assert type(depth.focal_px) is float
-            depth.save(tmp_path / "a.json")
 
 
 def test_anchors_are_fitted_and_kept(model: depthcli.DepthModel) -> None:
@@ -622,21 +452,6 @@ def test_pixels_that_a_fit_erases_give_a_warning() -> None:
         depth = relative.fit_anchors([(2, 0, 1.0), (3, 0, 4.0)])
     assert told[0].filename == __file__
     np.testing.assert_allclose(depth.values, [[math.nan, math.nan, 1, 4]], rtol=1e-6)
-
-
-def test_a_map_of_a_frame_with_wide_pixels_states_their_shape(tmp_path: Path) -> None:
-    frame = depthcli.Frame(np.zeros((3, 4), np.uint8), pixel_aspect=2.0)
-    depthcli.DepthMap(np.ones((3, 4), np.float32), frame=frame).save(tmp_path / "a.exr")
-    found = depthcli.read_depth(tmp_path / "a.exr").provenance
-    assert found is not None
-    assert found.pixel_aspect == 2
-
-
-def test_the_warning_about_inverse_maps_names_infinity() -> None:
-    inverse = depthcli.DepthMap(np.float32([[-1, 1, 2, 3]]), depthcli.DepthKind.INVERSE)
-    with pytest.warns(depthcli.DepthcliWarning, match="at or beyond infinity"):
-        depth = inverse.fit_anchors([(1, 0, 4.0), (2, 0, 2.0), (3, 0, 4 / 3)])
-    assert np.isnan(depth.values[0, 0])
 
 
 def test_files_read_have_nan_where_there_is_no_depth(tmp_path: Path) -> None:
@@ -684,17 +499,6 @@ def test_points_have_the_picture_s_colours(depth: depthcli.DepthMap) -> None:
     assert cloud.rgb is not None
     np.testing.assert_array_equal(cloud.rgb, PIXELS.reshape(-1, 3))
     assert cloud.xyz_m[:, 2] == pytest.approx(depth.values.reshape(-1))
-
-
-def test_points_by_an_assumed_camera_say_so(model: depthcli.DepthModel) -> None:
-    depth = model.predict(PIXELS)
-    assert depth.camera_source is depthcli.CameraSource.CARD
-    with pytest.warns(depthcli.DepthcliWarning, match="assumes the camera") as told:
-        cloud = depth.to_points()
-    assert told[0].filename == __file__
-    # 60° across 64 pixels
-    known = depth.to_points(hfov_deg=60)
-    np.testing.assert_allclose(cloud.xyz_m, known.xyz_m, rtol=1e-5)
 
 
 def test_points_need_metres_and_a_camera() -> None:
@@ -775,25 +579,6 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     assert not list(tmp_path.glob("b.*"))
 
 
-@pytest.mark.parametrize("centre_px", [[3.0, 2.0], np.array([3.0, 2.0], np.float32)])
-def test_a_principal_point_may_be_a_list_or_an_array(centre_px: Any, tmp_path: Path) -> None:
-    depth = depthcli.read_depth(_flat_file(tmp_path))
-    expected = depth.to_points(focal_px=9, centre_px=(3.0, 2.0)).xyz_m
-    np.testing.assert_array_equal(depth.to_points(focal_px=9, centre_px=centre_px).xyz_m, expected)
-    for name in ("p.png", "p.exr"):
-        depth.save(tmp_path / name, centre_px=centre_px)
-        assert depthcli.read_depth(tmp_path / name).centre_px == (3.0, 2.0)
-
-
-@pytest.mark.parametrize("centre_px", [3.0, (1.0, 2.0, 3.0), (math.nan, 1.0), ("a", 1)])
-def test_a_principal_point_is_two_finite_numbers(centre_px: Any, tmp_path: Path) -> None:
-    depth = depthcli.read_depth(_flat_file(tmp_path))
-    for use in (partial(depth.to_points, focal_px=9), partial(depth.save, tmp_path / "p.png")):
-        with pytest.raises(depthcli.UsageError, match="a principal point is"):
-            use(centre_px=centre_px)
-    assert not (tmp_path / "p.png").exists()
-
-
 def _flat_file(folder: Path) -> Path:
     np.save(folder / "flat.npy", np.full((4, 6), 2, np.float32))
     return folder / "flat.npy"
@@ -816,12 +601,6 @@ def test_the_picture_itself_is_never_replaced(model: depthcli.DepthModel, tmp_pa
     with pytest.raises(depthcli.OutputError, match="is an input"):
         model.predict(path).save(path)
     assert path.read_bytes() == data
-
-
-def test_what_a_format_loses_is_a_warning_at_the_caller(tmp_path: Path) -> None:
-    with pytest.warns(depthcli.DepthcliWarning, match="saturated") as told:
-        metric([[70.0]]).save(tmp_path / "a.png")
-    assert told[0].filename == __file__
 
 
 def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
