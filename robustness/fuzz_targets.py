@@ -35,7 +35,7 @@ from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.file import write_exr
-from depthcli.io.exr.image import read_exr_picture, read_exr_rate
+from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
@@ -196,13 +196,13 @@ def exr_pictures() -> list[bytes]:
     return made
 
 
-def _read_exr_picture(path: Path) -> None:
+def _read_exr_image(path: Path) -> None:
     _write_depth(read_image(path, max_pixels=_MAX_PIXELS), path)
     read_image(None, path.read_bytes(), max_pixels=_MAX_PIXELS)
 
 
 def _read_plate(path: Path) -> None:
-    _write_depth(read_exr_picture(path, max_pixels=_MAX_PIXELS), path)
+    _write_depth(read_exr_image(path, max_pixels=_MAX_PIXELS), path)
     read_exr_rate(path)
 
 
@@ -510,7 +510,7 @@ TARGETS: dict[str, Target] = {
     "depth-png": Target("a.png", depth_pngs, _exr_or_facts),
     "exr": Target("a.exr", _exrs, _exr_or_facts, 2),
     "exr-plate": Target("a.exr", _plates, _read_plate, 2),
-    "exr-picture": Target("a.exr", exr_pictures, _read_exr_picture, 2),
+    "exr-picture": Target("a.exr", exr_pictures, _read_exr_image, 2),
     "npy": Target("a.npy", _npys, _exr_or_facts, 2),
     "anchors": Target(
         "a.csv",

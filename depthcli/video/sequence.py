@@ -10,7 +10,7 @@ from pathlib import Path
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions
 from depthcli.core.types import Frame, Window
 from depthcli.errors import InputError, Message, about
-from depthcli.io.exr.image import read_exr_picture, read_exr_rate
+from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_exr
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
@@ -113,7 +113,7 @@ class ImageSequence(FrameSource):
 
     def _read(self, file: NumberedImage) -> Frame:
         if is_exr(file.path.name):
-            image = read_exr_picture(
+            image = read_exr_image(
                 file.path,
                 max_pixels=self._max_pixels,
                 overscan=self._overscan,

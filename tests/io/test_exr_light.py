@@ -10,7 +10,7 @@ import pytest
 
 from depthcli.core.options import ReadOptions
 from depthcli.errors import UsageError
-from depthcli.io.exr.image import primaries_matrix, read_exr_picture
+from depthcli.io.exr.image import primaries_matrix, read_exr_image
 from depthcli.io.images.read import read_image
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def warnings_of(path: Path, *, colours: str = "RGB", share: float = 0, **header:
     header = {"type": OpenEXR.scanlineimage, **header}
     channels = dict.fromkeys(colours, light) | {colours[-1]: bright}
     OpenEXR.File(header, channels).write(str(path))
-    return list(read_exr_picture(path).warnings)
+    return list(read_exr_image(path).warnings)
 
 
 @pytest.mark.parametrize("colours", ["RGB", "Y"])
@@ -49,7 +49,7 @@ def test_many_pixels_above_1_are_told(colours: str, tmp_path: Path) -> None:
     assert warnings_of(path, colours=colours, share=0.29) == []
     (warning,) = warnings_of(path, colours=colours, share=0.3)
     assert warning.startswith("30%")
-    assert read_exr_picture(path, options=ReadOptions(exposure=-1)).warnings == ()
+    assert read_exr_image(path, options=ReadOptions(exposure=-1)).warnings == ()
 
 
 def test_the_share_is_that_of_the_pixels_that_the_file_has(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_colours_become_those_of_rec_709(stated: tuple[float, ...], tmp_path: Pa
     header = {"type": OpenEXR.scanlineimage, "chromaticities": stated}
     channels = {colour: light[..., i].copy() for i, colour in enumerate("RGB")}
     OpenEXR.File(header, channels).write(str(tmp_path / "a.exr"))
-    pixels = read_exr_picture(tmp_path / "a.exr", options=ReadOptions(exposure=-1)).pixels
+    pixels = read_exr_image(tmp_path / "a.exr", options=ReadOptions(exposure=-1)).pixels
     assert np.isfinite(pixels).all()
     expected = np.clip(light[1:].astype(np.float64) / 2 @ np.transpose(PUBLISHED[stated]), 0, 1)
     curve = np.where(expected <= 0.0031308, 12.92 * expected, 1.055 * expected ** (1 / 2.4) - 0.055)
@@ -95,7 +95,7 @@ def test_primaries_are_those_of_the_first_part_if_a_part_states_none(tmp_path: P
     ]
     OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
     OpenEXR.File(first, colours).write(str(tmp_path / "one.exr"))
-    found, wanted = (read_exr_picture(tmp_path / f"{name}.exr").pixels for name in ("parts", "one"))
+    found, wanted = (read_exr_image(tmp_path / f"{name}.exr").pixels for name in ("parts", "one"))
     np.testing.assert_array_equal(found, wanted)
 
 
@@ -121,7 +121,7 @@ def test_exposure_is_in_stops_of_light(stops: float, tmp_path: Path) -> None:
     for file, factor in ((path, 1.0), (brighter, 2**stops)):
         header = {"type": OpenEXR.scanlineimage}
         OpenEXR.File(header, {"Y": light * np.float32(factor)}).write(str(file))
-    wanted = read_exr_picture(brighter).pixels
+    wanted = read_exr_image(brighter).pixels
     np.testing.assert_allclose(read_image(path, exposure=stops).pixels, wanted, atol=1e-6)
     for stopped in (21, float("nan")):
         with pytest.raises(UsageError, match="-20 to 20"):
@@ -132,4 +132,4 @@ def test_primaries_of_another_type_count_as_not_stated(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     warnings_of(path, chromaticitie_="Rec. 2020")
     path.write_bytes(path.read_bytes().replace(b"chromaticitie_\0", b"chromaticities\0"))
-    assert read_exr_picture(path).warnings == ()
+    assert read_exr_image(path).warnings == ()

@@ -25,13 +25,13 @@ from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.depth.scale import denormalized, dequantized, normalized, quantized
 from depthcli.io.exr.file import _has_all_rows, read_exr_channels, silenced, write_exr
-from depthcli.io.exr.image import read_exr_picture, read_exr_rate
+from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.formats import sidecar
 from depthcli.io.formats.png16 import Png16Writer, stretched
 from depthcli.io.formats.preview import PreviewWriter, nearness, percentiles
 from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.images.convert import frame_of
 from depthcli.io.images.png import encode_png
-from depthcli.io.images.read import frame_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -180,7 +180,7 @@ def test_light_is_shown_in_the_srgb_curve(tmp_path: Path) -> None:
         expected.append(12.92 * part if linear else 1.055 * part ** (1 / 2.4) - 0.055)
     path = tmp_path / "a.exr"
     write_exr(path, {"Y": F32([light])}, {})
-    np.testing.assert_allclose(read_exr_picture(path).pixels[0], expected, atol=1e-6)
+    np.testing.assert_allclose(read_exr_image(path).pixels[0], expected, atol=1e-6)
 
 
 def test_colours_are_those_of_the_layer_that_holds_the_picture(tmp_path: Path) -> None:
@@ -189,15 +189,15 @@ def test_colours_are_those_of_the_layer_that_holds_the_picture(tmp_path: Path) -
     emitted = {f"view.Emit.{c}": one * k for c, k in zip("RGB", (0, 0, 0), strict=True)}
     combined = {f"view.Combined.{c}": one * k for c, k in zip("RGB", (0, 0.0031, 1), strict=True)}
     write_exr(path, emitted | combined | {"R": one}, {})
-    picture = read_exr_picture(path).pixels
+    picture = read_exr_image(path).pixels
     np.testing.assert_allclose(picture[0, 0], [0, 0.0031 * 12.92, 1], atol=1e-6)
     assert picture.shape == (2, 3, 3)
-    assert read_exr_picture(path, max_pixels=6).pixels.shape == (2, 3, 3)
+    assert read_exr_image(path, max_pixels=6).pixels.shape == (2, 3, 3)
     with pytest.raises(InputError, match="3×2"):
-        read_exr_picture(path, max_pixels=5)
+        read_exr_image(path, max_pixels=5)
     write_exr(path, {"R": one, "G": one}, {})
     with pytest.raises(InputError, match="holds no picture in R, G, B or Y; it has G, R"):
-        read_exr_picture(path)
+        read_exr_image(path)
 
 
 @pytest.mark.parametrize("rate", [Fraction(24000, 1001), Fraction(25), None])

@@ -1,4 +1,4 @@
-"""Pictures in OpenEXR files, converted from linear light to sRGB."""
+"""Images in OpenEXR files, converted from linear light to sRGB."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -125,7 +125,7 @@ def _to_xyz(
     return corners[:, :3] * np.linalg.solve(corners[:, :3], white), white
 
 
-def read_exr_picture(
+def read_exr_image(
     path: Path,
     *,
     name: str | None = None,
@@ -136,9 +136,9 @@ def read_exr_picture(
     """The colours of an EXR, encoded for display, and what its header states.
 
     Args:
-        path: the file; its R, G and B, or its Y, or those of the layer that is its picture.
+        path: the file; its R, G and B, or its Y, or those of the layer that is its image.
         name: what messages call it; None for its path.
-        max_pixels: pictures with more are refused before they are decoded.
+        max_pixels: images with more are refused before they are decoded.
         overscan: the window to read, relative to the corner of the display window; None for the
             display window and all that the data window has around it.
         options: exposure and layer.
@@ -192,7 +192,7 @@ def read_exr_data(
     max_pixels: int = MAX_PIXELS,
     options: ReadOptions = AS_STATED,
 ) -> Frame:
-    """What :func:`read_exr_picture` returns, of the content of a file; without a path.
+    """What :func:`read_exr_image` returns, of the content of a file; without a path.
 
     ``name`` is what messages call it.
 
@@ -201,7 +201,7 @@ def read_exr_data(
         OutputError: there is no room for a temporary copy, which OpenEXR needs.
     """
     with temporary_copy(data, "image.exr") as copy:
-        frame = read_exr_picture(copy, name=name, max_pixels=max_pixels, options=options)
+        frame = read_exr_image(copy, name=name, max_pixels=max_pixels, options=options)
     return replace(frame, path=None)
 
 

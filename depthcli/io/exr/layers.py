@@ -1,4 +1,4 @@
-"""Choosing the channels of an OpenEXR file that hold its picture.
+"""Choosing the channels of an OpenEXR file that hold its image.
 
 Names follow the conventions of Blender, Nuke, Arnold, V-Ray, RenderMan, Houdini and Redshift.
 """
@@ -51,11 +51,11 @@ def _depth_rank(name: str) -> tuple[int, int, str]:
 
 
 _NOTATIONS = (("r", "g", "b"), ("red", "green", "blue"))
-"""What the channels of a colour picture are called, in upper or lower case."""
+"""What the channels of a colour image are called, in upper or lower case."""
 _UNNAMED = ("rgba", "rgb")
 """What the layer without a name is called where layers are chosen."""
 _PICTURES = ("", "rgba", "rgb", "combined", "beauty", "c", "ci", "main", "diffuse", "albedo")
-"""Last parts of the names of layers that hold the picture, the likeliest first."""
+"""Last parts of the names of layers that hold the image, the likeliest first."""
 _DATA = re.compile(r"n|p|z|uv|.*(normal|position|depth|motion|velocity|crypto).*")
 """Last parts of the names of layers whose R, G and B may be no colours."""
 _MAX_SHOWN = 4
@@ -64,10 +64,10 @@ _MAX_SHOWN = 4
 def colour_channels(
     file: str, names: Sequence[str], layer: str | None = None
 ) -> tuple[tuple[str, ...], str | None]:
-    """The channels of the picture, and a warning if it may be another one.
+    """The channels of the image, and a warning if it may be another one.
 
     Without ``layer``, that is R, G and B, or Y, without a layer; else R, G and B of the layer or
-    part whose name says that it is the picture, else of one whose name does not say that it is
+    part whose name says that it is the image, else of one whose name does not say that it is
     data; of several, the first. R, G and B may be called red, green and blue, in any case.
 
     Args:
@@ -129,7 +129,7 @@ def _channels_of(
 
 
 def _picture_rank(layer: str) -> int:
-    """How likely a layer holds the picture by its name; 0 is the likeliest."""
+    """How likely a layer holds the image by its name; 0 is the likeliest."""
     name = last_part(layer.removesuffix(".")).lower()
     if name in _PICTURES:
         return _PICTURES.index(name)
@@ -137,7 +137,7 @@ def _picture_rank(layer: str) -> int:
 
 
 def _doubt(likely: Sequence[str]) -> str | None:
-    """A warning about several layers that are as likely to hold the picture; None for one."""
+    """A warning about several layers that are as likely to hold the image; None for one."""
     if len(likely) == 1:
         return None
     used, *others = (one_line(layer.removesuffix(".")) for layer in likely)

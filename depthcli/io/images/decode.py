@@ -6,7 +6,6 @@ Every container is a row of one table: how it is recognized, read and decoded.
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -69,14 +68,13 @@ _CONTAINERS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class CheckedImage:
+class CheckedImage(NamedTuple):
     """An image file that was found to be one of an allowed size, not decoded yet."""
 
     data: bytes
     name: str  #: in messages
     header: Header
-    _container: _Container
+    container: _Container
 
     def decode(self) -> Decoded:
         """Decode its pixels.
@@ -85,7 +83,7 @@ class CheckedImage:
             InputError: truncated, damaged, or too large for the memory.
         """
         with _errors_about(self.name):
-            return self._container.decode(self.data)
+            return self.container.decode(self.data)
 
 
 def read_bytes(path: Path, first: int = -1) -> bytes:

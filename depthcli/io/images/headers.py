@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from depthcli.errors import InputError
 
@@ -24,8 +23,7 @@ _BITMAPS, _PLAIN = (b"P1", b"P4"), (b"P2", b"P3")
 _BYTE = 0xFF
 
 
-@dataclass(frozen=True, slots=True)
-class Header:
+class Header(NamedTuple):
     """Facts about the first image of a file, known before it is decoded."""
 
     width: int
@@ -37,8 +35,7 @@ class Header:
     transfer: int = 0  #: code of the transfer function in ITU-T H.273; 0 for none
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
+class Decoded(NamedTuple):
     """Pixels of an image, and what is known once it is decoded."""
 
     pixels: npt.NDArray[Any]  #: gray (H, W) or RGB (H, W, 3), of the file's own type

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_LENGTH = 2**31 - 1
-"""Most bytes of a chunk, and most columns or rows of a picture."""
+"""Most bytes of a chunk, and most columns or rows of an image."""
 _STILL = frozenset((b"IHDR", b"PLTE", b"tRNS", b"eXIf", b"IDAT", b"IEND"))
 
 
