@@ -101,27 +101,6 @@ def test_a_map_of_another_size_fails_that_picture(inside: Cli) -> None:
     assert (inside.folder / "room.depth.npy").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (("--anchors", "no.csv"), "--anchors: no.csv is missing"),
-        (("--anchors", "."), "--anchors: . is not a file"),
-        (("--anchors", "p.csv", "--anchor", "1,2,3"), "--anchor or --anchors, not both"),
-        (("--anchors-scale", "256"), "--anchors-scale is for --anchors"),
-        (("--anchors", "p.csv", "--anchors-scale", "256"), "p.csv is in metres"),
-        (("--anchors", "p.npy", "-o", "p.npy"), "p.npy is the file of --anchors"),
-    ],
-)
-def test_what_does_not_fit_is_a_usage_error(inside: Cli, words: tuple[str, ...], why: str) -> None:
-    write_picture(inside.folder / "room.png", synthetic_picture())
-    (inside.folder / "p.csv").write_text("x,y,depth_m\n5,40,2\n")
-    np.save(inside.folder / "p.npy", np.ones((48, 64), np.float32))
-    before = sorted(inside.folder.iterdir())
-    done = inside("predict", "room.png", *words)
-    assert (done.returncode, sorted(inside.folder.iterdir())) == (2, before)
-    assert why in done.stderr.decode()
-
-
 def write_kitti(path: Path, height: int = 48, width: int = 64) -> None:
     """2 m at every fourth pixel, 256 units per metre, which the PNG does not state."""
     steps = np.zeros((height, width), np.uint16)
@@ -152,15 +131,6 @@ def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
         inside("predict", "room.png", "--anchors", "stated.png", "-o", "a.npy", "--json")
     )
     assert told["warnings"] == []
-
-
-def test_an_assumed_scale_is_in_the_manifest(inside: Cli) -> None:
-    tree(inside, "a.png")
-    write_kitti(inside.folder / "known" / "a.png", 24, 32)
-    batch = ("batch", "in", "--out", "out", "--anchors", "known")
-    assumed = assumed_in("known/a.png")
-    assert f"depthcli: warning: a.png: {assumed}\n" in inside(*batch).stderr.decode()
-    assert rows(inside, "out")["a.png"]["warnings"] == [assumed]
 
 
 def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:
@@ -201,21 +171,6 @@ def test_known_depth_of_two_pictures_of_one_stem_is_used_for_none(inside: Cli) -
     (known / "a.png.csv").rename(known / "a.csv")
     alone = ("batch", "in", "--out", "alone", "--anchors", "known", "--include", "a.jpg")
     assert inside(*alone).returncode == 0
-
-
-def test_a_scale_that_is_not_of_one_file_fails_its_picture_alone(inside: Cli) -> None:
-    tree(inside, "a.png", "b.png", "c.png")
-    write_kitti(inside.folder / "known" / "a.png", 24, 32)
-    (inside.folder / "known/b.csv").write_text("x,y,depth_m\n5,4,2\n")
-    write_kitti(inside.folder / "known" / "c.png", 24, 34)
-    done = inside("batch", "in", "--out", "out", "--anchors", "known", "--anchors-scale", "256")
-    assert done.returncode == 1
-    found = rows(inside, "out")
-    assert {name: row["error"] for name, row in found.items()} == {
-        "a.png": None,
-        "b.png": "known/b.csv is in metres; --anchors-scale is for PNG and NPY",
-        "c.png": None,
-    }
 
 
 def test_changed_known_depth_is_done_again(inside: Cli) -> None:
@@ -285,16 +240,3 @@ def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str) -> None:
         assert done.returncode == 1
         assert b"is its known depth; choose another --out" in done.stdout + done.stderr
     assert (inside.folder / "known" / name).read_bytes() == before
-
-
-@pytest.mark.parametrize("name", ["a.npy", "a.depth.npy", "a.depth.png"])
-def test_a_picture_is_not_its_own_known_depth(inside: Cli, name: str) -> None:
-    gray = cv2.cvtColor(synthetic_picture(), cv2.COLOR_RGB2GRAY).astype(np.uint16) * 256
-    write_picture(inside.folder / "in" / "a.png", gray)
-    np.save(inside.folder / "known.npy", sparse_twice(inside, "in/a.png"))
-    assert inside("convert", "known.npy", f"in/{name}").returncode == 0
-    done = inside("batch", "in", "-o", "out", "--anchors", "in", "--format", "npy")
-    assert done.returncode == 0, done.stderr
-    assert rows(inside, "out")["a.png"]["anchors"]["given"] == np.count_nonzero(
-        np.load(inside.folder / "known.npy")
-    )

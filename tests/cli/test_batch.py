@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
 import shutil
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 import pytest
 from helpers.folders import contents, picture, printed, rows, tree
 from helpers.tiny import fixed_inside, synthetic_picture, write_model, write_picture
-from helpers.videos import flat_frames, write_mp4, write_video
+from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.app import main
 from depthcli.inference.pipeline import Pipeline, Prediction
-from depthcli.io.listing.folder import list_folder
 from depthcli.video.depth_video import DepthVideo
 
 if TYPE_CHECKING:
@@ -56,18 +52,6 @@ def test_the_manifest_names_the_camera_of_each_picture(inside: Cli) -> None:
         assert all(text.startswith(camera) for text, camera in zip(found, cameras, strict=True))
 
 
-def test_formats_and_sidecar(inside: Cli) -> None:
-    tree(inside, "a.png")
-    formats = ("png16", "preview", "exr", "npy", "ply")
-    words = [word for name in formats for word in ("--format", name)]
-    done = inside("batch", "in", "--out", "out", *words, "--sidecar", "--colormap", "gray")
-    assert done.returncode == 0
-    names = ("a.depth.png", "a.preview.png", "a.depth.exr", "a.depth.npy", "a.ply", "a.depth.json")
-    assert contents(inside, "out").keys() == {*names, "manifest.jsonl"}
-    sidecar = json.loads((inside.folder / "out" / "a.depth.json").read_text())
-    assert (sidecar["unit"], sidecar["model"]) == ("m", "tiny")
-
-
 @pytest.mark.parametrize(
     ("words", "taken"),
     [
@@ -84,16 +68,6 @@ def test_patterns(inside: Cli, words: tuple[str, ...], taken: set[str]) -> None:
     assert rows(inside, "out").keys() == taken
 
 
-def test_a_list_from_a_file(inside: Cli) -> None:
-    tree(inside, "hall/a.png", "hall/b.png", "c.png")
-    shutil.copy(inside.folder / "in/c.png", inside.folder / "in/picture-without-suffix")
-    (inside.folder / "list.txt").write_text("hall/a.png\npicture-without-suffix\n\nhall/a.png\n")
-    done = inside("batch", "in", "--out", "out", "--files", "list.txt")
-    assert done.returncode == 0
-    names = {"hall/a.depth.png", "picture-without-suffix.depth.png", "manifest.jsonl"}
-    assert contents(inside, "out").keys() == names
-
-
 @pytest.mark.parametrize("end", [b"\n", b"\0", b"\r\n"])
 def test_a_list_from_standard_input(cli: Cli, end: bytes) -> None:
     tree(cli, "a.png", "hall/b.png")
@@ -105,16 +79,6 @@ def test_a_list_from_standard_input(cli: Cli, end: bytes) -> None:
     assert b"in/missing.png is missing" in done.stderr
     pictures = {"in/a.depth.png", "in/hall/b.depth.png", str(outside.with_suffix(".depth.png"))[1:]}
     assert contents(cli, "out").keys() == {*pictures, "manifest.jsonl"}
-
-
-def test_a_path_outside_the_folder_keeps_all_its_folders(inside: Cli) -> None:
-    tree(inside, "a.png")
-    outside = write_picture(inside.folder.parent / "far" / "b.png")
-    stdin = b"a.png\n" + os.fsencode(outside)
-    done = inside("batch", "in", "--out", "out", "--files", "-", stdin=stdin)
-    assert done.returncode == 0
-    name = str(outside.with_suffix(".depth.png")).lstrip("/")
-    assert contents(inside, "out").keys() == {"a.depth.png", name, "manifest.jsonl"}
 
 
 def test_names_with_any_byte(cli: Cli) -> None:
@@ -147,38 +111,6 @@ def test_videos_among_the_pictures(inside: Cli) -> None:
     assert [row["kept"] for row in again] == [True, False]
     last = printed(inside("batch", "in", "--out", "out", "--json", *formats))
     assert [row["kept"] for row in last] == [True, True]
-
-
-def test_videos_fail_as_pictures_do(inside: Cli) -> None:
-    tree(inside, "z.png")
-    cut = write_video(inside.folder / "in" / "cut.avi", flat_frames(range(60)))
-    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
-    (inside.folder / "in" / "no.mp4").write_bytes(b"no video" * 99)
-    (inside.folder / "in" / "broken.mov").symlink_to("nowhere.mov")
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 1
-    found = rows(inside, "out")
-    assert {name: row["status"] for name, row in found.items()} == {
-        **dict.fromkeys(("broken.mov", "cut.avi", "no.mp4"), "failed"),
-        "z.png": "ok",
-    }
-    assert "ends after" in found["cut.avi"]["error"]
-    assert [file["path"] for file in found["cut.avi"]["outputs"]] == ["cut.depth.mkv"]
-    assert contents(inside, "out").keys() == {"cut.depth.mkv", "z.depth.png", "manifest.jsonl"}
-
-
-@pytest.mark.parametrize(
-    ("options", "reason"), [(("--format", "ply"), "png16"), (("--anchor", "3,4,2"), "--anchor")]
-)
-def test_what_does_not_apply_to_videos(inside: Cli, options: tuple[str, ...], reason: str) -> None:
-    tree(inside, "a.png")
-    write_video(inside.folder / "in" / "clip.avi", flat_frames(range(3)))
-    done = inside("batch", "in", "--out", "out", *options)
-    assert done.returncode == 1
-    (line,) = [x for x in done.stderr.decode().splitlines() if x.startswith("depthcli: error")]
-    assert "clip.avi is a video" in line
-    assert reason in line
-    assert rows(inside, "out")["a.png"]["status"] == "ok"
 
 
 def test_a_dry_run_writes_nothing(inside: Cli) -> None:
@@ -273,29 +205,6 @@ def test_no_bad_file_stops_the_others(inside: Cli) -> None:
     assert {name for name, row in rows(inside, "out").items() if row["error"]} == set(bad)
 
 
-def test_what_may_not_be_read_is_a_failure(inside: Cli) -> None:
-    tree(inside, "a.png", "secret.png", "locked/b.png")
-    for name in ("secret.png", "locked"):
-        (inside.folder / "in" / name).chmod(0)
-    done = inside.as_user("batch", "in", "--out", "out")
-    (inside.folder / "in" / "locked").chmod(0o700)
-    assert done.returncode == 1
-    assert b"in/locked cannot be listed: Permission denied" in done.stderr
-    assert b"in/secret.png cannot be read: Permission denied" in done.stderr
-    assert contents(inside, "out").keys() == {"a.depth.png", "manifest.jsonl"}
-
-
-def test_a_folder_that_is_too_deep_is_a_failure(tmp_path: Path) -> None:
-    with contextlib.chdir(tmp_path):
-        for name in ["in"] + 50 * ["a" * 100]:  # more than a path may have
-            Path(name).mkdir()
-            os.chdir(name)
-        Path("b.png").touch()
-    (found,) = list_folder(str(tmp_path / "in"), leave_out=str(tmp_path / "out")).media
-    assert found.problem is not None
-    assert "cannot be listed: File name too long" in found.problem
-
-
 def test_an_output_that_cannot_be_written_stops_no_other(inside: Cli) -> None:
     tree(inside, "a.png", "b.png")
     (inside.folder / "out" / "a.depth.png" / "in the way").mkdir(parents=True)
@@ -320,81 +229,11 @@ def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None
     }
 
 
-def test_a_network_that_fails_on_everything_is_no_fault_of_the_inputs(inside: Cli) -> None:
-    write_model(inside.models / "default", fixed_inside(5))
-    tree(inside, "a.png", "b.png")
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 3
-    assert b"model.onnx failed" in done.stderr
-
-
-def test_loops_are_left_out_and_named(inside: Cli) -> None:
-    tree(inside, "hall/a.png", "b.png")
-    (inside.folder / "in" / "hall" / "up").symlink_to("..")
-    (inside.folder / "in" / "twin").symlink_to("hall")
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 0
-    assert rows(inside, "out").keys() == {"b.png", "hall/a.png", "twin/a.png"}
-    assert b"hall/up is a link to a folder above it" in done.stderr
-
-
-def test_names_do_not_collide(inside: Cli) -> None:
-    levels = {"a.jpg": 0, "a.png": 50, "a.jpg.png": 100, "b.png": 150, "B.png": 200}
-    for name, level in levels.items():
-        picture(inside, name, np.full((20, 20), level, np.uint8))
-    assert inside("batch", "in", "--out", "out").returncode == 0
-    found = rows(inside, "out")
-    outputs = {name: found[name]["outputs"][0]["path"] for name in levels}
-    assert len({path.casefold() for path in outputs.values()}) == len(levels)
-    assert outputs["a.jpg"] == "a.jpg.depth.png"
-    for name, level in levels.items():
-        steps = cv2.imread(str(inside.folder / "out" / outputs[name]), cv2.IMREAD_UNCHANGED)
-        assert steps.mean() == pytest.approx(1000 + 8000 * level / 255, abs=40)
-
-
-def test_names_do_not_depend_on_what_is_wanted(inside: Cli) -> None:
-    tree(inside, "a.jpg", "a.png")
-    inside("batch", "in", "--out", "one", "--include", "*.png")
-    inside("batch", "in", "--out", "all")
-    png = "a.png.depth.png"
-    assert contents(inside, "one")[png] == contents(inside, "all")[png]
-
-
 def test_an_output_folder_among_the_inputs_is_not_read(inside: Cli) -> None:
     tree(inside, "a.png")
     for _ in range(2):
         assert inside("batch", "in", "--out", "in/depth").returncode == 0
     assert rows(inside, "in/depth").keys() == {"a.png"}
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (("in",), "name the folder for outputs"),
-        ((), "name the folder for outputs"),
-        (("--out", "out"), "name a folder, or give --files"),
-        (("nowhere", "--out", "out"), "nowhere is not a folder"),
-        (("in/a.png", "--out", "out"), "is not a folder"),
-        (("in", "--out", "in"), "is the folder of the inputs"),
-        (("in", "--out", "in/../in"), "is the folder of the inputs"),
-        (("in", "--out", "leads-in"), "would lie among the inputs"),
-        (("in", "--out", "out", "--files", "nowhere.txt"), "cannot read the list nowhere.txt"),
-        (("in", "--out", "out", "--focal-px", "3", "--hfov", "4"), "not both"),
-        (("in", "--out", "out", "--png-normalize", "--png-scale", "5"), "--png"),
-        (("in", "--out", "out", "--workers", "0"), "workers"),
-        (("in", "--out", "out", "--provider-option", "a=b"), "provider"),
-    ],
-)
-def test_wrong_usage(inside: Cli, words: tuple[str, ...], reason: str) -> None:
-    tree(inside, "hall/b.png", "a.png")
-    (inside.folder / "leads-in").mkdir()
-    (inside.folder / "leads-in" / "hall").symlink_to("../in/hall")
-    before = contents(inside, ".")
-    done = inside("batch", *words)
-    assert done.returncode == 2
-    (line,) = done.stderr.decode().splitlines()
-    assert reason in line
-    assert contents(inside, ".") == before
 
 
 def test_a_listed_input_is_never_replaced(inside: Cli) -> None:
@@ -411,13 +250,6 @@ def test_a_listed_input_is_never_replaced(inside: Cli) -> None:
     assert contents(inside, "in").keys() - before.keys() == {"b.depth.png", "manifest.jsonl"}
 
 
-def test_a_missing_model_is_a_failure_and_leaves_nothing(cli: Cli) -> None:
-    tree(cli, "a.png")
-    done = cli("batch", "in", "--out", "out", "--model", "nowhere.onnx")
-    assert done.returncode == 3
-    assert not (cli.folder / "out").exists()
-
-
 def test_quiet_says_errors_only(inside: Cli) -> None:
     tree(inside, "a.png")
     done = inside("batch", "in", "--out", "out", "--quiet")
@@ -429,71 +261,6 @@ def test_quiet_says_errors_only(inside: Cli) -> None:
         "depthcli: error: in/b.png is empty",
         "1 of 2 inputs failed",
     ]
-
-
-def test_warnings_name_their_input(inside: Cli) -> None:
-    write_model(inside.models / "default", output__shift=80.0, output__max_m=200.0)
-    tree(inside, "a.png")
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 0
-    assert b"depthcli: warning: a.png: " in done.stderr
-    assert "were saturated" in rows(inside, "out")["a.png"]["warnings"][0]
-
-
-def test_a_folder_without_pictures(inside: Cli) -> None:
-    (inside.folder / "in").mkdir()
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 0
-    assert b"0 of 0 inputs done" in done.stdout
-    assert contents(inside, "out") == {"manifest.jsonl": b""}
-
-
-def test_a_folder_of_exr_alone_names_what_reads_them(inside: Cli) -> None:
-    (inside.folder / "in").mkdir()
-    for number in range(2):
-        (inside.folder / "in" / f"plate.{number}.exr").touch()
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 1
-    (line,) = done.stderr.decode().splitlines()
-    assert line.endswith(
-        "no picture or video in in: 2 files skipped (2 .exr); 'depthcli video' reads a sequence of "
-        "EXR, 'predict' and 'batch --files' single ones"
-    )
-
-
-@pytest.mark.usefixtures("without_heif")
-def test_a_folder_of_which_nothing_can_be_read_is_a_failure(inside: Cli) -> None:
-    for name in ("a.HEIC", "b.heic", "notes.txt"):
-        (inside.folder / "in").mkdir(exist_ok=True)
-        (inside.folder / "in" / name).touch()
-    done = inside("batch", "in", "--out", "out")
-    assert (done.returncode, done.stdout) == (1, b"")
-    (line,) = done.stderr.decode().splitlines()
-    assert "no picture or video in in: 3 files skipped (2 .heic, 1 .txt); 2 pictures" in line
-    assert line.endswith("pip install pillow-heif")
-    assert not (inside.folder / "out").exists()
-
-
-@pytest.mark.usefixtures("without_heif")
-def test_pictures_that_are_not_read_are_named_among_others(inside: Cli) -> None:
-    tree(inside, "a.png")
-    (inside.folder / "in" / "b.heic").touch()
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 0
-    (line,) = done.stderr.decode().splitlines()
-    assert "warning: 1 picture of a format that is not read (.heic) skipped" in line
-    assert b"1 of 1 inputs done, 1 file skipped (1 .heic)" in done.stdout
-
-
-def test_patterns_that_match_nothing_are_told(inside: Cli) -> None:
-    tree(inside, "a.png", "b.jpg")
-    nothing = inside("batch", "in", "--out", "out", "--include", "*.jpgg")
-    assert (nothing.returncode, nothing.stdout) == (2, b"")
-    assert b"--include and --exclude leave nothing of in: 2 files skipped (2 not" in nothing.stderr
-    some = inside("batch", "in", "--out", "out", "--include", "*.jpgg", "--include", "*.png")
-    assert some.returncode == 0
-    assert b"warning: --include '*.jpgg' matches no picture or video" in some.stderr
-    assert b"1 of 1 inputs done, 1 file skipped (1 not included)" in some.stdout
 
 
 def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
@@ -514,14 +281,6 @@ def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     assert rows(inside, "elsewhere").keys() == {"a.png", "b.preview.png", "out/manifest.jsonl"}
 
 
-def test_a_list_of_find_in_the_folder(inside: Cli) -> None:
-    tree(inside, "a.png", "hall/b.png", "in/a.png")
-    found = b"in/hall/b.png\nin/a.png\n./in/in/a.png\n"
-    done = inside("batch", "in", "--out", "out", "--files", "-", stdin=found)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert rows(inside, "out").keys() == {"hall/b.png", "in/a.png", "a.png"}
-
-
 def test_workers_threads_and_batch_size_change_no_byte(inside: Cli) -> None:
     for number in range(7):
         size = (48, 64) if number % 3 else (30, 40)
@@ -535,33 +294,6 @@ def test_workers_threads_and_batch_size_change_no_byte(inside: Cli) -> None:
         outputs.append({n: d for n, d in contents(inside, out).items() if n != "manifest.jsonl"})
     assert len(outputs[0]) == 7
     assert outputs[0] == outputs[1] == outputs[2]
-
-
-def test_a_thin_strip_in_tiles_stops_no_other(inside: Cli) -> None:
-    tree(inside, "a.png", "c.png")
-    strip = np.full((2, 3000, 3), 90, np.uint8)
-    assert cv2.imwrite(str(inside.folder / "in" / "b.png"), strip)
-    done = inside("batch", "in", "--out", "out", "--tile", "300", "--workers", "1")
-    assert done.returncode == 0, done.stderr
-    assert (inside.folder / "out" / "b.depth.png").is_file()
-
-
-def test_the_frames_of_a_damaged_video_are_all_in_the_manifest(inside: Cli) -> None:
-    rng = np.random.default_rng(0)
-    (inside.folder / "in").mkdir()
-    frames = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(40)]
-    path = write_mp4(inside.folder / "in" / "clip.mp4", frames)
-    data = bytearray(path.read_bytes())
-    middle = len(data) // 2
-    data[middle : middle + len(data) // 10] = bytes(len(data) // 10)
-    path.write_bytes(data)
-    done = inside("batch", "in", "--out", "out", "--format", "npy", "--json")
-    assert done.returncode == 1
-    (row,) = (json.loads(line) for line in done.stdout.splitlines())
-    assert "cannot be decoded" in row["error"]
-    written = {f"clip.depth.{number:06d}.npy" for number in range(40)}
-    seen = {p.name for p in (inside.folder / "out").glob("*.npy")}
-    assert {output["path"] for output in row["outputs"]} == seen < written
 
 
 def test_an_error_that_nobody_foresaw_stops_no_other(
@@ -586,44 +318,3 @@ def test_an_error_that_nobody_foresaw_stops_no_other(
         "seven.png": "failed",
     }
     assert found["seven.png"]["error"] == "unexpected ValueError: seven"
-
-
-def test_a_shard_of_a_list_in_a_table(inside: Cli) -> None:
-    tree(inside, "a.png", "hall/b.png")
-    (inside.folder / "list.csv").write_text("n,uri\n1,a.png\n2,hall/b.png\n")
-    words = ("batch", "in", "--out", "out", "--files", "list.csv", "--column", "uri")
-    assert inside(*words, "--shard", "2/2").returncode == 0
-    assert contents(inside, "out").keys() == {"hall/b.depth.png", "manifest-2-of-2.jsonl"}
-    assert b"keep 0 already done" in inside(*words, "--shard", "1/2", "--dry-run").stderr
-    assert inside(*words, "--shard", "1/2").returncode == 0
-    assert b"2 already done" in inside(*words).stdout
-
-
-@pytest.mark.parametrize(
-    ("words", "line"),
-    [
-        (("--shard", "0/4"), b"--shard 0/4 is not I/N"),
-        (("--files", "-", "--column", "x"), b"--column is for a Parquet or CSV file"),
-        (("--column", "x"), b"--column is for a Parquet or CSV file"),
-        (("--files", "in/a.csv", "--column", "x"), b"no column 'x'; its columns are path"),
-        (("--ray-address", "local"), b"--ray-address is for --engine ray"),
-        (("--gpus-per-worker", "1"), b"--gpus-per-worker is for --engine ray"),
-        (("--engine", "ray", "--ray-address", "x"), b"--ray-address x is not HOST:PORT"),
-    ],
-)
-def test_what_names_no_part_no_column_and_no_cluster(
-    inside: Cli, words: tuple[str, ...], line: bytes
-) -> None:
-    tree(inside, "a.png")
-    (inside.folder / "in" / "a.csv").write_text("path\na.png\n")
-    done = inside("batch", "in", "--out", "out", *words)
-    assert done.returncode == 2
-    assert line in done.stderr
-    assert done.stderr.count(b"\n") == 1
-
-
-def test_a_single_file_is_sent_to_the_commands_for_files(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png")
-    done = inside("batch", "room.png", "--out", "out")
-    assert done.returncode == 2
-    assert b"'depthcli predict' and 'depthcli video' take files" in done.stderr

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import time
 from typing import TYPE_CHECKING
@@ -100,18 +99,6 @@ def test_an_interrupted_batch_leaves_a_manifest_and_goes_on(
     assert maps(cli, "out") == maps(cli, "once")
 
 
-def test_after_ctrl_c_everything_that_was_done_is_told(cli: Cli) -> None:
-    many(cli)
-    large = np.random.default_rng(1).integers(0, 256, (3000, 4000), dtype=np.uint8)
-    picture(cli, "0/000.png", large)  # it keeps back those that come after it
-    running = begun(cli, 3, "--workers", "2", "--json")
-    running.send_signal(signal.SIGINT)
-    out, err = running.communicate(timeout=30)
-    done = rows(cli, "out")
-    assert [json.loads(line)["input"] for line in out.splitlines()] == list(done)
-    assert f"{len(done)} of {COUNT} inputs done".encode() in err
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -136,17 +123,6 @@ def test_a_changed_option_is_done_again(inside: Cli, options: tuple[str, ...]) -
     assert {name: data for name, data in maps(inside, "out").items() if name in made} == made
 
 
-def test_a_switch_of_a_profile_is_an_option_as_any(cli: Cli) -> None:
-    tree(cli, "a.png")
-    (cli.folder / "p.toml").write_text("side-by-side = true\nformat = ['preview']\n")
-    assert kept(cli, "--out", "out", "--format", "preview") == {"a.png": False}
-    assert kept(cli, "--out", "out", "--profile", "p.toml") == {"a.png": False}
-    given = ("--format", "preview", "--side-by-side")
-    assert kept(cli, "--out", "out", *given) == {"a.png": True}
-    (cli.folder / "p.toml").write_text("format = ['preview']\n")
-    assert kept(cli, "--out", "out", "--profile", "p.toml") == {"a.png": False}
-
-
 def test_a_changed_model_is_done_again(inside: Cli) -> None:
     tree(inside, "a.png")
     inside("batch", "in", "--out", "out")
@@ -168,17 +144,3 @@ def test_two_batches_do_not_write_to_one_folder(cli: Cli) -> None:
     assert still
     assert second.returncode == 2
     assert b"another batch is writing to out" in second.stderr
-
-
-def test_a_reader_that_leaves_loses_no_row(cli: Cli) -> None:
-    many(cli)
-    running = begun(cli, 3, "--json")
-    assert running.stdout is not None
-    running.stdout.close()
-    running.stdout = None
-    running.communicate(timeout=30)
-    assert running.returncode in (0, 1)
-    assert len(rows(cli, "out")) >= 3
-    assert not (cli.folder / "out" / JOURNAL).exists()
-    cli("batch", "in", "--out", "out")
-    assert len(maps(cli, "out")) == COUNT

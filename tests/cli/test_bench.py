@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-import pytest
-
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -36,31 +34,3 @@ def test_a_picture_of_ones_own(inside: Cli, picture: Path) -> None:
     assert [line.split("  ")[0] for line in lines[1:]] == [
         *("network", "end-to-end", "throughput", "peak memory")
     ]
-
-
-def test_a_terminal_is_told_how_long_it_takes(cli: Cli) -> None:
-    code, shown = cli.on_a_terminal("bench", "--seconds", "0.2", "--size", "64x48")
-    assert code == 0
-    assert shown.splitlines()[0] == "measuring for about 1 s"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        (("--size", "640"), 2, "WIDTHxHEIGHT"),
-        (("--size", "0x10"), 2, "1 to 20000"),
-        (("missing.jpg",), 1, "missing.jpg"),
-        ((__file__,), 1, "test_bench.py is not a picture"),
-        (("--seconds", "nan"), 2, "must be 0 or greater"),
-        (("--model", "nothing"), 3, "nothing"),
-        (("--provider", "tensorrt"), 3, "tensorrt"),
-    ],
-)
-def test_failures_are_one_line(
-    inside: Cli, arguments: tuple[str, ...], code: int, words: str
-) -> None:
-    done = inside("bench", *arguments)
-    assert done.returncode == code
-    (line,) = done.stderr.decode().splitlines()
-    assert words in line
-    assert not done.stdout

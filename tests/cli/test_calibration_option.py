@@ -142,18 +142,6 @@ def test_rectified_pictures_have_the_camera_of_the_projection_matrix(
     assert found[0][1] == found[1][1] == [33.5, 22.25]
 
 
-def test_a_batch_notices_that_pictures_are_rectified(inside: Cli, folder: Path) -> None:
-    (folder / "cam.yaml").write_text(CALIBRATION + PROJECTION)
-    write_picture(folder / "in" / "a.png", synthetic_picture())
-    words = ("batch", "in", "--out", "out", "--json", "--calibration", "cam.yaml")
-    kept = []
-    for extra in ((), ("--rectified",), ("--rectified",)):
-        done = inside(*words, *extra)
-        assert done.returncode == 0
-        kept.append(json.loads(done.stdout)["kept"])
-    assert kept == [False, False, True]
-
-
 def test_a_batch_notices_a_changed_calibration(inside: Cli, folder: Path) -> None:
     write_picture(folder / "in" / "a.png", synthetic_picture())
     write_picture(folder / "in" / "wide.png", synthetic_picture(36, 64))
@@ -177,24 +165,6 @@ def test_a_batch_notices_a_changed_calibration(inside: Cli, folder: Path) -> Non
     assert [kept(), kept()] == [False, True]
 
 
-def test_a_sidecar_does_not_replace_the_calibration(inside: Cli, folder: Path) -> None:
-    write_video(folder / "clip.avi", flat_frames(range(2)))
-    height, width = flat_frames(range(1))[0].shape[:2]
-    matrix = [[50.0, 0, 30], [0, 50, 25], [0, 0, 1]]
-    camera = {"camera_matrix": matrix, "image_width": width, "image_height": height}
-    for command, out in (
-        (("video", "clip.avi"), "cam.%04d.exr"),
-        (("video", "clip.avi"), "cam.mkv"),
-        (("predict", "in/a.png"), "cam.png"),
-    ):
-        (folder / "cam.json").write_text(json.dumps(camera))
-        done = inside(*command, "-o", out, "--sidecar", "--calibration", "cam.json")
-        assert done.returncode == 1
-        assert b"cam.json exists and was not written by depthcli" in done.stderr
-        assert json.loads((folder / "cam.json").read_text()) == camera
-        assert {path.suffix for path in folder.glob("cam.*")} == {".json", ".yaml"}
-
-
 def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     write_video(folder / "clip.avi", flat_frames(range(2)))
     depths, sidecars = [], []
@@ -216,38 +186,6 @@ def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     assert done.returncode == 1
     assert "has another aspect ratio" in done.stderr.decode()
     assert not (folder / "c.mkv").exists()
-
-
-@pytest.mark.parametrize("command", ["predict", "batch", "video"])
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (
-            ("--calibration", "cam.yaml", "--focal-px", "80"),
-            "give --calibration or --focal-px, not both",
-        ),
-        (("--calibration", "cam.yaml", "--hfov", "80"), "give --calibration or --hfov, not both"),
-        (
-            ("--calibration", "cam.yaml", "--centre-px", "3,4"),
-            "give --calibration or --centre-px, not both",
-        ),
-        (("--rectified",), "--rectified is for --calibration"),
-        (
-            ("--calibration", "cam.yaml", "--rectified"),
-            "--calibration: cam.yaml has no projection_matrix; give --focal-px and --centre-px",
-        ),
-        (("--calibration", "no.yaml"), "--calibration: no.yaml is missing"),
-        (("--calibration", "room.png"), "--calibration: room.png is not a calibration"),
-    ],
-)
-def test_what_does_not_fit_is_a_usage_error(
-    inside: Cli, folder: Path, command: str, words: tuple[str, ...], why: str
-) -> None:
-    given = {"predict": ("room.png",), "batch": (".", "--out", "out")}.get(command, ("clip.mp4",))
-    done = inside(command, *given, *words)
-    assert done.returncode == 2
-    assert why in done.stderr.decode()
-    assert {path.name for path in folder.iterdir()} == {"room.png", "cam.yaml"}
 
 
 def test_the_calibration_is_not_replaced(inside: Cli, folder: Path) -> None:

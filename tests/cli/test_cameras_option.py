@@ -6,7 +6,7 @@ import csv
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.folders import contents, printed, rows, tree
+from helpers.folders import printed, rows, tree
 from helpers.tiny import write_model
 
 from depthcli.io.depth.read import read_metadata
@@ -39,27 +39,6 @@ def test_the_summary_of_what_does_not_match(scene: Cli) -> None:
     (scene.folder / "cameras.csv").write_text("id,focal_px\nhall/b,41\n")
     again = printed(scene(*words, "--json"))
     assert {row["input"]: row["kept"] for row in again} == {"a.png": True, "hall/b.png": False}
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (
-            ("--cameras", "cameras.csv", "--focal-px", "30"),
-            "give --cameras or --focal-px, not both",
-        ),
-        (("--cameras", "cameras.csv", "--hfov", "30"), "give --cameras or --hfov, not both"),
-        (("--cameras", "nowhere.csv"), "--cameras: nowhere.csv cannot be read"),
-        (("--cameras", "in/a.png"), "has no columns id,focal_px"),
-    ],
-)
-def test_wrong_usage_of_cameras(scene: Cli, words: tuple[str, ...], reason: str) -> None:
-    before = contents(scene, ".")
-    done = scene("batch", "in", "--out", "out", *words)
-    assert done.returncode == 2
-    (line,) = done.stderr.decode().splitlines()
-    assert reason in line
-    assert contents(scene, ".") == before
 
 
 def test_the_table_precedes_the_camera_of_a_profile(scene: Cli) -> None:

@@ -67,14 +67,6 @@ def test_options_precede_what_is_stated(
     assert width_m(files / "a.ply") == pytest.approx(7 / focal_px * 2, rel=1e-5)
 
 
-@pytest.mark.usefixtures("files")
-def test_a_cloud_of_an_unknown_camera_says_what_it_assumes(inside: Cli) -> None:
-    done = inside("convert", "bare.npy", "a.ply")
-    assert done.returncode == 0
-    assert b"assumes an hfov of 63.3" in done.stderr
-    assert b"give the focal length or field of view" in done.stderr
-
-
 def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
     write_picture(files / "room.png", pixels)
@@ -105,14 +97,6 @@ def test_a_preview_of_stored_depth_is_that_of_predict(inside: Cli) -> None:
     done = inside(*command)
     assert done.returncode == 2
     assert "--side-by-side and --picture" in done.stderr.decode()
-
-
-@pytest.mark.parametrize("stated", ["1", "1,2,3", "nan,1", "1,inf", "1e12,0", "a,b"])
-def test_a_principal_point_that_is_none_is_not_used(inside: Cli, stated: str) -> None:
-    NpyWriter().write(DEPTH, inside.folder / "d.npy")
-    facts = {"software": "depthcli 1.0.0", "centre_px": stated}
-    (inside.folder / "d.json").write_text(json.dumps(facts))
-    assert read_stored_depth(inside.folder / "d.npy").displayed.provenance is None
 
 
 @pytest.mark.parametrize("target", ["b.png", "b.exr"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import pytest
 from helpers.folders import contents, printed
@@ -80,17 +79,6 @@ def test_a_tree_is_kept(tree: Cli) -> None:
     after = contents(tree, "out")
     assert {name for name in after if after[name] != outputs[name]} == {"b.depth.exr"}
     assert all((tree.folder / "out" / name).stat().st_ino != before[name] for name in before)
-
-
-def test_an_assumed_scale_is_a_warning_about_its_file(tree: Cli) -> None:
-    cv2.imwrite(str(tree.folder / "in/other.png"), np.full((6, 8), 512, np.uint16))
-    done = tree(*TO_EXR)
-    assert done.returncode == 0
-    assert done.stderr.decode() == (
-        "depthcli: warning: in/other.png states no scale, so millimetres are assumed; "
-        "--from-scale states another\n"
-    )
-    assert tree(*TO_EXR, "--from-scale", "256", "--include", "other.png").stderr == b""
 
 
 def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
@@ -174,28 +162,6 @@ def test_no_input_is_replaced_by_a_conversion(tree: Cli) -> None:
     done = tree("convert", "in", "--out", "out", "--format", "png16")
     assert done.returncode == 2
     assert b"out/b.depth.png is an input" in done.stderr
-    assert contents(tree, ".") == before
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "reason"),
-    [
-        (("in", "out/a.exr"), 2, "name the format of the outputs"),
-        (("in", "--out", "out"), 2, "name the format of the outputs"),
-        (("in/b.png",), 2, "name one output: depthcli convert in/b.png OUT"),
-        (("in", "b.exr", "--out", "out"), 2, "name one output"),
-        (("in", "--out", "in/", "--format", "exr"), 2, "is the folder of the inputs"),
-        (("in", "--out", "https://a/b", "--format", "exr"), 2, "https"),
-        (("empty", "--out", "out", "--format", "exr"), 1, "no depth file (.png, .exr, .npy) in em"),
-    ],
-)
-def test_wrong_usage_of_folders(tree: Cli, words: tuple[str, ...], code: int, reason: str) -> None:
-    (tree.folder / "empty").mkdir()
-    before = contents(tree, ".")
-    done = tree("convert", *words)
-    assert done.returncode == code
-    (line,) = done.stderr.decode().splitlines()
-    assert reason in line
     assert contents(tree, ".") == before
 
 

@@ -40,7 +40,6 @@ SMALL = {
     "optim": {"epochs_constant": 2, "epochs_decay": 0, "width_discriminator": 2},
 }
 HELD_OUT = ["0002", "0005"]
-COLUMNS = ("abs_rel", "sq_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3", "silog")
 
 
 def _config(method: str, seed: int = 0) -> TrainConfig:

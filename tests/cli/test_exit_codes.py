@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
-import shlex
 import subprocess
 import sys
 from types import ModuleType
@@ -14,12 +12,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import typer
 from helpers.command_line import unmeasured
-from helpers.tiny import write_picture
 
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
-from depthcli.errors import NO_THREADS, InputError
-from depthcli.jobs.write import failure_reason
+from depthcli.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -108,21 +104,6 @@ def test_ctrl_c_says_nothing(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (MemoryError(), "does not fit into memory; make it smaller"),
-        (opencv_error(-4), "does not fit into memory; make it smaller"),
-        (RuntimeError("can't start new thread"), NO_THREADS),
-        (OSError(errno.EMFILE, "Too many open files", "a.py"), "a.py: Too many open files"),
-        (OSError(errno.EIO, "Input/output error"), "Input/output error"),
-        (OSError("no number"), "unexpected OSError: no number"),
-    ],
-)
-def test_an_input_of_a_batch_says_what_was_lacking(error: Exception, said: str) -> None:
-    assert failure_reason(error) == said
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux how much memory is in use")
 def test_a_picture_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) -> None:
     words = ("predict", "large.png", "small.png", "-o", "out/", "--format", "png16")
@@ -138,47 +119,3 @@ def test_a_picture_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) ->
     assert done.returncode == 1, done.stderr
     assert re.search(rb"large\.png:? does not fit into memory; make it smaller", done.stderr)
     assert [path.name for path in (cli.folder / "out").iterdir()] == ["small.depth.png"]
-
-
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-@pytest.mark.parametrize("words", [("models", "show"), ("models", "cards", "--json")])
-def test_a_reader_that_leaves_ends_it_quietly_with_and_without_a_buffer(
-    cli: Cli, words: tuple[str, ...], unbuffered: str
-) -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    done = subprocess.run(
-        cli.command(*words),
-        stdout=writer,
-        stderr=subprocess.PIPE,
-        cwd=cli.folder,
-        env=cli.environment | {"PYTHONUNBUFFERED": unbuffered},
-        check=False,
-        timeout=60,
-    )
-    os.close(writer)
-    assert (done.returncode, done.stderr) == (1, b"")
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="limits are others elsewhere")
-@pytest.mark.parametrize(
-    ("before", "said"),
-    [
-        ("ulimit -v 400000", b"too little memory to start"),
-        ("mkdir gone && cd gone && rmdir ../gone", b"the current folder was removed"),
-    ],
-)
-def test_surroundings_in_which_nothing_can_start_are_one_line(
-    cli: Cli, before: str, said: bytes
-) -> None:
-    write_picture(cli.folder / "a.png")
-    done = subprocess.run(
-        ["bash", "-c", f"{before} && {shlex.join(cli.command('predict', '../a.png', '-o', 'o/'))}"],
-        cwd=cli.folder,
-        env=unmeasured(cli.environment),
-        capture_output=True,
-        check=False,
-        timeout=60,
-    )
-    (line,) = done.stderr.splitlines()
-    assert (done.returncode, said in line) == (3, True), line

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,17 +66,3 @@ def test_a_layer_that_is_not_there_is_an_error(folder: Path, inside: Cli) -> Non
         done.stderr
     )
     assert sorted(path.name for path in (folder / "layers").iterdir()) == ["p.0.exr", "p.1.exr"]
-
-
-@pytest.mark.parametrize("stops", ["21", "nan", "bright"])
-def test_what_is_no_exposure(stops: str, inside: Cli) -> None:
-    done = inside("predict", "p.exr", "--exposure", stops)
-    assert done.returncode == 2
-    assert b"--exposure" in done.stderr
-
-
-def test_a_sequence_that_is_missing_is_one_json_object(inside: Cli) -> None:
-    for option in ((), ("--exposure", "1")):
-        done = inside("video", "nothing.%04d.exr", "--json", *option)
-        assert done.returncode == 1
-        assert json.loads(done.stdout)["status"] == "failed"

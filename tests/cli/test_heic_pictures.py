@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,6 @@ from depthcli.io.listing.folder import is_installed
 
 if TYPE_CHECKING:
     from helpers.command_line import Cli
-    from helpers.stores import Bucket
 
 PICTURE = synthetic_picture(48, 64)
 HEIC = heic(PICTURE)
@@ -97,11 +95,3 @@ def test_a_folder_of_heic_is_an_image_sequence(inside: Cli) -> None:
     assert {"d.8.npy", "d.9.npy", "d.10.npy"} <= contents(inside, ".").keys()
     single = inside("video", "shots/IMG_8.HEIC")
     assert b"is a single picture: use 'depthcli predict'" in single.stderr
-
-
-def test_a_bucket_of_heic(inside: Cli, bucket: Bucket) -> None:
-    bucket.put("in/a.heic", HEIC)
-    done = inside("batch", bucket.uri("in"), "--out", bucket.uri("out"))
-    assert (done.returncode, done.stderr) == (0, b"")
-    row = json.loads(bucket.objects()["out/manifest.jsonl"])
-    assert (row["input"], row["status"]) == ("a.heic", "ok")

@@ -6,7 +6,6 @@ import hashlib
 import json
 from typing import TYPE_CHECKING
 
-import pytest
 from helpers.command_line import ROOT
 from helpers.tiny import write_model, write_picture
 
@@ -28,35 +27,6 @@ def test_the_list_shows_what_is_there(inside: Cli) -> None:
     assert header[:3] == ["name", "version", "kind"]
     assert ["other", "7.7", "metric"] in [row[:3] for row in rows]
     assert "default" in [row[0] for row in rows]
-
-
-@pytest.mark.parametrize("columns", [30, 60, 100, 300])
-def test_no_terminal_is_too_narrow_for_names_and_paths(cli: Cli, columns: int) -> None:
-    long_name = "a-model-with-rather-a-long-name"
-    write_model(cli.models / long_name)
-    code, shown = cli.on_a_terminal("models", columns=columns)
-    assert code == 0
-    assert str(cli.models / long_name / "card.json") in shown
-    code, shown = cli.on_a_terminal("models", "cards", columns=columns)
-    assert code == 0
-    for line in cli("models", "cards").stdout.decode().splitlines()[1:]:
-        for cell in line.split("\t"):
-            assert cell in shown
-
-
-@pytest.mark.parametrize("words", [("models",), ("models", "cards")])
-def test_columns_are_aligned_on_a_terminal_that_is_wide_enough(
-    cli: Cli, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("COLUMNS", raising=False)
-    header, *rows = (line.split("\t") for line in cli(*words).stdout.decode().splitlines())
-    _, shown = cli.on_a_terminal(*words, columns=300)
-    lines = shown.splitlines()[: 1 + len(rows)]
-    for column, name in enumerate(header):
-        start = lines[0].index(name)
-        for line, row in zip(lines[1:], rows, strict=True):
-            assert line[start:].startswith(row[column])
-            assert start == 0 or line[start - 1] == " "
 
 
 def test_the_bundled_models_are_in_the_wheel_and_run(inside: Cli) -> None:

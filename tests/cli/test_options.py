@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import dataclass
 from inspect import signature
 from typing import TYPE_CHECKING, Annotated
@@ -86,18 +84,6 @@ def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> No
         for parameter in options:
             assert "--output" not in parameter.opts
             assert ("-o" in parameter.opts) == ("--out" in parameter.opts)
-
-
-def test_help_loads_no_heavy_library() -> None:
-    code = (
-        "import sys; from depthcli.cli.app import main; main(['predict', '--help'])\n"
-        "found = {'numpy', 'cv2', 'onnxruntime', 'torch', 'rich'} & {*sys.modules}\n"
-        "sys.exit(str(found) if found else 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
-    assert (done.returncode, done.stderr) == (0, b"")
-    headings = [line for line in done.stdout.decode().splitlines() if line.endswith(":")]
-    assert {"Arguments:", "Options:", "Model and speed:", "16-bit PNG:"} <= {*headings}
 
 
 @pytest.mark.parametrize(

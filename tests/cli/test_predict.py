@@ -19,7 +19,7 @@ from helpers.folders import here
 from helpers.tiny import fixed_inside, synthetic_picture, write_model, write_picture
 
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.formats.table import FORMATS, Format
+from depthcli.io.formats.table import FORMATS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -60,21 +60,6 @@ def test_without_options_a_png_and_a_preview_beside_the_picture(cli: Cli) -> Non
     assert f"min {low:.3f}, median {median:.3f}, max {high:.3f} m" in line
 
 
-@pytest.mark.parametrize("folder", [".", "/", ""])
-def test_a_folder_or_nothing_among_the_inputs_costs_the_others_nothing(
-    inside: Cli, folder: str
-) -> None:
-    room(inside)
-    done = inside("predict", folder, "room.png", folder, "--format", "npy")
-    assert done.returncode == 1
-    assert here(inside) == {"room.png", "room.depth.npy"}
-    expected = "name is empty" if folder == "" else f"{folder} is a folder"
-    first, second, last = error_lines(done)
-    assert expected in first
-    assert first == second
-    assert last.startswith("2 of 3 inputs failed: ")
-
-
 def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     room(inside)
     assert inside("predict", "room.png").returncode == 0
@@ -101,14 +86,6 @@ def test_pictures_of_one_stem_keep_apart_over_several_commands(inside: Cli) -> N
     assert here(inside) == first | {"room.png.depth.png", "room.png.preview.png"}
 
 
-def test_an_empty_output_is_wrong_usage(inside: Cli) -> None:
-    room(inside)
-    done = inside("predict", "room.png", "-o", "")
-    assert done.returncode == 2
-    assert b"-o is empty" in done.stderr
-    assert here(inside) == {"room.png"}
-
-
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
 def test_the_output_s_suffix_chooses_the_format(inside: Cli, suffix: str) -> None:
     room(inside)
@@ -126,89 +103,12 @@ def test_formats_are_repeatable_and_a_folder_takes_them(inside: Cli) -> None:
     assert here(inside) == {"room.png", *names}
 
 
-def test_every_format_of_the_registry_can_be_asked_for() -> None:
-    assert set(Format) == set(FORMATS)
-
-
-def test_a_suffix_that_says_nothing_is_wrong_usage(inside: Cli) -> None:
-    room(inside)
-    done = inside("predict", "room.png", "-o", "depth.gif")
-    assert done.returncode == 2
-    assert ".exr" in error_lines(done)[0]
-    assert here(inside) == {"room.png"}
-
-
-def test_a_name_without_suffix_gets_the_format_s(inside: Cli) -> None:
-    room(inside)
-    assert inside("predict", "room.png", "-o", "x", "--format", "preview").returncode == 0
-    assert here(inside) == {"room.png", "x.preview.png"}
-
-
-def test_a_suffix_of_another_format_is_wrong_usage(inside: Cli) -> None:
-    room(inside)
-    done = inside("predict", "room.png", "-o", "depth.exr", "--format", "npy")
-    assert done.returncode == 2
-    assert "depth.exr does not end in .npy" in error_lines(done)[0]
-    assert here(inside) == {"room.png"}
-
-
 def test_a_sidecar_leaves_the_output_s_name_alone(inside: Cli) -> None:
     room(inside)
     assert inside("predict", "room.png", "-o", "depth.exr", "--sidecar").returncode == 0
     assert here(inside) == {"room.png", "depth.exr", "depth.json"}
     sidecar = json.loads((inside.folder / "depth.json").read_text())
     assert (sidecar["kind"], sidecar["unit"], sidecar["model"]) == ("metric", "m", "tiny")
-
-
-def test_digits_after_a_point_are_no_suffix(inside: Cli) -> None:
-    room(inside)
-    stamp, two = "1305031102.160407", ("--format", "png16", "--format", "npy")
-    assert inside("predict", "room.png", "-o", stamp, *two).returncode == 0
-    assert here(inside) == {"room.png", f"{stamp}.depth.png", f"{stamp}.depth.npy"}
-    assert (
-        inside("predict", "room.png", "-o", "v.2", "--format", "ply", "--sidecar").returncode == 0
-    )
-    assert {"v.2.ply", "v.2.json"} <= here(inside)
-    assert inside("convert", f"{stamp}.depth.npy", "w.16", "--format", "png16").returncode == 0
-    assert "w.16.depth.png" in here(inside)
-
-
-def test_a_sidecar_is_beside_a_name_with_the_format_s_suffix(inside: Cli) -> None:
-    room(inside)
-    write_model(inside.models / "default", camera={"hfov_deg": 90.0})
-    words = ("predict", "room.png", "-o", "d", "--format", "npy", "--sidecar", "--hfov", "50")
-    assert inside(*words).returncode == 0
-    assert here(inside) == {"room.png", "d.depth.npy", "d.depth.json"}
-    assert b"hfov 50.0" in inside("info", "d.depth.npy").stdout
-
-
-def test_a_sidecar_and_the_report_say_the_focal_length(inside: Cli) -> None:
-    room(inside)
-    write_model(inside.models / "default", camera={"hfov_deg": 90.0})
-    words = ("predict", "room.png", "-o", "d.png", "--sidecar", "--focal-px", "70.5", "--json")
-    (told,) = map(json.loads, inside(*words).stdout.splitlines())
-    sidecar = json.loads((inside.folder / "d.json").read_text())
-    assert (told["focal_px"], sidecar["focal_px"]) == (70.5, 70.5)
-    assert told["model_sha256"] == sidecar["model_sha256"]
-
-
-def test_a_preview_s_name_makes_a_preview(inside: Cli) -> None:
-    room(inside)
-    assert inside("predict", "room.png", "-o", "x.preview.png").returncode == 0
-    assert here(inside) == {"room.png", "x.preview.png"}
-    pixels = cv2.imread(str(inside.folder / "x.preview.png"), cv2.IMREAD_UNCHANGED)
-    assert pixels is not None
-    assert (pixels.dtype, pixels.shape) == (np.uint8, (48, 64, 3))
-    both = ("--format", "png16", "--format", "preview")
-    assert inside("predict", "room.png", "-o", "y.preview.png", *both).returncode == 0
-    assert here(inside) == {"room.png", "x.preview.png", "y.depth.png", "y.preview.png"}
-
-
-def test_a_sidecar_says_the_png_s_scale(inside: Cli) -> None:
-    room(inside)
-    inside("predict", "room.png", "--sidecar", "--png-scale", "256")
-    assert json.loads((inside.folder / "room.depth.json").read_text())["png16_scale"] == 256
-    assert decode(inside.folder / "room.depth.png").max() == pytest.approx(256 * 9, abs=256)
 
 
 def test_options_of_formats_arrive(inside: Cli) -> None:
@@ -236,12 +136,6 @@ def test_from_stdin_to_stdout(cli: Cli) -> None:
     np.testing.assert_allclose(depth[:, 6:-6], EXPECTED_M[:, 6:-6], atol=0.2)
     assert b"min" in done.stderr
     assert here(cli) == {"room.png"}
-
-
-def test_from_stdin_to_a_file(inside: Cli) -> None:
-    data = room(inside).read_bytes()
-    assert inside("predict", "-", "-o", "out.npy", stdin=data).returncode == 0
-    assert here(inside) == {"room.png", "out.npy"}
 
 
 def test_stdout_takes_one_input_and_one_format(inside: Cli) -> None:
@@ -356,15 +250,6 @@ def test_a_second_run_replaces_its_outputs(inside: Cli) -> None:
     assert (inside.folder / "room.depth.png").read_bytes() == first
 
 
-def test_an_output_that_cannot_be_written_is_one_line(cli: Cli) -> None:
-    room(cli)
-    (cli.folder / "file").touch()
-    done = cli("predict", "room.png", "-o", "file/deeper/depth.png")
-    assert done.returncode == 1
-    (line,) = error_lines(done)
-    assert "cannot write" in line
-
-
 def test_a_full_disk_leaves_nothing(cli: Cli) -> None:
     path = write_picture(cli.folder / "big.png", np.zeros((500, 500), np.uint8))
     code = (
@@ -432,42 +317,6 @@ def test_anchors_set_the_scale(inside: Cli) -> None:
         b"1 anchor\n"
     )
     assert np.load(inside.folder / "d.depth.npy")[40, 5] == pytest.approx(2, rel=1e-5)
-
-
-def test_pixels_that_a_fit_erases_are_counted(inside: Cli) -> None:
-    room(inside)
-    words = ("--anchor", "20,40,0.1", "--anchor", "60,40,12", "-o", "d.depth.npy")
-    done = inside("predict", "room.png", *words, "--json")
-    lost = np.isnan(np.load(inside.folder / "d.depth.npy"))
-    assert 0 < lost.sum() < lost.size
-    told = (
-        f"{lost.sum()} pixels ({100 * lost.mean():.3g} %) are at or below 0 m after the fit and "
-        "have no depth"
-    )
-    assert (done.returncode, json.loads(done.stdout)["warnings"]) == (0, [told])
-    done = inside("predict", "room.png", *words)
-    assert error_lines(done) == [f"depthcli: warning: room.png: {told}"]
-    (inside.folder / "in").mkdir()
-    (inside.folder / "room.png").rename(inside.folder / "in" / "room.png")
-    assert inside("batch", "in", "--out", "out", *words[:4]).returncode == 0
-    assert json.loads((inside.folder / "out" / "manifest.jsonl").read_text())["warnings"] == [told]
-
-
-def test_anchors_give_a_relative_model_metres(inside: Cli) -> None:
-    room(inside)
-    write_model(inside.models / "rel", output__kind="relative")
-    words = ("--anchor", "5,40,2", "--anchor", "60,40,12", "--json")
-    done = inside("predict", "room.png", "--model", "rel", "-o", "d.depth.npy", *words)
-    assert json.loads(done.stdout)["unit"] == "m"
-
-
-def test_an_anchor_outside_fails_that_picture(inside: Cli) -> None:
-    room(inside, "small.png")
-    write_picture(inside.folder / "large.png", synthetic_picture(96, 128))
-    done = inside("predict", "small.png", "large.png", "--anchor", "100,50,2", "--format", "npy")
-    assert done.returncode == 1
-    assert "small.png" in error_lines(done)[0]
-    assert "large.depth.npy" in here(inside)
 
 
 def test_too_many_pixels_are_refused(inside: Cli) -> None:
@@ -566,54 +415,3 @@ def test_only_what_is_needed_is_imported(cli: Cli) -> None:
         "importlib.metadata",
         "concurrent.futures",
     }
-
-
-@pytest.mark.parametrize("count", [1, 200])
-def test_every_line_is_out_when_the_process_ends(inside: Cli, count: int) -> None:
-    room(inside)
-    done = inside("predict", *(f"absent-{i}.png" for i in range(count)), "room.png", "--json")
-    assert done.returncode == 1
-    assert len(done.stdout.splitlines()) == count + 1
-    assert len(done.stderr.splitlines()) == count + 1
-
-
-def test_a_sidecar_does_not_take_the_place_of_the_depth(inside: Cli) -> None:
-    done = inside("predict", "room.png", "-o", "e.json", "--format", "exr", "--sidecar")
-    (line,) = done.stderr.splitlines()
-    assert done.returncode == 2
-    assert b"e.json does not end in .exr" in line
-    assert not (inside.folder / "e.json").exists()
-
-
-def test_a_sidecar_alone_is_one_file(inside: Cli) -> None:
-    room(inside)
-    assert inside("predict", "room.png", "-o", "e.json", "--sidecar").returncode == 0
-    assert here(inside) == {"room.png", "e.json"}
-
-
-@pytest.mark.parametrize("name", ["x.%04d.exr", "x.####.png", "x.%d"])
-@pytest.mark.parametrize("formats", [(), ("--format", "exr")])
-def test_a_pattern_is_no_name_of_one_file(
-    name: str, formats: tuple[str, ...], inside: Cli, picture: Path
-) -> None:
-    (inside.folder / "d.npy").write_bytes(b"never read")
-    done = inside("predict", picture, "-o", name, *formats)
-    assert done.returncode == 2
-    assert f"{name} is a pattern for numbered files" in done.stderr.decode()
-    assert inside("convert", "d.npy", name, *formats).returncode == 2
-    assert [path.name for path in inside.folder.iterdir()] == ["d.npy"]
-    (inside.folder / name).mkdir()
-    assert inside("predict", picture, "-o", name, *formats).returncode == 0
-
-
-def test_a_focal_length_that_scales_nothing_is_told(inside: Cli, picture: Path) -> None:
-    done = inside("predict", picture, "-o", "a.ply", "--hfov", "60")
-    assert done.returncode == 0
-    assert done.stderr.count(b"does not scale depth") == 1
-    assert b"no focal length is known" not in done.stderr
-
-
-def test_an_empty_input_after_a_switch_costs_the_others_nothing(inside: Cli) -> None:
-    room(inside)
-    done = inside("predict", "room.png", "--quiet", "", "--format", "npy")
-    assert (done.returncode, here(inside)) == (1, {"room.png", "room.depth.npy"})

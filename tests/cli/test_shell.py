@@ -42,10 +42,6 @@ def test_a_command_s_help_loads_nothing_heavy(cli: Cli, name: str) -> None:
     assert not modules & HEAVY
 
 
-def test_help_loads_little_more_than_python_does(cli: Cli) -> None:
-    assert len(loaded(cli, "--help")) < 100  # typer alone has more
-
-
 def test_help_names_every_command(cli: Cli) -> None:
     done = cli("--help")
     assert done.returncode == 0
@@ -63,13 +59,6 @@ def test_without_a_command_the_help_is_shown(cli: Cli) -> None:
     group = cli("eval")
     assert (group.returncode, group.stderr) == (0, b"")
     assert group.stdout == cli("eval", "--help").stdout
-
-
-@pytest.mark.parametrize("words", [("predict",), ("models",), ("models", "list"), ("eval", "nyu")])
-def test_every_command_takes_h_for_help(cli: Cli, words: tuple[str, ...]) -> None:
-    short = cli(*words, "-h")
-    assert (short.returncode, short.stderr) == (0, b"")
-    assert short.stdout == cli(*words, "--help").stdout
 
 
 def test_version_is_the_package_s(cli: Cli) -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 import time
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.command_line import ROOT, Cli, unmeasured
+from helpers.command_line import ROOT, Cli
 from helpers.tiny import write_model, write_picture
 from onnx import TensorProto, helper
 
@@ -77,36 +76,6 @@ def test_a_network_that_never_ends_does_not_outlive_ctrl_c(cli: Cli, command: st
     assert process.returncode == 130
     assert b"resume" in said if command == "batch" else not said
     assert not list(cli.folder.glob("out/*.png"))
-
-
-_BEHIND_A_FULL_PIPE = """
-import contextlib, os, signal, sys
-from depthcli.cli.process import end_on_signals
-end_on_signals()
-os.set_blocking(1, False)
-with contextlib.suppress(BlockingIOError):
-    while True:
-        os.write(1, b"x")
-os.set_blocking(1, True)
-sys.stdout.write("a row that nobody takes")
-print("ready", file=sys.stderr, flush=True)
-signal.pause()
-"""
-
-
-def test_a_reader_that_has_stopped_reading_keeps_nothing_alive() -> None:
-    words = [sys.executable, "-c", _BEHIND_A_FULL_PIPE]
-    environment = unmeasured() | {"PYTHONUNBUFFERED": ""}
-    with subprocess.Popen(
-        words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as process:
-        assert process.stderr is not None
-        assert process.stderr.readline() == b"ready\n"
-        process.send_signal(signal.SIGTERM)
-        try:
-            assert process.wait(timeout=30) == 143
-        finally:
-            process.kill()
 
 
 def test_signals_that_the_caller_ignores_stay_ignored() -> None:

@@ -61,36 +61,6 @@ def test_results_that_standard_output_does_not_take_are_an_error(
     assert (cli.folder / "out" / "manifest.jsonl").exists() == words.startswith("batch")
 
 
-@needs_full_device
-@pytest.mark.parametrize(
-    ("streams", "lines"),
-    [
-        (">/dev/full", [f"depthcli: warning: cannot write standard output: {FULL}"]),
-        ("<&- >&- 2>&-", []),
-        ("2>/dev/full", []),
-    ],
-)
-def test_files_that_are_written_need_no_stream(cli: Cli, streams: str, lines: list[str]) -> None:
-    write_picture(cli.folder / "in" / "a.png")
-    (cli.folder / "in" / "b.png").write_bytes(b"no picture")
-    assert said(cli, "predict in/a.png -o out/a.npy", streams) == (0, lines)
-    assert (cli.folder / "out" / "a.npy").read_bytes().startswith(b"\x93NUMPY")
-
-
-def test_errors_that_nobody_can_read_keep_their_code(cli: Cli) -> None:
-    assert said(cli, "predict", "2>&-") == (2, [])
-    assert said(cli, "frobnicate", "2> >(exit)") == (2, [])
-
-
-@pytest.mark.parametrize(
-    ("words", "code"), [("predict - -o a.npy", 1), ("batch --files - --out out", 2)]
-)
-def test_a_closed_standard_input_is_one_line(cli: Cli, words: str, code: int) -> None:
-    found, (line,) = said(cli, words, "<&-")
-    assert found == code
-    assert "standard input: " in line
-
-
 def test_no_file_takes_the_place_of_a_closed_stream(cli: Cli) -> None:
     script = "import os, sys; from depthcli.cli.streams import open_streams; open_streams()\n"
     script += "assert os.open(sys.argv[1], os.O_RDONLY) > 2; print('heard')"
@@ -108,17 +78,3 @@ def test_what_a_terminal_would_obey_is_escaped(capsys: pytest.CaptureFixture[str
     out, err = capsys.readouterr()
     assert out == "a\\x1b[31m\\x07\tb\nc\\u202e\n"
     assert err == "\\x9b2J é\n"
-
-
-def test_warnings_of_libraries_stay_with_those_who_program(cli: Cli) -> None:
-    script = "import sys, warnings; from depthcli.cli import app; sys.argv[1:] = []\n"
-    script += "app.help_text = lambda: (warnings.warn('of a library'), 'help')[1]; app.main()"
-    for options, said in (((), b""), (("-W", "default"), b"of a library")):
-        done = subprocess.run(
-            [sys.executable, *options, "-c", script],
-            env=cli.environment,
-            capture_output=True,
-            check=False,
-        )
-        assert (done.returncode, done.stdout, said in done.stderr) == (0, b"help", True)
-        assert bool(done.stderr) == bool(said)

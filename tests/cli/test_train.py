@@ -149,19 +149,6 @@ def test_wrong_use_is_one_line(
     assert not (folder / "runs").exists()
 
 
-def test_failures_are_one_line(folder: Path) -> None:
-    (folder / "file").touch()
-    for arguments, reason, code in (
-        (("--data", "nowhere"), "nowhere", 2),
-        (("--data", "data", "--out", "file", "--set", "data.width=32"), "file", 3),
-    ):
-        done = _run(folder, "proposed", *arguments, "--accelerator", "cpu", "--threads", "1")
-        assert done.returncode == code
-        assert reason in done.stderr
-        assert "unexpected" not in done.stderr
-        assert done.stderr.count("\n") == 1
-
-
 def _without_pairs(folder: Path) -> None:
     """Let pictures and depth have nothing in common, not even their number."""
     (folder / "data" / "index.csv").unlink()
@@ -222,14 +209,6 @@ def test_a_method_without_pairs_takes_two_lists(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "1 step in" in done.stderr
     assert (folder / "run" / "last.ckpt").is_file()
-
-
-def test_a_method_with_pairs_does_not(folder: Path) -> None:
-    _without_pairs(folder)
-    done = _train(folder)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert "without a partner" in done.stderr
 
 
 @pytest.mark.parametrize("choice", [("masked",), ("--methods", "masked", "--seeds", "0")])

@@ -131,17 +131,3 @@ def test_stopped_run_on_two_processes_is_continued_exactly(folder: Path, whole: 
     done = inside(folder, *_words("parts", 1))
     assert done.returncode == 3
     assert "belongs to a run on 2 devices: give --devices 2" in done.stderr
-
-
-def test_errors_of_two_processes_are_one_line(folder: Path) -> None:
-    (folder / "taken").touch()
-    cases = {
-        ("odd", "optim.batch_size=3"): (2, "set it to a multiple of 2"),
-        ("wild", "optim.learning_rate=1e30"): (3, "loss term '"),
-        ("taken", "seed=1"): (3, "cannot write to taken"),
-    }
-    runs = {case: _start(folder, *case) for case in cases}
-    for case, (code, reason) in cases.items():
-        found, text = _end(runs[case])
-        assert (found, text.count("\n")) == (code, 1), text
-        assert reason in text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import signal
 import subprocess
@@ -18,12 +17,9 @@ from helpers.command_line import unmeasured
 from helpers.rooms import write_rooms
 from helpers.runs import ENVIRONMENT, finished, inside, same, saved
 
-from depthcli.training.callbacks import Callback
-
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.training.checkpoint import TrainState
 
 SMALL = """
 validate_every = 999
@@ -92,25 +88,6 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(folder: Path) -> None
         assert same(whole[name], unbroken[name]), name
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_every_signal_saves_the_step(
-    folder: Path, number: signal.Signals, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def signalled(_self: Callback, progress: TrainState, *_: object) -> None:
-        if progress.step == 7:
-            signal.raise_signal(number)
-
-    monkeypatch.setattr(Callback, "on_step_end", signalled)
-    before = signal.signal(number, lambda *_: pytest.fail("not handled"))
-    try:
-        done = _run(folder)
-    finally:
-        signal.signal(number, before)
-    assert (done.returncode, done.stderr) == (128 + number, "")
-    assert sorted(p.name for p in (folder / "run").iterdir()) == ["last.ckpt", "metrics.jsonl"]
-    assert saved(folder / "run")["progress"]["step"] == 7
-
-
 _FULL = """
 import os, resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
@@ -134,25 +111,6 @@ def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
     log = (folder / "run" / "metrics.jsonl").read_text().splitlines()
     assert len(log) == 4  # each epoch once
     assert saved(folder / "run")["progress"]["step"] == 20
-
-
-@pytest.mark.skipif(os.geteuid() != 0 or not shutil.which("mount"), reason="mounts a small disk")
-def test_full_file_system_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
-    assert _run(folder, out="size").returncode == 0
-    checkpoint = (folder / "size" / "last.ckpt").stat().st_size
-    (folder / "disk").mkdir()
-    room = checkpoint * 3 // 2  # for one checkpoint, not for two
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", str(folder / "disk")]
-    if subprocess.run(mount, check=False, capture_output=True).returncode:
-        pytest.skip("mounting is not allowed here")
-    try:
-        done = _run(folder, out="disk/run")
-        assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
-        assert "free some space" in done.stderr
-        assert saved(folder / "disk" / "run")["progress"]["step"] == 5
-        assert not [p for p in (folder / "disk" / "run").iterdir() if p.name.startswith(".")]
-    finally:
-        subprocess.run(["umount", str(folder / "disk")], check=True)
 
 
 def _snapshot(folder: Path) -> dict[str, bytes]:
@@ -262,22 +220,3 @@ TROUBLE: dict[str, tuple[Any, str]] = {
         "no pair to train on",
     ),
 }
-
-
-@pytest.mark.parametrize("name", TROUBLE)
-def test_bad_data_is_one_line(folder: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    from depthcli.cli.shell import run  # noqa: PLC0415 - the whole command, in this process
-
-    spoil, reason = TROUBLE[name]
-    spoil(folder)
-    words = _command(data=str(folder / "data"), out=str(folder / "run"))[3:]
-    words[words.index("small.toml")] = str(folder / "small.toml")
-    handler = signal.getsignal(signal.SIGTERM)
-    try:
-        code = run(words)
-    finally:
-        signal.signal(signal.SIGTERM, handler)
-    errors = capsys.readouterr().err
-    assert (code, errors.count("\n")) == (2, 1), errors
-    assert reason in errors
-    assert not (folder / "run" / "last.ckpt").exists()

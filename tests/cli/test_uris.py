@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-import pytest
 from helpers.rooms import Rooms, rooms, write_rooms
 from helpers.stores import KEYS, credentials_checked
 from helpers.tiny import card_with, tiny_onnx, write_model, write_picture
@@ -122,80 +121,6 @@ def test_signatures_and_passwords_are_not_shown(inside: Cli, bucket: Bucket) -> 
         for path in (inside.folder / "out").rglob("*"):
             assert path.is_dir() or b"Signature" not in path.read_bytes()
     assert (inside.folder / "out" / "a.depth.png").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "line"),
-    [
-        (["predict", "{bucket}none.jpg"], 1, "no such object"),
-        (["predict", "s3://no-such-bucket-here/a.jpg"], 1, "no such bucket"),
-        (["predict", "a.png", "-o", "s3://no-such-bucket-here/a.png"], 1, "no such bucket"),
-        (["batch", "s3://no-such-bucket-here/in", "-o", "out"], 2, "no such bucket"),
-        (["batch", "{bucket}none/", "-o", "out"], 2, "is not a folder"),
-        (["batch", ".", "-o", "s3://no-such-bucket-here/out"], 1, "no such bucket"),
-        (["batch", "{http}/", "-o", "out"], 2, "is not a folder"),
-        (["batch", ".", "-o", "{http}/out"], 2, "is behind HTTP"),
-        (["predict", "hdfs://x/a.jpg"], 2, "unknown scheme hdfs://; use s3://, gs://"),
-        (["predict", "http://no-such-host.invalid/a.jpg", "-o", "x.png"], 1, "cannot be reached"),
-        (["predict", "http://127.0.0.1:9/a.jpg", "-o", "x.png"], 1, "cannot be reached"),
-        (["video", "{bucket}none.mp4"], 1, "no such object"),
-        (["info", "{bucket}none.png"], 1, "no such object"),
-        (["convert", "{bucket}none.png", "{bucket}none.exr"], 1, "no such object"),
-        (
-            ["bench", "s3://bucket/a.jpg"],
-            2,
-            "is a URI; this takes local paths only",
-        ),
-        (["eval", "nyu", "--data", "s3://b/nyu"], 2, "s3://b/nyu is a URI; --data takes local"),
-        (["train", "cut", "--data", "x", "--out", "gs://b/run"], 2, "--out takes local paths only"),
-        (["manifest", "summary", "{bucket}none"], 2, "cannot read the manifest"),
-    ],
-)
-def test_what_is_not_there_is_one_line(
-    inside: Cli, bucket: Bucket, words: list[str], code: int, line: str
-) -> None:
-    write_picture(inside.folder / "a.png")
-    given = [w.format(bucket=bucket.uri(), http="http://127.0.0.1:9") for w in words]
-    done = inside(*given, DEPTHCLI_RETRIES="0")
-    assert (done.returncode, done.stdout) == (code, b"")
-    assert line in done.stderr.decode()
-    assert done.stderr.count(b"\n") == 1
-
-
-@pytest.mark.parametrize("answer", ["403 InvalidAccessKeyId", "403 AccessDenied", "507 Full"])
-def test_a_bucket_that_refuses_is_one_line(
-    inside: Cli, bucket: Bucket, faults: Faults, answer: str
-) -> None:
-    write_picture(inside.folder / "a.png")
-    bucket.put("in/a.png", b"")
-    faults.fault = lambda *_: answer
-    words = "denied" if answer.startswith("403") else "the store is full"
-    for command, code in (
-        (["predict", bucket.uri("a.png"), "-o", "x.png"], 1),
-        (["predict", "a.png", "-o", bucket.uri("x.png")], 3),
-        (["batch", bucket.uri("in"), "-o", "out"], 2),
-        (["batch", ".", "-o", bucket.uri("out")], 1),
-        (["video", bucket.uri("a.mp4"), "-o", "out/"], 1),
-    ):
-        done = inside(*command, DEPTHCLI_RETRIES="0")
-        assert words in done.stderr.decode()
-        assert f"{bucket.name}" in done.stderr.decode()
-        assert "Address" not in done.stderr.decode()
-        assert (done.returncode, done.stderr.count(b"\n")) == (code, 1)
-
-
-def test_a_traceback_shows_no_secret(inside: Cli) -> None:
-    url = "http://user:word@127.0.0.1:9/a.jpg?Signature=hidden"
-    for words in (
-        ["predict", url, "-o", "x.png"],
-        ["models", "add", url],
-        ["video", url, "-o", "x.mkv"],
-    ):
-        done = inside(*words, "--debug", DEPTHCLI_RETRIES="0")
-        said = done.stdout + done.stderr
-        assert b"http://127.0.0.1:9/a.jpg cannot be read: it cannot be reached" in said
-        assert b"word@" not in said
-        assert b"hidden" not in said
 
 
 def test_wrong_credentials_are_one_line(inside: Cli, bucket: Bucket) -> None:

@@ -63,10 +63,3 @@ def test_pictures_that_end_at_a_sensor_s_white_name_the_option(folder: Path, ins
     assert inside("predict", "low/f0.png", "-o", "a.npy", "--white-level", "1023").stderr == b""
     done = inside("predict", "low/f0.png", "-o", "a.npy", "--white-level", "1000")
     assert b"has pixels up to 1023, above the white level of 1000" in done.stderr
-
-
-@pytest.mark.parametrize("level", ["0", "65536", "10bit"])
-def test_what_is_no_white_level(level: str, folder: Path, inside: Cli) -> None:
-    done = inside("predict", str(folder / "low" / "f0.png"), "--white-level", level)
-    assert done.returncode == 2
-    assert b"--white-level" in done.stderr

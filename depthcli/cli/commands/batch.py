@@ -6,7 +6,7 @@ import sys
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -170,10 +170,9 @@ class CamerasOptions(CameraOptions):
 @app.command(cls=Command)
 @grouped
 def batch(
-    folder: Annotated[
-        str | None,
-        typer.Argument(metavar="[DIR]", help="Input folder or URI, searched recursively."),
-    ] = None,
+    folder: str | None = typer.Argument(
+        None, metavar="[DIR]", help="Input folder or URI, searched recursively."
+    ),
     *,
     output: OutputOptions,
     inputs: InputOptions,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -33,23 +33,19 @@ _MEASUREMENTS = 3  # network, end to end, throughput
 @app.command(cls=Command)
 @grouped
 def bench(
-    image: Annotated[
-        Path | None,
-        typer.Argument(metavar="[IMG]", help="Input image. Default: a synthetic one."),
-    ] = None,
-    size: Annotated[
-        str, typer.Option(metavar="WxH", help="Size of the synthetic image in pixels.")
-    ] = "640x480",
+    image: Path | None = typer.Argument(
+        None, metavar="[IMG]", help="Input image. Default: a synthetic one."
+    ),
+    size: str = typer.Option(
+        "640x480", metavar="WxH", help="Size of the synthetic image in pixels."
+    ),
     *,
     model: ModelOptions,
     workers: WorkersOption = None,
     upsample: UpsampleOption = Upsampling.GUIDED,
-    seconds: Annotated[
-        float,
-        typer.Option(
-            min=0, max=3600, callback=not_negative, help="Duration of each measurement in seconds."
-        ),
-    ] = 3.0,
+    seconds: float = typer.Option(
+        3.0, min=0, max=3600, callback=not_negative, help="Duration of each measurement in seconds."
+    ),
     as_json: JsonOption = False,
 ) -> int:
     """Measure network latency, end-to-end latency, throughput and peak memory.

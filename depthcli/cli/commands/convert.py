@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Annotated
 
 import typer
 
@@ -91,32 +90,26 @@ SOURCE_OPTIONS = {
 @app.command(cls=Command)
 @grouped
 def convert(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="IN",
-            help="Input: 16-bit PNG, EXR, NPY or depth video (.mkv), or a folder or URI, which is "
-            "searched recursively.",
-        ),
-    ],
-    target: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[OUT]",
-            help="Output file, whose suffix selects the format; a pattern such as depth.%04d.exr "
-            "for all frames of a depth video; or a folder, if IN is one.",
-        ),
-    ] = None,
-    out: Annotated[
-        str | None, typer.Option("-o", "--out", metavar="OUT", help="Output, as the argument OUT.")
-    ] = None,
-    form: Annotated[
-        Format | None,
-        typer.Option(
-            "--format",
-            help="Output format; required for a folder, else if the suffix does not determine it.",
-        ),
-    ] = None,
+    source: str = typer.Argument(
+        ...,
+        metavar="IN",
+        help="Input: 16-bit PNG, EXR, NPY or depth video (.mkv), or a folder or URI, which is "
+        "searched recursively.",
+    ),
+    target: str | None = typer.Argument(
+        None,
+        metavar="[OUT]",
+        help="Output file, whose suffix selects the format; a pattern such as depth.%04d.exr "
+        "for all frames of a depth video; or a folder, if IN is one.",
+    ),
+    out: str | None = typer.Option(
+        None, "-o", "--out", metavar="OUT", help="Output, as the argument OUT."
+    ),
+    form: Format | None = typer.Option(
+        None,
+        "--format",
+        help="Output format; required for a folder, else if the suffix does not determine it.",
+    ),
     *,
     overwrite: OverwriteOption = False,
     inputs: InputOptions,
@@ -134,7 +127,7 @@ def convert(
     from depthcli.cli import parse
     from depthcli.cli.checks import without_effect
     from depthcli.cli.screen import console
-    from depthcli.cli.screen.results import FolderScreen, print_conversion, print_frames
+    from depthcli.cli.screen.results import ConversionScreen, print_conversion
     from depthcli.core.parallel import share_cores
     from depthcli.io.storage.paths import path_of, safe_name
     from depthcli.jobs import convert as job
@@ -160,6 +153,7 @@ def convert(
         console.warn_all(seen_by.warnings)
         console.warn_all(without_effect(given, FORMAT_OPTIONS, (format_,)))
         console.warn_all(without_effect(given, SOURCE_OPTIONS, kinds))
+    shown = ConversionScreen(as_json=screen.as_json, quiet=screen.quiet)
     count = share_cores(workers)[0]
     request = job.ConvertRequest(
         source=source,
@@ -177,12 +171,10 @@ def convert(
         from depthcli.io.listing.folder import NameFilter
 
         plan = job.plan_folder(request, NameFilter.of(inputs.include or (), inputs.exclude or ()))
-        shown = FolderScreen(as_json=screen.as_json, quiet=screen.quiet)
-        failed = shown.run(job.convert_folder(request, plan, count), plan)
+        failed = shown.run(job.convert_folder(request, plan, count), "files", plan)
         return ExitCode.SOME_FAILED if failed else ExitCode.OK
     if job.is_sequence_name(output, source):
-        frames = job.convert_video(request, count)
-        print_frames(frames, as_json=screen.as_json, quiet=screen.quiet)
+        shown.run(job.convert_video(request, count), "frames")
     else:
         print_conversion(job.convert(request), as_json=screen.as_json, quiet=screen.quiet)
     return ExitCode.OK

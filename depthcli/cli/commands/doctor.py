@@ -1,7 +1,6 @@
 """``depthcli doctor``: checking the installation."""
 
 import dataclasses
-from typing import Annotated
 
 import typer
 
@@ -16,21 +15,19 @@ app = typer.Typer(rich_markup_mode=None)
 
 @app.command()
 def doctor(
-    model: Annotated[
-        str | None,
-        typer.Option(
-            "--model",
-            metavar="MODEL",
-            autocompletion=completion.models,
-            help="Model to check, by name or path.",
-        ),
-    ] = None,
-    provider: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", autocompletion=completion.providers, help="Execution provider to check."
-        ),
-    ] = "auto",
+    model: str | None = typer.Option(
+        None,
+        "--model",
+        metavar="MODEL",
+        autocompletion=completion.models,
+        help="Model to check, by name or path.",
+    ),
+    provider: str = typer.Option(
+        "auto",
+        metavar="NAME",
+        autocompletion=completion.providers,
+        help="Execution provider to check.",
+    ),
     as_json: JsonOption = False,
 ) -> int:
     """Check versions, onnxruntime packages, the provider really active, a model, and codecs.

@@ -162,32 +162,22 @@ _TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignor
 @grouped
 def nyu(
     *,
-    data: Annotated[
-        Path,
-        typer.Option(
-            envvar="DEPTHCLI_NYU",
-            help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
-        ),
-    ],
+    data: Path = typer.Option(
+        ...,
+        envvar="DEPTHCLI_NYU",
+        help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
+    ),
     models: ModelOptions,
-    no_model: Annotated[
-        bool, typer.Option("--no-model", help="Do not evaluate the bundled model.")
-    ] = False,
-    split: Annotated[
-        SplitName,
-        typer.Option(
-            help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
-            "of the first 1000."
-        ),
-    ] = SplitName.PAPER,
-    crop: Annotated[
-        Crop, typer.Option(help="eigen: rows 45:471, columns 41:601 only.")
-    ] = Crop.NONE,
-    mask: Annotated[
-        Mask, typer.Option(help="raw: only where the sensor measured depth.")
-    ] = Mask.FILLED,
+    no_model: bool = typer.Option(False, "--no-model", help="Do not evaluate the bundled model."),
+    split: SplitName = typer.Option(
+        SplitName.PAPER,
+        help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
+        "of the first 1000.",
+    ),
+    crop: Crop = typer.Option(Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."),
+    mask: Mask = typer.Option(Mask.FILLED, help="raw: only where the sensor measured depth."),
     trivial: _TrivialOption = True,
-    against: Annotated[str | None, typer.Option(metavar="ROW", help=f"{_AGAINST}.")] = None,
+    against: str | None = typer.Option(None, metavar="ROW", help=f"{_AGAINST}."),
     table: TableOptions,
 ) -> int:
     """Evaluate depth metrics on NYU Depth v2."""
@@ -205,40 +195,32 @@ def nyu(
 @app.command(cls=Command)
 @grouped
 def pairs(
-    data: Annotated[
-        Path,
-        typer.Argument(
-            metavar="DIR",
-            help="Folder with rgb/ and depth/ (16-bit PNG, 0 = no depth) of the same names, and "
-            "cameras.csv (id,focal_px) if the focal lengths are known.",
-        ),
-    ],
+    data: Path = typer.Argument(
+        ...,
+        metavar="DIR",
+        help="Folder with rgb/ and depth/ (16-bit PNG, 0 = no depth) of the same names, and "
+        "cameras.csv (id,focal_px) if the focal lengths are known.",
+    ),
     *,
     models: ModelOptions,
-    png_scale: Annotated[
-        float | None,
-        typer.Option(
-            callback=png_scale_range,
-            help="Units per metre of the PNG files in depth/: 1000 (default, millimetres), "
-            "256 (KITTI), 5000 (TUM), 4000 (Matterport).",
-        ),
-    ] = None,
-    max_depth: Annotated[
-        float,
-        typer.Option(
-            metavar="METRES",
-            callback=positive,
-            help="Farthest depth that counts; predictions are clamped to it.",
-        ),
-    ] = 10.0,
-    against: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ROW",
-            help=f"{_AGAINST} (subfolders of rgb/, or scenes of index.csv; an image without one "
-            "is a scene of its own).",
-        ),
-    ] = None,
+    png_scale: float | None = typer.Option(
+        None,
+        callback=png_scale_range,
+        help="Units per metre of the PNG files in depth/: 1000 (default, millimetres), "
+        "256 (KITTI), 5000 (TUM), 4000 (Matterport).",
+    ),
+    max_depth: float = typer.Option(
+        10.0,
+        metavar="METRES",
+        callback=positive,
+        help="Farthest depth that counts; predictions are clamped to it.",
+    ),
+    against: str | None = typer.Option(
+        None,
+        metavar="ROW",
+        help=f"{_AGAINST} (subfolders of rgb/, or scenes of index.csv; an image without one "
+        "is a scene of its own).",
+    ),
     table: TableOptions,
 ) -> int:
     """Evaluate depth metrics on pictures and depth of your own.
@@ -257,25 +239,20 @@ def pairs(
 @app.command(cls=Command)
 @grouped
 def runs(
-    folder: Annotated[
-        Path, typer.Argument(metavar="RUNS", help="The --out folder of depthcli train.")
-    ],
+    folder: Path = typer.Argument(..., metavar="RUNS", help="The --out folder of depthcli train."),
     *,
-    data: Annotated[
-        Path,
-        typer.Option(envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."),
-    ],
-    split: Annotated[
-        SplitName,
-        typer.Option(
-            help="val: scenes held out by the runs. paper, official: test part of the split, if "
-            "no run was trained on it."
-        ),
-    ] = SplitName.VAL,
+    data: Path = typer.Option(
+        ..., envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."
+    ),
+    split: SplitName = typer.Option(
+        SplitName.VAL,
+        help="val: scenes held out by the runs. paper, official: test part of the split, if "
+        "no run was trained on it.",
+    ),
     weights: WeightsOption = Weights.AVERAGED,
     trivial: _TrivialOption = True,
-    published: Annotated[bool, typer.Option(help="Include the paper's rows.")] = True,
-    against: Annotated[str | None, typer.Option(metavar="ROW", help=f"{_AGAINST}.")] = None,
+    published: bool = typer.Option(True, help="Include the paper's rows."),
+    against: str | None = typer.Option(None, metavar="ROW", help=f"{_AGAINST}."),
     table: TableOptions,
 ) -> int:
     """Compare training runs on images that none of them was trained on.

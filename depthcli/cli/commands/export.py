@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -79,19 +79,16 @@ class CardOptions:
 @app.command(cls=Command)
 @grouped
 def export_onnx(
-    checkpoint: Annotated[
-        Path,
-        typer.Argument(metavar="CKPT", help="Checkpoint written by depthcli train, or its folder."),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="OUT",
-            help="Output ONNX file or folder. Default: next to the checkpoint.",
-        ),
-    ] = None,
+    checkpoint: Path = typer.Argument(
+        ..., metavar="CKPT", help="Checkpoint written by depthcli train, or its folder."
+    ),
+    out: Path | None = typer.Option(
+        None,
+        "-o",
+        "--out",
+        metavar="OUT",
+        help="Output ONNX file or folder. Default: next to the checkpoint.",
+    ),
     *,
     network: NetworkOptions,
     card: CardOptions,

@@ -58,14 +58,12 @@ def list_failed(out: _Manifest, as_json: JsonOption = False) -> int:
 
 @app.command("merge")
 def merge_parts(
-    out: Annotated[str, typer.Argument(metavar="OUT", help="Output folder of a batch.")],
-    form: Annotated[
-        ManifestFormat | None,
-        typer.Option(
-            "--format",
-            help="Format of the result. Default: that of the manifest in OUT, else jsonl.",
-        ),
-    ] = None,
+    out: str = typer.Argument(..., metavar="OUT", help="Output folder of a batch."),
+    form: ManifestFormat | None = typer.Option(
+        None,
+        "--format",
+        help="Format of the result. Default: that of the manifest in OUT, else jsonl.",
+    ),
     as_json: JsonOption = False,
 ) -> int:
     """Merge the manifests of all shards into one, and remove them."""

@@ -19,35 +19,43 @@ if TYPE_CHECKING:
     from depthcli.models.catalog import ModelLocation
 
 
+app = typer.Typer(
+    rich_markup_mode=None,
+    invoke_without_command=True,
+    help="List, inspect, verify, add and remove models.",
+)
+
+_Name = Annotated[
+    str,
+    typer.Argument(
+        autocompletion=completion.models_and_cards,
+        help="Model name, .onnx file, folder with a card.json, or name of a ready card.",
+    ),
+]
+
+
+@app.command("add")
 def add_model_file(
-    file: Annotated[
-        str, typer.Argument(metavar="FILE", help="ONNX file with embedded weights, or its URL.")
-    ],
-    card: Annotated[
-        str | None,
-        typer.Option(
-            "--card",
-            metavar="CARD",
-            autocompletion=completion.cards,
-            help="A card.json, or the name of a ready card ('depthcli models cards'). Default: "
-            "the card in the file, or next to one on this machine.",
-        ),
-    ] = None,
-    name: Annotated[
-        str | None,
-        typer.Option(
-            "--name", metavar="NAME", help="Name for --model. Default: the name in the card."
-        ),
-    ] = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force", help="Replace an existing model of this name, or override a bundled one."
-        ),
-    ] = False,
-    sha256: Annotated[
-        str | None, typer.Option(metavar="HEX", help="SHA-256 checksum that the file must have.")
-    ] = None,
+    file: str = typer.Argument(
+        ..., metavar="FILE", help="ONNX file with embedded weights, or its URL."
+    ),
+    card: str | None = typer.Option(
+        None,
+        "--card",
+        metavar="CARD",
+        autocompletion=completion.cards,
+        help="A card.json, or the name of a ready card ('depthcli models cards'). Default: "
+        "the card in the file, or next to one on this machine.",
+    ),
+    name: str | None = typer.Option(
+        None, "--name", metavar="NAME", help="Name for --model. Default: the name in the card."
+    ),
+    force: bool = typer.Option(
+        False, "--force", help="Replace an existing model of this name, or override a bundled one."
+    ),
+    sha256: str | None = typer.Option(
+        None, metavar="HEX", help="SHA-256 checksum that the file must have."
+    ),
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> int:
@@ -80,13 +88,14 @@ def add_model_file(
     return ExitCode.OK
 
 
+@app.command("remove")
 def remove_models(
-    models: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="NAME...", autocompletion=completion.added_models, help="Names of added models."
-        ),
-    ],
+    models: list[str] = typer.Argument(
+        ...,
+        metavar="NAME...",
+        autocompletion=completion.added_models,
+        help="Names of added models.",
+    ),
 ) -> int:
     """Remove added models."""
     from depthcli.jobs.models import added_model, remove_model
@@ -98,6 +107,7 @@ def remove_models(
     return ExitCode.OK
 
 
+@app.command("cards")
 def list_cards(as_json: JsonOption = False) -> int:
     """List ready cards for well-known models to download."""
     from depthcli.models.catalog import ready_card, ready_names
@@ -165,26 +175,6 @@ def _card_json(name: str, card: ModelCard) -> dict[str, object]:
     }
 
 
-app = typer.Typer(
-    rich_markup_mode=None,
-    invoke_without_command=True,
-    help="List, inspect, verify, add and remove models.",
-)
-
-_Name = Annotated[
-    str,
-    typer.Argument(
-        autocompletion=completion.models_and_cards,
-        help="Model name, .onnx file, folder with a card.json, or name of a ready card.",
-    ),
-]
-
-
-app.command("add")(add_model_file)
-app.command("remove")(remove_models)
-app.command("cards")(list_cards)
-
-
 @app.callback()
 def _models_group(context: typer.Context) -> None:
     """The models that are bundled or installed; without a command, their list."""
@@ -226,13 +216,11 @@ def show_model(model: _Name = "default") -> int:
 
 @app.command()
 def verify(
-    models: Annotated[
-        list[str] | None,
-        typer.Argument(
-            autocompletion=completion.models,
-            help="Model names or paths. Default: all listed models.",
-        ),
-    ] = None,
+    models: list[str] | None = typer.Argument(
+        None,
+        autocompletion=completion.models,
+        help="Model names or paths. Default: all listed models.",
+    ),
     as_json: JsonOption = False,
 ) -> int:
     """Verify size, checksum and card, and run each model once."""

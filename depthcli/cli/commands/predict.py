@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import Annotated
 
 import typer
 
@@ -53,10 +52,10 @@ class OutputOptions:
 @app.command(cls=Command)
 @grouped
 def predict(
-    images: Annotated[
-        list[str],
-        typer.Argument(metavar="IMG...", help="Input images or URIs; '-' reads from stdin."),
-    ],
+    images: list[str] = typer.Argument(
+        ..., metavar="IMG...", help="Input images or URIs; '-' reads from stdin."
+    ),
+    *,
     output: OutputOptions,
     model: ModelOptions,
     camera: CameraOptions,

@@ -1,7 +1,5 @@
 """``depthcli probe``: depth at given pixels."""
 
-from typing import Annotated
-
 import typer
 
 from depthcli.cli.options import FileArgument, FrameOption, JsonOption, ScaleOption
@@ -14,10 +12,9 @@ app = typer.Typer(rich_markup_mode=None)
 @app.command()
 def probe(
     file: FileArgument,
-    pixels: Annotated[
-        list[str],
-        typer.Argument(metavar="X,Y...", help="Pixel column and row, from 0 at the top left."),
-    ],
+    pixels: list[str] = typer.Argument(
+        ..., metavar="X,Y...", help="Pixel column and row, from 0 at the top left."
+    ),
     from_scale: ScaleOption = None,
     frame: FrameOption = None,
     as_json: JsonOption = False,

@@ -1,7 +1,6 @@
 """``depthcli render``: rendering training data."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -21,32 +20,27 @@ def _render_group() -> None:
 @app.command(cls=Command)
 @grouped
 def rooms(
-    out: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="DIR",
-            help="Folder for rgb/, depth/ and cameras.csv; existing rooms are kept.",
-        ),
-    ],
-    count: Annotated[int, typer.Option(min=1, help="Total number of rooms.")] = 1000,
-    size: Annotated[str, typer.Option(metavar="WxH", help="Size of the images.")] = "256x192",
-    hfov: Annotated[
-        str,
-        typer.Option(
-            metavar="LOW-HIGH",
-            help="Horizontal field of view in degrees: a range, or one value for all cameras.",
-        ),
-    ] = "30-110",
-    sensor: Annotated[
-        Sensor, typer.Option(help="none: exact depth. kinect: noise, holes and frayed edges.")
-    ] = Sensor.NONE,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, max=MAX_THREADS, help="Number of processes. Default: one per core."),
-    ] = None,
+    out: Path = typer.Option(
+        ...,
+        "-o",
+        "--out",
+        metavar="DIR",
+        help="Folder for rgb/, depth/ and cameras.csv; existing rooms are kept.",
+    ),
+    count: int = typer.Option(1000, min=1, help="Total number of rooms."),
+    size: str = typer.Option("256x192", metavar="WxH", help="Size of the images."),
+    hfov: str = typer.Option(
+        "30-110",
+        metavar="LOW-HIGH",
+        help="Horizontal field of view in degrees: a range, or one value for all cameras.",
+    ),
+    sensor: Sensor = typer.Option(
+        Sensor.NONE, help="none: exact depth. kinect: noise, holes and frayed edges."
+    ),
+    seed: int = typer.Option(0, min=0, help="Random seed."),
+    workers: int | None = typer.Option(
+        None, min=1, max=MAX_THREADS, help="Number of processes. Default: one per core."
+    ),
     *,
     screen: ScreenOptions,
 ) -> int:

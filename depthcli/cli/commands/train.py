@@ -8,7 +8,7 @@ import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -125,35 +125,28 @@ class DeviceOptions:
 @app.command(cls=Command)
 @grouped
 def train(
-    method: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[METHOD]",
-            autocompletion=completion.methods,
-            help=f"One of {', '.join(METHODS)}; or masked, which learns from images without "
-            "depth, for --init.",
-        ),
-    ] = None,
+    method: str | None = typer.Argument(
+        None,
+        metavar="[METHOD]",
+        autocompletion=completion.methods,
+        help=f"One of {', '.join(METHODS)}; or masked, which learns from images without "
+        "depth, for --init.",
+    ),
     *,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="DIR",
-            help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
-        ),
-    ] = Path("runs/train"),
+    out: Path = typer.Option(
+        Path("runs/train"),
+        "-o",
+        "--out",
+        metavar="DIR",
+        help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
+    ),
     data: DataOptions,
     runs: RunOptions,
     config: ConfigOptions,
     device: DeviceOptions,
-    tensorboard: Annotated[
-        bool,
-        typer.Option(
-            "--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."
-        ),
-    ] = False,
+    tensorboard: bool = typer.Option(
+        False, "--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."
+    ),
     screen: ScreenOptions,
 ) -> int:
     """Train one or more methods. Run the same command again to resume."""

@@ -6,7 +6,7 @@ import re
 import sys
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -130,19 +130,17 @@ class SmoothOptions(DetailOptions):
 @app.command(cls=Command)
 @grouped
 def video(
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE",
-            help="Input video, '-' for stdin, or an image sequence: a pattern (plate.%04d.exr) or "
-            "a folder.",
-        ),
-    ],
+    file: str = typer.Argument(
+        ...,
+        metavar="FILE",
+        help="Input video, '-' for stdin, or an image sequence: a pattern (plate.%04d.exr) or "
+        "a folder.",
+    ),
+    *,
     output: OutputOptions,
     frames: FrameOptions,
     model: ModelOptions,
     workers: WorkersOption = None,
-    *,
     camera: CameraOptions,
     read: ImageOptions,
     detail: SmoothOptions,

@@ -165,8 +165,7 @@ def _encodable(text: str, stream: TextIO) -> str:
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table to standard output: in columns on a terminal, tab-separated elsewhere.
 
-    Cells are neither truncated nor wrapped, so that names and paths can be copied; if the terminal
-    is too narrow, each row is printed as a paragraph.
+    Cells are not truncated, so that names and paths can be copied.
     """
     lines = [[one_line(cell) for cell in row] for row in (header, *rows)]
     if not sys.stdout.isatty():
@@ -176,26 +175,6 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     from rich.cells import cell_len, set_cell_size
 
     widths = [max(map(cell_len, column)) for column in zip(*lines, strict=True)]
-    if sum(widths) + _GAP * (len(widths) - 1) > _terminal_columns():
-        _print_paragraphs(lines[0], lines[1:])
-        return
     for line in lines:
         cells = (set_cell_size(cell, width) for cell, width in zip(line, widths, strict=True))
         out((" " * _GAP).join(cells).rstrip())
-
-
-def _terminal_columns() -> int:
-    """Width of the terminal at standard output, which is one; COLUMNS overrides it."""
-    from shutil import get_terminal_size
-
-    # By itself, shutil asks the stream that depthcli.cli.streams has replaced, and says 80.
-    return get_terminal_size(os.get_terminal_size(sys.stdout.fileno())).columns
-
-
-def _print_paragraphs(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print each row as a heading and one line per further column."""
-    width = max(map(len, header)) + _GAP
-    for heading, *cells in rows:
-        out(heading)
-        for name, cell in zip(header[1:], cells, strict=True):
-            out(f"  {name:<{width}}{cell}".rstrip())

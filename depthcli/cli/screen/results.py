@@ -260,77 +260,59 @@ def print_conversion(done: ConvertResult, *, as_json: bool, quiet: bool) -> None
         console.warn_all(done.warnings)
 
 
-def print_frames(
-    results: Generator[ConvertResult, None, None], *, as_json: bool, quiet: bool
-) -> None:
-    """Print the conversions of a video's frames: a JSON object each, or a line and a warning."""
-    totals, first, warned, written = _Totals(), "", 0, list[str]()
-    with show_progress(silent=quiet or as_json) as progress, closing(results):
-        advance = progress.begin("", None, "frames")
-        for result in results:
-            totals.add(result)
-            written = [*written[:1], result.target]
-            if as_json:
-                console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
-            first = first or "; ".join(map(console.worded, result.warnings))
-            warned += bool(result.warnings)
-            advance(1)
-    if not quiet:
-        (console.note if as_json else console.report)(
-            one_line(f"{totals.converted} frames -> {' to '.join(written)}{totals.text()}")
-        )
-        if warned and not as_json:
-            console.warn(f"{warned} frames have warnings, the first: {first}")
-
-
 @dataclass(frozen=True, slots=True)
-class FolderScreen:
-    """Prints the conversions of a folder: a JSON object each, or failures and a summary."""
+class ConversionScreen:
+    """Prints many conversions: a JSON object each, or failures and a summary."""
 
     as_json: bool  #: print one JSON object per input
     quiet: bool  #: print errors only
 
     def run(
-        self, results: Generator[ConvertResult | FailedInput, None, None], plan: FolderPlan
+        self,
+        results: Generator[ConvertResult | FailedInput, None, None],
+        unit: str,
+        plan: FolderPlan | None = None,
     ) -> int:
-        """Print the results of a plan while they are made; return how many inputs failed."""
+        """Print the results while they are made; return how many inputs failed.
+
+        Args:
+            results: of the files of a folder, or of the frames of a video.
+            unit: what is counted, ``files`` for example.
+            plan: of a folder; None for a video.
+        """
         failures: list[FailedInput] = []
         totals = _Totals()
-        for loop in () if self.quiet else plan.loops:
-            console.warn(f"{loop} is a link to a folder above it; skipped")
+        if plan and not self.quiet:
+            console.warn_all(
+                f"{loop} is a link to a folder above it; skipped" for loop in plan.loops
+            )
         with show_progress(silent=self.quiet or self.as_json) as progress, closing(results):
-            stage = progress.begin("", len(plan.inputs), "files")
+            stage = progress.begin("", len(plan.inputs) if plan else None, unit)
             for result in results:
                 if isinstance(result, FailedInput):
                     failures.append(result)
                     stage.note = f"{len(failures)} failed"
+                    if self.as_json:
+                        print_failed(result, as_json=True)
                 else:
                     totals.add(result)
-                self._print(result)
+                    self._print(result)
                 stage(1)
         if not self.as_json:
             for failed in failures:
                 print_failed(failed, as_json=False)
-        self._print_summary(totals, plan, len(failures))
+        if not self.quiet:
+            rest = [f"{len(failures)} failed"] if failures else []
+            rest += [skip_summary(plan.skipped)] if plan and plan.skipped else []
+            counts = ", ".join([f"{totals.converted} {unit} converted", *rest])
+            (console.note if self.as_json else console.report)(f"{counts}{totals.text()}")
         return len(failures)
 
-    def _print(self, result: ConvertResult | FailedInput) -> None:
-        if isinstance(result, FailedInput):
-            if self.as_json:
-                print_failed(result, as_json=True)
-        elif self.as_json:
+    def _print(self, result: ConvertResult) -> None:
+        if self.as_json:
             console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
         elif not self.quiet:
             console.warn_all(result.warnings, name=result.source)
-
-    def _print_summary(self, totals: _Totals, plan: FolderPlan, failed: int) -> None:
-        parts = [f"{totals.converted} of {len(plan.inputs)} files converted"]
-        if failed:
-            parts.append(f"{failed} failed")
-        if plan.skipped:
-            parts.append(skip_summary(plan.skipped))
-        if not self.quiet:
-            (console.note if self.as_json else console.report)(", ".join(parts) + totals.text())
 
 
 @dataclass(slots=True)
