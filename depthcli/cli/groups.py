@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
 OPTION = "option"
 """Key of a field's metadata with its option; other fields are annotated with theirs."""
@@ -28,15 +28,15 @@ class Given(dict[str, str]):
     """Options on the command line, not in a profile: parameter -> word, such as ``--no-audio``."""
 
     @classmethod
-    def of(cls, context: typer.Context) -> Given:
-        """The options that the command of a context was given."""
+    def of(cls, context: typer.Context, values: Mapping[str, Any] | None = None) -> Given:
+        """The options that the command of a context was given; ``values`` tell off from on."""
         found = cls()
         for parameter in context.command.params:
             name, words = str(parameter.name), parameter.opts
             source = context.get_parameter_source(name)
             if source is None or source.name != "COMMANDLINE":
                 continue
-            if parameter.secondary_opts and context.params.get(name) is False:
+            if parameter.secondary_opts and values and values.get(name) is False:
                 words = parameter.secondary_opts
             found[name] = max(words, key=len)
         return found
@@ -78,8 +78,8 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
     @wraps(command)
     def flat(**values: Any) -> int:  # noqa: ANN401 - options of any type
         context = values.pop("context", None)
+        given = {name: Given.of(context, values) for name, kind in hints.items() if kind is Given}
         made = {name: _made(kind, values) for name, kind in hints.items() if is_dataclass(kind)}
-        given = {name: Given.of(context) for name, kind in hints.items() if kind is Given}
         return command(**values, **made, **given)
 
     flat.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]

@@ -41,7 +41,7 @@ def test_a_sparse_map_scales_a_picture(inside: Cli, kind: str) -> None:
     sparse_m[::2, ::2] = known_m[::2, ::2]
     sparse_m[::8, ::8] = 90
     np.save(inside.folder / "lidar.npy", sparse_m)
-    words = ("--anchors", "lidar.npy", "--model", "one", "-o", "d.npy")
+    words = ("--anchors", "lidar.npy", "--model", "one", "-o", "d.npy", "--overwrite")
     done = inside("predict", "room.png", *words, "--json")
     assert done.returncode == 0
     np.testing.assert_allclose(np.load(inside.folder / "d.npy"), known_m, rtol=1e-4)
@@ -117,7 +117,7 @@ def assumed_in(name: str) -> str:
 def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
     write_picture(inside.folder / "room.png", synthetic_picture())
     write_kitti(inside.folder / "kitti.png")
-    words = ("predict", "room.png", "--anchors", "kitti.png", "-o", "d.npy")
+    words = ("predict", "room.png", "--anchors", "kitti.png", "-o", "d.npy", "--overwrite")
     (told,) = printed(inside(*words, "--json"))
     assert told["warnings"] == [assumed_in("kitti.png")]
     assert told["median"] == pytest.approx(0.512)

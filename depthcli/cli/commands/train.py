@@ -161,11 +161,10 @@ def train(
     for name, seed in itertools.product(methods, seeds or (None,)):
         settings = [*(config.settings or ()), *([] if seed is None else [f"seed={seed}"])]
         resolve = partial(resolve_config, name, config.preset, config.config or (), settings)
-        found = resolve()
         if config.show_config:
-            show_config(found)
-        several = runs.methods is not None or bool(seeds)
-        planned[out / f"{name}-seed{found.seed}" if several else out] = resolve
+            show_config(resolve())
+        is_one = runs.methods is None and not seeds
+        planned[out if is_one else out / f"{name}-seed{resolve().seed}"] = resolve
     if config.show_config:
         return ExitCode.OK
     if len(planned) > 1 and device.devices > 1:
