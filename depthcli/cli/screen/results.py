@@ -304,7 +304,8 @@ class ConversionScreen:
         if not self.quiet:
             rest = [f"{len(failures)} failed"] if failures else []
             rest += [skip_summary(plan.skipped)] if plan and plan.skipped else []
-            counts = ", ".join([f"{totals.converted} {unit} converted", *rest])
+            of = f" of {len(plan.inputs)}" if plan else ""
+            counts = ", ".join([f"{totals.converted}{of} {unit} converted", *rest])
             (console.note if self.as_json else console.report)(f"{counts}{totals.text()}")
         return len(failures)
 
