@@ -52,7 +52,7 @@ def test_pictures_that_end_at_a_sensor_s_white_name_the_option(folder: Path, ins
     for number in range(2):
         cv2.imwrite(str(folder / "low" / f"f{number}.png"), pixels)
     advice = "as in data of 10 bits; if that is white, give --white-level 1023"
-    done = inside("predict", "low/f0.png", "-o", "a.npy")
+    done = inside("predict", "low/f0.png", "-o", "a.exr")
     assert done.stderr.decode().count(advice) == 1
     done = inside("video", "low/f%d.png", "--out", "b.mkv", "--fps", "25")
     assert done.stderr.decode().count(advice) == 1
@@ -60,6 +60,6 @@ def test_pictures_that_end_at_a_sensor_s_white_name_the_option(folder: Path, ins
     assert inside("batch", "low", "--out", "c").returncode == 0
     rows = [json.loads(line) for line in (folder / "c" / "manifest.jsonl").read_text().splitlines()]
     assert all("data of 10 bits" in row["warnings"][0] for row in rows)
-    assert inside("predict", "low/f0.png", "-o", "a.npy", "--white-level", "1023").stderr == b""
-    done = inside("predict", "low/f0.png", "-o", "a.npy", "--white-level", "1000")
+    assert inside("predict", "low/f0.png", "-o", "a.exr", "--white-level", "1023").stderr == b""
+    done = inside("predict", "low/f0.png", "-o", "a.exr", "--white-level", "1000")
     assert b"has pixels up to 1023, above the white level of 1000" in done.stderr
