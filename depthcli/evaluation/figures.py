@@ -132,10 +132,10 @@ def _figure_row(
     sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
     picture = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
     maps = [_fit_to_truth(predictor.predict(sample), truth_m) for predictor in predictors]
-    known = truth_m > 0
+    valid_mask = truth_m > 0
     ends = (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT)
-    near, far = np.percentile(truth_m[known] if known.any() else 1.0, ends)
-    truth = DepthMap(np.where(known, truth_m, np.float32(np.nan)))
+    near, far = np.percentile(truth_m[valid_mask] if valid_mask.any() else 1.0, ends)
+    truth = DepthMap(np.where(valid_mask, truth_m, np.float32(np.nan)))
     return _FigureRow(
         np.repeat(picture[..., None], 3, 2), (*maps, truth), (float(near), float(far))
     )
@@ -146,11 +146,11 @@ def _fit_to_truth(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap
     if depth.kind is DepthKind.METRIC:
         return depth
     height, width = truth_m.shape
-    known = truth_m > 0
-    values = resize_area(depth.values, width, height)[known].astype(np.float64)
+    valid_mask = truth_m > 0
+    values = resize_area(depth.values, width, height)[valid_mask].astype(np.float64)
     metres = np.full(truth_m.shape, np.nan, np.float32)
-    metres[known] = align(
-        values, truth_m[known].astype(np.float64), SUITABLE[depth.kind][0], depth.kind
+    metres[valid_mask] = align(
+        values, truth_m[valid_mask].astype(np.float64), SUITABLE[depth.kind][0], depth.kind
     )
     return DepthMap(metres)
 

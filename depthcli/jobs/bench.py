@@ -26,7 +26,7 @@ _MEGABYTE = 1e6
 
 @dataclass(frozen=True, slots=True)
 class BenchRequest:
-    """What to measure."""
+    """Model, picture and duration of the measurements."""
 
     model: SessionLoader  #: model, provider, and threads for the latency measurements
     synthetic_px: tuple[int, int]  #: (width, height) of the synthetic picture

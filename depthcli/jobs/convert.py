@@ -70,7 +70,7 @@ _FRAME = r"(?i)\.depth\.\d{6,}$"
 
 @dataclass(frozen=True, slots=True)
 class ConvertRequest:
-    """What is converted, and how."""
+    """Source, target and options of a conversion."""
 
     source: str  #: a depth map, a depth video, or a folder that is searched recursively
     #: the file to write, to whose name the suffix of the format is added where it is missing; a

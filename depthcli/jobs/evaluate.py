@@ -46,7 +46,7 @@ _RAW_WEIGHTS = "weights of the last step, not their moving average"
 
 @dataclass(frozen=True, slots=True)
 class EvalRequest:
-    """What is evaluated, on which images, and how."""
+    """Options of an evaluation: predictors, images and table."""
 
     data: Path  #: NYU Depth v2, as a file or a folder; or a folder of other pairs
     models: tuple[SessionLoader, ...] = ()  #: one row each

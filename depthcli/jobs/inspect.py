@@ -135,7 +135,7 @@ def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
 
 
 def _exr_facts(stored: StoredDepth) -> dict[str, str]:
-    """What the header of an EXR states for compositing, by the names of its attributes."""
+    """Facts for compositing in the header of an EXR, by the names of its attributes."""
     frame = stored.frame
     if stored.channel is None or frame.windows is None:
         return {}
@@ -160,11 +160,11 @@ def _video_info(video: DepthVideo, file: str, scale: float | None) -> DepthVideo
     frames = valid = width = height = 0
     low, high = math.inf, -math.inf
     for depth in video:
-        known = depth.values[depth.valid]
-        frames, valid = frames + 1, valid + known.size
+        valid_depth = depth.values[depth.valid]
+        frames, valid = frames + 1, valid + valid_depth.size
         height, width = depth.values.shape
-        low = min(low, float(known.min(initial=np.inf)))
-        high = max(high, float(known.max(initial=-np.inf)))
+        low = min(low, float(valid_depth.min(initial=np.inf)))
+        high = max(high, float(valid_depth.max(initial=-np.inf)))
     stated, source = depth_scale(video.labels, scale) or (None, None)
     return DepthVideoInfo(
         input=file,

@@ -22,7 +22,6 @@ from depthcli.io.storage.atomic import atomic_path, write_text
 from depthcli.io.storage.paths import read_regular
 
 SETTINGS_NAME = "rooms.json"
-_OPTIONS = {"seed": "--seed", "size": "--size", "hfov_deg": "--hfov", "sensor": "--sensor"}
 _PER_FOLDER = 100
 _MAX_SETTINGS_BYTES = 2**16
 
@@ -65,33 +64,32 @@ def _check_folder(request: RenderRequest) -> None:
         held = parsed_json(read_regular(path, _MAX_SETTINGS_BYTES))
     except FileNotFoundError:
         if any((out / name).exists() for name in ("rgb", "depth", CAMERAS_NAME)):
-            raise UsageError(f"{out} holds other pictures; give another --out") from None
+            raise UsageError(f"{out} holds other images", "give another {out}") from None
     except (OSError, FieldError) as error:
         reason = getattr(error, "strerror", None) or error
         raise OutputError(
-            f"cannot read {path}: {reason}; remove it or give another --out"
+            f"cannot read {path}: {reason}", "remove it, or give another {out}"
         ) from error
     else:
         wanted = json.loads(text)
         if held != wanted:
-            options = _different_options(held, wanted)
-            raise UsageError(
-                f"{out} holds rooms made with {options}; give the same options or another --out"
-            )
+            raise UsageError(f"{out} holds other rooms", _same_options(held, wanted))
     write_text(text + "\n", path)
     count = max(request.count, _camera_count(out / CAMERAS_NAME))
     rows = (f"{_pair_name(i)},{room_focal_px(request.settings, i):.6f}\n" for i in range(count))
     write_text("id,focal_px\n" + "".join(rows), out / CAMERAS_NAME)
 
 
-def _different_options(held: Any, wanted: dict[str, object]) -> str:  # noqa: ANN401 - any JSON
-    """The options of the existing rooms that differ from the requested ones."""
+def _same_options(held: Any, wanted: dict[str, object]) -> str:  # noqa: ANN401 - any JSON
+    """Advice with the options of the existing rooms that differ from the requested ones."""
     if not isinstance(held, dict) or held.get("version") != VERSION:
-        return "another version of depthcli"
+        return "they are of another version of depthcli: give another {out}"
     others = {name: held.get(name) for name, value in wanted.items() if held.get(name) != value}
-    return " ".join(
-        f"{_OPTIONS[name]} {_option_value(name, value)}" for name, value in others.items()
+    options = (
+        f"{{{name.removesuffix('_deg')}}} {_option_value(name, value)}"
+        for name, value in others.items()
     )
+    return f"give {' '.join(options)}, or another {{out}}"
 
 
 def _option_value(name: str, value: object) -> str:

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Averaging(StrEnum):
-    """How metrics are averaged."""
+    """Averaging of metrics."""
 
     IMAGE = "image"
     """Each metric is computed per image, then averaged: every image has the same weight."""
@@ -13,7 +13,7 @@ class Averaging(StrEnum):
 
 
 class Alignment(StrEnum):
-    """What is fitted to the ground truth, per image, over the valid pixels."""
+    """Fit of a prediction to the ground truth, per image, over the valid pixels."""
 
     NONE = "none"
     """Nothing: metres are compared as predicted."""

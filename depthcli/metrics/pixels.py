@@ -64,7 +64,7 @@ class DepthPixels:
         return int(self.truth.size)
 
     def parts(self) -> Iterator[Self]:
-        """The same pixels in parts whose float64 arrays fit the processor's cache.
+        """Split the pixels into parts whose float64 arrays fit the processor's cache.
 
         Each part is valid until the next one is yielded.
         """

@@ -86,16 +86,16 @@ def test_files_hold_what_was_rendered(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("other", "named"),
     [
-        (SETTINGS._replace(seed=5), f"--seed {SETTINGS.seed}"),
-        (SETTINGS._replace(size=(16, 12)), "--size {}x{}".format(*SETTINGS.size)),
-        (SETTINGS._replace(hfov_deg=(20.0, 20.5)), "--hfov {:g}-{:g}".format(*SETTINGS.hfov_deg)),
+        (SETTINGS._replace(seed=5), f"seed {SETTINGS.seed}"),
+        (SETTINGS._replace(size=(16, 12)), "size {}x{}".format(*SETTINGS.size)),
+        (SETTINGS._replace(hfov_deg=(20.0, 20.5)), "hfov {:g}-{:g}".format(*SETTINGS.hfov_deg)),
     ],
 )
 def test_rooms_of_other_options_are_not_mixed(
     folder: Path, other: RoomSettings, named: str
 ) -> None:
     before = contents(folder)
-    with pytest.raises(UsageError, match=f"holds rooms made with {named}; give the same options"):
+    with pytest.raises(UsageError, match=f"holds other rooms; give {named}, or another out"):
         render(RenderRequest(folder, COUNT, other))
     assert contents(folder) == before
 
@@ -103,7 +103,7 @@ def test_rooms_of_other_options_are_not_mixed(
 @pytest.mark.parametrize("held", ['{"version": 0}', "[]"])
 def test_rooms_of_another_version_are_not_mixed(tmp_path: Path, held: str) -> None:
     (tmp_path / "rooms.json").write_text(held)
-    with pytest.raises(UsageError, match="rooms made with another version of depthcli"):
+    with pytest.raises(UsageError, match="another version of depthcli"):
         render(RenderRequest(tmp_path, 1, SETTINGS))
 
 
@@ -117,7 +117,7 @@ def test_the_same_options_in_another_notation_are_the_same(folder: Path, tmp_pat
 
 def test_other_pictures_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "rgb").mkdir()
-    with pytest.raises(UsageError, match="holds other pictures"):
+    with pytest.raises(UsageError, match="holds other images"):
         render(RenderRequest(tmp_path, 1, SETTINGS))
 
 
@@ -135,7 +135,7 @@ def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:
         scale = metric_scale(card, frame, place, camera)
         there = truth.depth_m(i)
         np.testing.assert_allclose(data.dataset.depth_m(i) * scale, there, rtol=2e-3)
-    extra = open_training_data(folder, paired=True).with_pseudo_labels(truth).extra
+    extra = open_training_data(folder, paired=True).with_pseudo_labels(truth).pseudo_labels
     assert extra is not None
     np.testing.assert_array_equal(extra.depth_m(1), data.dataset.depth_m(1))
 

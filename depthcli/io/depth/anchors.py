@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 SUFFIXES = (".csv", *READABLE_SUFFIXES)
 """Suffixes of files with known depth."""
 _OUTPUT = ".depth"
-"""What the outputs of ``convert`` have before their suffix."""
+"""End of the stems of the outputs of ``convert``."""
 _ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 

@@ -62,7 +62,7 @@ ORIGIN_FIELDS = tuple(name for name in DepthMetadata._fields if name not in {"ki
 
 
 def anchor_fields(depth: DepthMap) -> dict[str, dict[str, float] | None]:
-    """How well a map fits known points, for JSON: ``anchors``, None if it was not fitted."""
+    """Fit of a map to known points, for JSON: ``anchors``, None if it was not fitted."""
     fit = depth.provenance.anchor_fit if depth.provenance else None
     return {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
 

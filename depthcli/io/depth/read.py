@@ -20,7 +20,7 @@ from depthcli.io.storage.paths import path_of
 
 @dataclass(frozen=True, slots=True)
 class DepthReadOptions:
-    """What the user states of a depth file."""
+    """Statements of the user about a depth file."""
 
     #: units per metre of integers; None for what the file states
     scale: float | None = None
