@@ -50,7 +50,7 @@ def test_the_folders_in_a_folder_are_there(name: str, holds: str) -> None:
 
 
 @pytest.mark.parametrize(("file", "names"), sorted(set(FILE.findall(PAGE))))
-def test_what_a_walk_names_is_there(file: str, names: str) -> None:
+def test_functions_named_in_the_architecture_exist(file: str, names: str) -> None:
     known = defined(PACKAGE / file)
     assert set(re.findall(r"`([\w.]+)`", names)) <= known
 

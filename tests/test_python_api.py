@@ -180,7 +180,7 @@ def test_a_pil_picture_as_opened_is_turned_like_its_file(
         (np.ma.masked_less(PIXELS, 100), "without a value"),
     ],
 )
-def test_what_is_no_picture_is_refused_in_one_line(
+def test_invalid_image_is_refused_in_one_line(
     picture: Any, problem: str, model: depthcli.DepthModel
 ) -> None:
     with pytest.raises(depthcli.InputError, match=problem) as caught:
@@ -317,7 +317,7 @@ def test_options_of_a_stream_are_refused_at_once(
         model.predict_many([], **options)
 
 
-def test_what_is_wrong_with_a_video_is_a_warning(tmp_path: Path) -> None:
+def test_damage_of_a_video_is_a_warning(tmp_path: Path) -> None:
     path = write_video(tmp_path / "walk.mkv", [PIXELS] * 20)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -494,7 +494,7 @@ def test_points_by_another_camera() -> None:
     )
 
 
-def test_points_have_the_picture_s_colours(depth: depthcli.DepthMap) -> None:
+def test_points_have_the_colours_of_the_image(depth: depthcli.DepthMap) -> None:
     cloud = depth.to_points()
     assert cloud.rgb is not None
     np.testing.assert_array_equal(cloud.rgb, PIXELS.reshape(-1, 3))
@@ -516,7 +516,7 @@ def test_points_need_metres_and_a_camera() -> None:
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy", "A.EXR"])
-def test_what_is_saved_is_read_again(name: str, depth: depthcli.DepthMap, tmp_path: Path) -> None:
+def test_saved_map_is_read_back(name: str, depth: depthcli.DepthMap, tmp_path: Path) -> None:
     depth.save(tmp_path / "new" / name)
     found = depthcli.read_depth(str(tmp_path / "new" / name))
     assert found.values == pytest.approx(depth.values, abs=0.0005)
@@ -652,7 +652,7 @@ def test_plot_draws_metres(depth: depthcli.DepthMap) -> None:
     plt.close("all")
 
 
-def test_plot_without_matplotlib_says_what_to_install(
+def test_plot_without_matplotlib_names_the_package(
     depth: depthcli.DepthMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)

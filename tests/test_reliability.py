@@ -13,7 +13,7 @@ COMMANDS = re.findall(r"^\| `(\w+\.py)", PAGE, re.MULTILINE)
 
 
 @pytest.mark.parametrize(("file", "name"), sorted(set(NAMED)))
-def test_what_holds_a_promise_is_there(file: str, name: str) -> None:
+def test_every_test_named_in_the_docs_exists(file: str, name: str) -> None:
     found = ast.parse((TESTS / file).read_text("utf-8")).body
     functions = {node.name for node in found if isinstance(node, ast.FunctionDef)}
     assert not name or name in functions

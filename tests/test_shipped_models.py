@@ -81,13 +81,13 @@ def test_gives_the_bytes_that_it_gave_on_the_same_platform(model: str) -> None:
     assert hashlib.sha256(values_m.tobytes()).hexdigest() == hashes[model]
 
 
-def test_the_picture_guides_unless_told_otherwise() -> None:
+def test_upsampling_is_guided_by_default() -> None:
     seen_m = _depth("default").values[::8, ::8]
     assert np.abs(seen_m - np.load(REFERENCES["default", "guided"])).max() < LOSSY_M["default"]
     assert np.abs(seen_m - np.load(REFERENCES["default", "bilinear"])).max() > 0.1
 
 
-def test_its_card_names_the_pairs_it_learned(model: str) -> None:
+def test_card_of_a_bundled_model_lists_its_training_pairs(model: str) -> None:
     card = ModelCard.from_json((ROOT / "models" / model / "card.json").read_bytes())
     numbers = id_ranges.parse(card.training["nyu_train_ids"])
     assert len(numbers) == card.training["pairs"]

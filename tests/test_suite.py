@@ -9,7 +9,7 @@ from pathlib import Path
 FILES = sorted(Path(__file__).parent.rglob("*.py"))
 
 
-def test_what_is_shared_is_no_conftest() -> None:
+def test_no_test_imports_a_conftest() -> None:
     """Each folder has its own module of that name; the last one loaded would be imported."""
     shared = re.compile(r"^\s*(from|import) conftest\b", re.MULTILINE)
     assert [file for file in FILES if shared.search(file.read_text())] == []

@@ -59,7 +59,7 @@ def test_a_cloud_has_the_camera_that_its_input_states(inside: Cli, files: Path, 
     ("options", "focal_px"), [(("--focal-px", "40"), 40), (("--hfov", "90"), 4)]
 )
 @pytest.mark.parametrize("name", ["d.png", "bare.npy"])
-def test_options_precede_what_is_stated(
+def test_camera_options_override_the_stated_camera(
     inside: Cli, files: Path, name: str, options: tuple[str, str], focal_px: float
 ) -> None:
     done = inside("convert", name, "a.ply", *options)

@@ -33,7 +33,7 @@ def depth_npy(inside: Cli) -> Path:
     return path
 
 
-def test_info_says_what_a_pixel_is(inside: Cli) -> None:
+def test_info_states_unit_scale_and_range(inside: Cli) -> None:
     write_picture(inside.folder / "room.png")
     inside("predict", "room.png", "-o", "d.png", "--png-scale", "5000")
     told = json.loads(inside("info", "d.png", "--json").stdout)
@@ -55,7 +55,7 @@ def test_info_says_what_a_pixel_is(inside: Cli) -> None:
 
 
 @pytest.mark.parametrize("name", ["d.npy", "d.exr", "d.png"])
-def test_info_states_what_the_sidecar_beside_the_file_knows(inside: Cli, name: str) -> None:
+def test_info_includes_metadata_of_the_sidecar(inside: Cli, name: str) -> None:
     path = write_picture(inside.folder / "held.jpg")
     orientation_6 = b"II*\0\x08\0\0\0" + struct.pack("<HHHIII", 1, 0x0112, 3, 1, 6, 0)
     segment = b"\xff\xe1" + struct.pack(">H", 8 + len(orientation_6)) + b"Exif\0\0" + orientation_6

@@ -130,7 +130,7 @@ def test_table_equals_a_plain_loop_over_seeds_and_held_out_pictures(
     assert rows["proposed"]["standard_deviation"] is None
 
 
-def test_what_was_trained_stands_in_the_row(
+def test_row_of_a_run_states_its_training(
     trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _run(trained, data, "--json", "--no-trivial", "--no-published") == 0
@@ -230,7 +230,7 @@ def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
     )
 
 
-def test_a_run_that_learned_no_depth_is_left_out(
+def test_run_without_depth_is_left_out(
     runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As ``train masked`` makes it, beside the run that starts from it."""

@@ -35,7 +35,7 @@ DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
         (np.float32([[0.5, np.inf, 0.5, 0.5]]), "NaN or infinite"),
     ],
 )
-def test_what_is_no_picture_is_refused_in_one_line(pixels: np.ndarray, problem: str) -> None:
+def test_invalid_image_is_refused_in_one_line(pixels: np.ndarray, problem: str) -> None:
     with pytest.raises(InputError, match=problem) as caught:
         Frame(pixels)
     assert "\n" not in str(caught.value)

@@ -186,7 +186,7 @@ def test_every_digit_follows_from_the_scores() -> None:
     )
 
 
-def test_pictures_of_one_scene_are_no_evidence_of_their_own() -> None:
+def test_more_images_of_one_scene_narrow_no_interval() -> None:
     values = np.random.default_rng(1).normal(0.1, 0.3, 12)
     once = scene_interval(values, SCENES[:12])
     often = scene_interval(np.tile(values, 5), SCENES)

@@ -69,7 +69,7 @@ def test_default_model_is_scored(data: Path, capsys: pytest.CaptureFixture[str])
     assert model["scores"]["abs_rel"] < rows[2]["scores"]["abs_rel"] / 3
 
 
-def test_a_model_that_learned_the_pictures_is_flagged(
+def test_row_of_a_model_trained_on_test_images_is_flagged(
     data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The official split tests on pairs 1, 3, 5, 7, 9."""

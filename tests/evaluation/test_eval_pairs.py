@@ -53,7 +53,7 @@ def _row(data: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str
     return row
 
 
-def test_each_picture_is_predicted_for_its_own_camera(
+def test_predictions_are_scaled_to_the_focal_length_of_each_image(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _row(data, capsys)["scores"]["abs_rel"] < 0.03
@@ -81,7 +81,9 @@ def test_depth_may_be_in_other_units(data: Path, capsys: pytest.CaptureFixture[s
     assert _row(data, capsys, "--png-scale", "256")["scores"]["abs_rel"] < 0.03
 
 
-def test_predictions_have_their_own_unit(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_predictions_scale_is_independent_of_png_scale(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for name in FACTORS:
         millimetres = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED)
         file = data.parent / f"kitti/{name}.png"

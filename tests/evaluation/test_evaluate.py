@@ -84,7 +84,7 @@ def test_every_entry_and_alignment_has_its_own_row() -> None:
     assert together[2] == alone[0]
 
 
-def test_depth_is_read_once_and_pictures_only_if_somebody_looks() -> None:
+def test_depth_is_read_once_and_images_only_on_use() -> None:
     dataset = small_set()
     blind = [entry_for(Playback(noisy(dataset)), tuple(Alignment)) for _ in range(3)]
     score(dataset, range(6), blind, EvalProtocol(full_size_px=SMALL))
@@ -245,7 +245,7 @@ def test_trivial_rows_know_the_depth_that_counts() -> None:
     assert row.scores["abs_rel"] == pytest.approx(np.mean(errors), rel=1e-5)
 
 
-def test_a_set_of_ones_own_is_compared_whole() -> None:
+def test_all_pairs_of_a_custom_data_set_are_evaluated() -> None:
     dataset = small_set(3)
     task = plan_pairs(dataset, "own")
     assert (task.title, task.test) == ("own", (0, 1, 2))
@@ -264,7 +264,7 @@ class _Cameras(SmallSet):
 
 
 @pytest.mark.parametrize("own_camera", [True, False])
-def test_metres_are_those_of_the_pictures_own_camera(tmp_path: Path, own_camera: bool) -> None:
+def test_metres_are_scaled_to_the_camera_of_each_image(tmp_path: Path, own_camera: bool) -> None:
     camera = {"hfov_deg": 60.0} if own_camera else None
     predictor = open_model(SessionLoader(write_model(tmp_path, camera=camera), "cpu", 1))
     dataset = _Cameras(**vars(small_set(2)))

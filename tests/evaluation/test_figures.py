@@ -159,7 +159,7 @@ def test_sheet_has_titles_over_its_columns_and_pictures_where_they_belong() -> N
     assert (sheet[:TITLE, GAP + 60 : 2 * GAP + 60] == 255).all()
 
 
-def test_page_escapes_what_it_shows() -> None:
+def test_page_escapes_names_and_notes() -> None:
     figure = Figure("x", "<b>caption</b>", b"png")
     table = [["row"], ["<script>"]]
     page = html_page(Page("a < b", "c & d", table, ["'note'"], models=["m<b> 12"]), [figure])

@@ -124,7 +124,7 @@ def test_clamping_comes_after_alignment() -> None:
     np.testing.assert_allclose(pixels.predicted_m, pixels.truth_m, rtol=1e-6)
 
 
-def test_names_tell_what_differs_from_the_headline() -> None:
+def test_protocol_name_states_differences_from_the_headline() -> None:
     assert EvalProtocol().name == "headline"
     assert EvalProtocol().is_headline
     changed = EvalProtocol(

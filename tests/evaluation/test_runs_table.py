@@ -217,7 +217,7 @@ def test_titles(
     assert report.title == f"{title} · protocol: {PROTOCOL.name}"
 
 
-def test_pairs_of_one_s_own_are_not_those_of_nyu() -> None:
+def test_ids_of_custom_pairs_do_not_count_as_nyu() -> None:
     own = _run("a", train_ids=("0000", "0002"), nyu_ids=())
     assert plan_runs(small_set(), [own], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
 
@@ -239,7 +239,9 @@ def test_runs_are_compared_on_nyu_only() -> None:
         ([_run("a", nyu_ids=("0001", "0005"))], "a was trained on 2 of the 2 test images"),
     ],
 )
-def test_what_cannot_be_compared(runs: Sequence[TrainedRun], problem: str) -> None:
+def test_runs_with_different_or_missing_pairs_are_refused(
+    runs: Sequence[TrainedRun], problem: str
+) -> None:
     with pytest.raises((UsageError, DatasetError), match=problem):
         plan_runs(small_set(), runs)
 

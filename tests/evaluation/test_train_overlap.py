@@ -31,7 +31,9 @@ def card(training: dict[str, Any]) -> ModelCard:
         ({}, None),
     ],
 )
-def test_what_a_card_tells(training: dict[str, Any], expected: set[int] | None) -> None:
+def test_trained_numbers_follow_from_the_card(
+    training: dict[str, Any], expected: set[int] | None
+) -> None:
     """Scenes are pairs of neighbours; odd ones are the official training part."""
     assert trained_numbers(card(training), small_set(8)) == expected
 

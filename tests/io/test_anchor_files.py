@@ -55,7 +55,7 @@ def test_a_table_that_is_none_is_refused(tmp_path: Path, text: bytes, why: str) 
 
 
 @pytest.mark.parametrize("suffix", ["png", "exr", "npy"])
-def test_a_sparse_map_has_the_points_that_it_knows(tmp_path: Path, suffix: str) -> None:
+def test_sparse_map_gives_its_valid_points(tmp_path: Path, suffix: str) -> None:
     path, depth = tmp_path / f"a.{suffix}", DepthMap(DEPTH_M)
     match suffix:
         case "png":

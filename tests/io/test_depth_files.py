@@ -135,7 +135,7 @@ def test_exr_on_a_full_disk_is_one_clear_error(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_half_floats_that_overflow_are_told(tmp_path: Path) -> None:
+def test_overflow_of_half_floats_is_a_warning(tmp_path: Path) -> None:
     depth = DepthMap(np.array([[1, 70_000, np.inf]], np.float32))
     with np.errstate(over="raise"):  # NumPy's own warning would be a second one
         warnings = ExrWriter(half=True).write(depth, tmp_path / "a.exr")
@@ -214,7 +214,9 @@ def test_arrays_that_are_no_depth(values: np.ndarray, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "content", [b"", b"no depth at all", None], ids=["empty", "text", "missing"]
 )
-def test_what_is_no_depth_file(name: str, content: bytes | None, tmp_path: Path) -> None:
+def test_damaged_and_foreign_files_are_refused(
+    name: str, content: bytes | None, tmp_path: Path
+) -> None:
     if content is not None:
         (tmp_path / name).write_bytes(content)
     problem = f"{name} is missing: no such file" if content is None else name

@@ -68,7 +68,7 @@ def test_without_a_focal_length_nyu_s_field_of_view_is_assumed(tmp_path: Path) -
     np.testing.assert_allclose(cloud["x"][3] / cloud["z"][3], 0.75 * edge, rtol=1e-5)
 
 
-def test_points_have_the_picture_s_colours(tmp_path: Path) -> None:
+def test_points_have_the_colours_of_the_image(tmp_path: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (2, 4, 3), np.uint8)
     PlyWriter().write(seen_by(2.0), tmp_path / "a.ply", Frame(pixels))
     cloud = points(tmp_path / "a.ply")

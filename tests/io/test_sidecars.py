@@ -127,7 +127,7 @@ def test_a_png_that_is_saved_again_has_the_scale_of_its_sidecar(
     np.testing.assert_allclose(after.depth.values, DEPTH_M, atol=0.003)
 
 
-def test_the_scale_of_a_frame_is_that_of_its_video_s_sidecar(tmp_path: Path) -> None:
+def test_frame_has_the_scale_of_the_video_sidecar(tmp_path: Path) -> None:
     path = tmp_path / "a.depth.000007.png"
     write_steps(path, DEPTH_M * 256)
     sidecar = {"software": "depthcli 0.9.0", "frames": 9, "scale": 256.0, "times_s": {"7": 0.5}}
@@ -160,7 +160,7 @@ def test_the_number_of_a_frame_can_be_before_another_one(
     assert (read_stored_depth(path).depth.kind is DepthKind.INVERSE) is is_of_it
 
 
-def test_a_png_s_own_scale_comes_before_that_of_its_sidecar(tmp_path: Path) -> None:
+def test_scale_in_a_png_overrides_its_sidecar(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     Png16Writer().write(DEPTH, path)
     for sidecar in (SidecarWriter(png_scale=256), SidecarWriter(png_normalize=True)):

@@ -36,7 +36,7 @@ def depth_npy(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_file_s_facts_are_values(depth_npy: Path) -> None:
+def test_inspect_file_returns_the_facts_of_a_map(depth_npy: Path) -> None:
     facts = inspect_file(str(depth_npy))
     assert isinstance(facts, DepthMapInfo)
     assert (facts.kind, facts.unit, facts.width, facts.height) == ("metric", "m", 4, 1)
@@ -84,7 +84,7 @@ def depth_mkv(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(("scale", "unit_m"), [(None, 1), (50, 2)])
-def test_a_depth_video_s_facts_are_values(
+def test_inspect_file_returns_the_facts_of_a_video(
     depth_mkv: Path, scale: float | None, unit_m: float
 ) -> None:
     facts = inspect_file(str(depth_mkv), scale)
@@ -173,7 +173,7 @@ def test_a_target_without_suffix_gets_the_format_s(depth_npy: Path) -> None:
     assert read_stored_depth(depth_npy.with_name("x.depth.exr")).displayed.width == done.depth.width
 
 
-def test_a_target_s_suffix_has_to_match_its_format(depth_npy: Path) -> None:
+def test_target_suffix_of_another_format_is_refused(depth_npy: Path) -> None:
     with pytest.raises(UsageError, match=r"does not end in \.exr"):
         convert(ConvertRequest(str(depth_npy), "other.npy", Format.EXR))
 

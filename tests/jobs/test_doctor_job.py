@@ -50,7 +50,7 @@ def test_each_provider_is_tried() -> None:
 
 
 @pytest.mark.usefixtures("models")
-def test_an_error_that_nobody_foresaw_hides_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unexpected_error_of_a_check_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_suffix: str) -> bool:
         raise ValueError("of two\nlines")
 
@@ -83,7 +83,7 @@ def test_add_ons_of_onnxruntime_are_no_conflict(
     assert by_name(check_conflicts())["onnxruntime packages"].status == "ok"
 
 
-def test_only_what_is_needed_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_required_packages_are_reported_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     def version(package: str) -> str:
         if package in ("torch", "av", "deflate"):
             raise importlib.metadata.PackageNotFoundError
@@ -97,7 +97,7 @@ def test_only_what_is_needed_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found["Python"].detail == platform.python_version()
 
 
-def test_a_module_that_is_not_whole_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_incomplete_module_names_the_package_to_reinstall(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", ModuleType("cv2"))
     monkeypatch.setitem(sys.modules, "av", None)
     found = by_name(check_modules())
@@ -114,7 +114,7 @@ def test_a_module_that_is_not_whole_says_what_to_install(monkeypatch: pytest.Mon
 
 @pytest.mark.usefixtures("models")
 @pytest.mark.filterwarnings("ignore:Specified provider")
-def test_what_works_only_in_part_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_partly_working_provider_or_codec_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(providers, "available_providers", lambda: ("tensorrt", "rocm", "cpu"))
     monkeypatch.setattr(codecs, "can_round_trip", lambda suffix: suffix != ".webp")
     load = SessionLoader.load

@@ -63,7 +63,7 @@ def test_a_program_gets_the_table_and_the_figures(
     assert capsys.readouterr() == ("", "")
 
 
-def test_raw_depth_that_is_missing_is_told_before_anything_is_computed(
+def test_missing_raw_depth_is_refused_before_scoring(
     request_of_val: EvalRequest,
 ) -> None:
     watched = Watched()

@@ -74,7 +74,7 @@ def test_other_formats_are_of_the_display_window(data: Box, tmp_path: Path) -> N
     np.testing.assert_array_equal(steps, np.rint(np.nan_to_num(shown) * 1000))
 
 
-def test_what_is_lost_in_the_overscan_counts(tmp_path: Path) -> None:
+def test_depth_lost_in_the_overscan_is_counted(tmp_path: Path) -> None:
     values = write_depth_exr(tmp_path / "a.exr", OVERSCAN)
     values[0, :5] = 1e6  # beyond half floats
     with OpenEXR.File(str(tmp_path / "a.exr")) as file:

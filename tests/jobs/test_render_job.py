@@ -75,7 +75,7 @@ def test_a_folder_holds_a_hundred_rooms_and_those_that_are_missing_are_told(
     assert {path.stem for path in tmp_path.glob("*/0001/*")} == {"000100", "000101"}
 
 
-def test_files_hold_what_was_rendered(folder: Path) -> None:
+def test_files_contain_the_rendered_pair(folder: Path) -> None:
     pair, pairs = render_pair(SETTINGS, 3), open_paired_folder(folder)
     assert pairs.ids == tuple(f"0000/{i:06}" for i in range(COUNT))
     np.testing.assert_allclose(pairs.depth_m(3), pair.depth_m, atol=0.00051)
@@ -161,7 +161,7 @@ def test_training_reads_them(folder: Path) -> None:
         ("id,focal_px\na,30\nb,1e300\n", "focal_px is a number from 0.001 to 1e8"),
     ],
 )
-def test_cameras_of_ones_own_have_to_be_whole(tmp_path: Path, text: str, message: str) -> None:
+def test_incomplete_cameras_csv_is_refused(tmp_path: Path, text: str, message: str) -> None:
     for kind, pixels in (("rgb", np.zeros((4, 4, 3), np.uint8)), ("depth", np.uint16([[2000]]))):
         (tmp_path / kind).mkdir()
         for name in "ab":
@@ -177,7 +177,7 @@ def test_cameras_of_ones_own_have_to_be_whole(tmp_path: Path, text: str, message
         open_paired_folder(tmp_path)
 
 
-def test_the_command_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_render_command_reports_counts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["render", "rooms", "--out", str(tmp_path / "r"), "--count", "1", "--size", "24x16"]
     words += ["--hfov", "63.3", "--sensor", "kinect", "--seed", "2", "--workers", "1"]
     assert run([*words, "--json"]) == 0
