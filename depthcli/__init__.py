@@ -16,7 +16,8 @@ from depthcli._version import __version__
 
 TYPE_CHECKING = False  # checkers take it for typing's, which would be a quarter of ``--help``
 if TYPE_CHECKING:
-    from depthcli.api.depth_map import DepthMap, DepthVideo, VideoSource, read_depth
+    from depthcli.api.depth_map import DepthMap
+    from depthcli.api.files import DepthVideo, VideoSource, read_depth
     from depthcli.api.model import DepthModel, load_model
     from depthcli.core.camera import Anchor, CameraSource, Intrinsics
     from depthcli.core.options import Detail, Upsampling
@@ -87,7 +88,8 @@ __all__ = [
 ]
 
 _HOMES = {
-    "depthcli.api.depth_map": ("DepthMap", "DepthVideo", "VideoSource", "read_depth"),
+    "depthcli.api.depth_map": ("DepthMap",),
+    "depthcli.api.files": ("DepthVideo", "VideoSource", "read_depth"),
     "depthcli.api.model": ("DepthModel", "load_model"),
     "depthcli.core.camera": ("Anchor", "CameraSource", "Intrinsics"),
     "depthcli.core.options": ("Detail", "Upsampling"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -15,23 +14,26 @@ from depthcli.core import anchors as anchor_fit
 from depthcli.core import types
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import CameraSource, Intrinsics
-from depthcli.core.options import MAX_PIXELS, Colormap, Near
+from depthcli.core.options import Colormap, Near
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.text import short_repr
-from depthcli.core.types import Frame, with_camera
-from depthcli.errors import DepthcliWarning, InputError, UsageError
-from depthcli.io.depth import read as depth_files
-from depthcli.io.formats.by_suffix import write_depth
+from depthcli.core.types import with_camera
+from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats.preview import PreviewWriter, percentiles
-from depthcli.io.formats.table import format_of
+from depthcli.io.formats.table import (
+    FILE_SUFFIXES,
+    FORMATS,
+    Format,
+    format_of,
+    is_own,
+    writer_class,
+)
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import path_of
-from depthcli.video import depth_video as depth_videos
-from depthcli.video import source as video_frames
-from depthcli.video.container import InputPipe
-from depthcli.video.frames import WHOLE, Span
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from typing import Any, Literal, Self
 
     import numpy.typing as npt
@@ -259,7 +261,7 @@ class DepthMap(types.DepthMap):
         if depth is not self and format_ is not None and not format_.facts.has_camera:
             raise UsageError(f"{format_.facts.suffix} states no camera; leave it out for {file}")
         options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
-        for message in write_depth(depth, file, self.frame, options, overwrite=overwrite):
+        for message in _write(depth, file, self.frame, options, overwrite=overwrite):
             warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
 
 
@@ -293,59 +295,41 @@ def _anchor_table(anchors: Sequence[AnchorLike]) -> npt.NDArray[np.float64]:
         raise UsageError(f"anchors are (column, row, metres), not {short_repr(anchors)}") from error
 
 
-class DepthVideo(depth_videos.DepthVideo):
-    """A 16-bit gray video of depth, whose frames have the methods of :class:`DepthMap`."""
+def _write(
+    depth: types.DepthMap,
+    path: Path,
+    frame: types.Frame | None,
+    options: Mapping[str, object],
+    *,
+    overwrite: bool = False,
+) -> tuple[str, ...]:
+    """Write a map atomically; return warnings, one line each.
 
-    def __iter__(self) -> Iterator[DepthMap]:
-        """Depth maps, from the beginning, with one in memory."""
-        return map(_with_nan, super().__iter__())
-
-
-class VideoSource(video_frames.VideoSource):
-    """Frames of a video; a ``DepthcliWarning`` tells what is wrong with it."""
-
-    def __init__(self, source: str | Path | InputPipe, *, max_pixels: int = MAX_PIXELS) -> None:
-        """As below, with a warning if colours or times are doubtful."""
-        super().__init__(source, max_pixels=max_pixels)
-        for text in self.warnings:
-            warnings.warn(f"{source}: {text}", DepthcliWarning, stacklevel=2)
-
-    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
-        """As below, with a warning at the end if frames are missing."""
-        return self._checked(super().frames(span))
-
-    def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        yield from frames
-        if self.problem is not None:
-            warnings.warn(f"{self._source}: {self.problem}", DepthcliWarning, stacklevel=2)
-
-
-def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
-    """Depth of a 16-bit PNG, EXR or NPY file, with the file's metadata about model and camera.
-
-    Values that are no depth (infinity; metres of 0 or less) are NaN.
-    A ``DepthcliWarning`` tells if the sidecar beside it is that of another map, or if a PNG states
-    no scale and none is given.
-
-    Args:
-        path: the file, with the suffix of its format.
-        png_scale: units per metre of a PNG, None for what the file states, or millimetres; or of
-            integers in an NPY file, which need it to be metric.
+    Missing folders are created; the file of ``frame``, the picture for formats that show it, is
+    never replaced, and a file that depthcli did not write only with ``overwrite``. Options are
+    png_scale, exr_channel and half; None for the default.
 
     Raises:
-        InputError: missing, damaged, without depth, or metric integers without a scale.
-        UsageError: a scale for an NPY file of floats, which are metres.
+        OutputError: it cannot be written, or the map cannot be expressed in the format.
+        UsageError: the suffix chooses no format, or an option is of another one.
     """
-    path = path_of(path)
-    if path.suffix.lower() == ".mkv":
-        raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
-    stored = depth_files.read_stored_depth(path, png_scale=png_scale)
-    for message in stored.warnings_with_scale("png_scale"):
-        warnings.warn(message, DepthcliWarning, stacklevel=2)
-    return _with_nan(stored.displayed)
+    name = format_of(path)
+    if name is None:
+        raise UsageError(
+            f"{path} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}"
+        )
+    writer = writer_class(name)(**_checked_options(name, options))
+    inputs = () if frame is None or frame.path is None else (frame.path,)
+    guard = Guard.of(is_own, inputs, overwrite=overwrite)
+    with atomic_path(path, guard=guard) as temporary:
+        return writer.write(depth, temporary, frame)
 
 
-def _with_nan(depth: types.DepthMap) -> DepthMap:
-    """The map with NaN where there is no depth; files also have infinity, and 0 m or less."""
-    values = np.where(depth.valid, depth.values, np.float32(np.nan))
-    return DepthMap(values, depth.kind, depth.provenance)
+def _checked_options(name: Format, options: Mapping[str, object]) -> dict[str, object]:
+    """The given options, all of which are the writer's."""
+    given = {option: value for option, value in options.items() if value is not None}
+    for option in given:
+        if option not in FORMATS[name].options:
+            owner = next(facts for facts in FORMATS.values() if option in facts.options)
+            raise UsageError(f"{option} is for {owner.suffix}, not for {FORMATS[name].suffix}")
+    return given

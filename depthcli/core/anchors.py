@@ -50,22 +50,18 @@ class AnchorPoints:
         Raises:
             UsageError: a column or row is larger than in any picture.
         """
-        columns = [[point[i] for point in points] for i in range(_COLUMNS)]
-        if any(abs(pixel) >= _MAX_PIXEL for pixel in (*columns[0], *columns[1])):
-            raise UsageError("the column or row of an anchor is too large; give pixels from 0")
-        x, y = (np.array(column, np.int64) for column in columns[:2])
-        return cls(x, y, np.array(columns[2], np.float64))
+        return cls.of_table(np.array(points, np.float64).reshape(-1, _COLUMNS))
 
     @classmethod
     def of_table(cls, table: npt.NDArray[Any]) -> Self:
         """Points from (N, 3) numbers: column, row, metres; each is of the nearest pixel.
 
         Raises:
-            UsageError: a column or row is not finite.
+            UsageError: a column or row is not finite, or too large.
         """
         pixels = np.rint(table[:, :2].astype(np.float64))
         if not (np.abs(pixels) < _MAX_PIXEL).all():
-            raise UsageError("the column or row of an anchor is not finite; give pixels from 0")
+            raise UsageError("the column or row of an anchor is not one of a picture")
         x, y = pixels.astype(np.int64).T
         return cls(x, y, table[:, 2].astype(np.float64))
 
@@ -103,10 +99,10 @@ class AnchorPoints:
         if self.size_px is not None and self.size_px != (width, height):
             raise UsageError(
                 f"the known depth is {self.size_px[0]}×{self.size_px[1]} pixels, but the picture "
-                f"is {width}×{height}; give a map of the picture's size"
+                f"is {width}×{height}"
             )
         if not len(self):
-            raise UsageError("there are no anchors to fit the map to; give one or more")
+            raise UsageError("there are no anchors to fit the map to")
         lowest, highest = DEPTH_M_RANGE
         for at in np.flatnonzero(~((self.depth_m >= lowest) & (self.depth_m <= highest)))[:1]:
             raise UsageError(

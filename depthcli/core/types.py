@@ -158,20 +158,18 @@ class Windows:
         return over_window(over_window(values, self.pixels, window), window, self.pixels)
 
 
-PIXEL_ASPECTS = 1e-6, 1e6
+PIXEL_ASPECTS = 1e-3, 1e3
 """Least and largest width of a pixel by its height."""
-
-_MOST = 1000
 
 
 def pixel_aspect_of(stated: Fraction | None, *, is_turned: bool) -> float:
-    """Width by height of an upright pixel; 1 if it is not stated, or absurd.
+    """Width by height of an upright pixel; 1 if it is not stated, or out of range.
 
     Args:
         stated: width by height of a pixel as stored; None or 0 if it is not stated.
         is_turned: whether rows become columns.
     """
-    if not stated or not Fraction(1, _MOST) <= stated <= _MOST:
+    if not stated or not PIXEL_ASPECTS[0] <= stated <= PIXEL_ASPECTS[1]:
         return 1.0
     return float(1 / stated if is_turned else stated)
 
@@ -227,7 +225,7 @@ class Frame:
     timestamp_s: float | None = None
     orientation: int = 1
     focal_35mm: float | None = None
-    rate: "Fraction | None" = None
+    rate: Fraction | None = None
     warnings: tuple[str, ...] = ()
     pixel_aspect: float = 1.0
     windows: Windows | None = None
@@ -238,7 +236,7 @@ class Frame:
 
         Raises:
             InputError: another shape or type, or floats that are not in [0, 1]; or a pixel aspect
-                that is not from 1e-6 to 1e6.
+                that is not from 0.001 to 1000.
         """
         check_pixels(self.pixels)
         low, high = PIXEL_ASPECTS

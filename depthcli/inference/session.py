@@ -114,12 +114,8 @@ class Session:
         self._run_lock: AbstractContextManager[Any] = (
             threading.Lock() if self.provider == DIRECTML else nullcontext()
         )
-        try:
-            self._output = map_output(self._session, model)
-            self._input, shape = _image_input(self._session, model)
-        except UnicodeDecodeError as error:
-            problem = f"{model.path} is damaged: a name in it is not text; export it again"
-            raise ModelError(problem) from error
+        self._output = map_output(self._session, model)
+        self._input, shape = _image_input(self._session, model)
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
     def run(self, batch: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from depthcli.io.formats.by_suffix import write_depth
 from helpers.command_line import unmeasured
 from helpers.file_trees import names
 from helpers.tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.by_suffix import write_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter

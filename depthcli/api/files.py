@@ -1,0 +1,78 @@
+"""Depth files and videos for the Python API: maps with its methods, and warnings."""
+
+import os
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from depthcli.api.depth_map import DepthMap
+from depthcli.core import types
+from depthcli.core.options import MAX_PIXELS
+from depthcli.core.types import Frame
+from depthcli.errors import DepthcliWarning, InputError
+from depthcli.io.depth import read as depth_files
+from depthcli.io.storage.paths import path_of
+from depthcli.video import depth_video as depth_videos
+from depthcli.video import source as video_frames
+from depthcli.video.container import InputPipe
+from depthcli.video.frames import WHOLE, Span
+
+
+class DepthVideo(depth_videos.DepthVideo):
+    """A 16-bit gray video of depth, whose frames have the methods of :class:`DepthMap`."""
+
+    def __iter__(self) -> Iterator[DepthMap]:
+        """Depth maps, from the beginning, with one in memory."""
+        return map(_with_nan, super().__iter__())
+
+
+class VideoSource(video_frames.VideoSource):
+    """Frames of a video; a ``DepthcliWarning`` tells what is wrong with it."""
+
+    def __init__(self, source: str | Path | InputPipe, *, max_pixels: int = MAX_PIXELS) -> None:
+        """As below, with a warning if colours or times are doubtful."""
+        super().__init__(source, max_pixels=max_pixels)
+        for text in self.warnings:
+            warnings.warn(f"{source}: {text}", DepthcliWarning, stacklevel=2)
+
+    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+        """As below, with a warning at the end if frames are missing."""
+        return self._checked(super().frames(span))
+
+    def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        yield from frames
+        if self.problem is not None:
+            warnings.warn(f"{self._source}: {self.problem}", DepthcliWarning, stacklevel=2)
+
+
+def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
+    """Depth of a 16-bit PNG, EXR or NPY file, with the file's metadata about model and camera.
+
+    Values that are no depth (infinity; metres of 0 or less) are NaN.
+    A ``DepthcliWarning`` tells if the sidecar beside it is that of another map, or if a PNG states
+    no scale and none is given.
+
+    Args:
+        path: the file, with the suffix of its format.
+        png_scale: units per metre of a PNG, None for what the file states, or millimetres; or of
+            integers in an NPY file, which need it to be metric.
+
+    Raises:
+        InputError: missing, damaged, without depth, or metric integers without a scale.
+        UsageError: a scale for an NPY file of floats, which are metres.
+    """
+    path = path_of(path)
+    if path.suffix.lower() == ".mkv":
+        raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
+    stored = depth_files.read_stored_depth(path, png_scale=png_scale)
+    for message in stored.warnings_with_scale("png_scale"):
+        warnings.warn(message, DepthcliWarning, stacklevel=2)
+    return _with_nan(stored.displayed)
+
+
+def _with_nan(depth: types.DepthMap) -> DepthMap:
+    """The map with NaN where there is no depth; files also have infinity, and 0 m or less."""
+    values = np.where(depth.valid, depth.values, np.float32(np.nan))
+    return DepthMap(values, depth.kind, depth.provenance)
