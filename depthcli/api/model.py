@@ -15,8 +15,6 @@ from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from depthcli.api.depth_map import Anchors, DepthMap, anchor_points
 from depthcli.core import types
 from depthcli.core.camera import Intrinsics
@@ -88,7 +86,6 @@ def _own(picture: Picture, white_level: int | None) -> Picture:
 
 
 _BATCH_RANK = 4
-_MAX_COUNT = 1024  # pictures or threads at a time
 _SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, types.Frame)
 
 
@@ -275,14 +272,11 @@ def _maps(batches: Generator[list[_Finished | Exception], None, None]) -> Iterat
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:
-    for name, number, least in (("batch_size", batch_size, 1), ("workers", workers, 0)):
-        if not isinstance(number, (int, np.integer)) or not least <= number <= _MAX_COUNT:
-            raise UsageError(
-                f"{name} is a whole number from {least} to {_MAX_COUNT}, not {number!r}"
-            )
+    if batch_size < 1 or workers < 0:
+        raise UsageError(f"a batch of {batch_size} by {workers} threads is none")
     is_single = getattr(pictures, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
     if is_single or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
         raise UsageError(
-            "predict_many takes several pictures, as a list, an iterator or an array of four axes; "
-            "use predict for one"
+            "predict_many takes several pictures, as a list, an iterator or an array of four axes",
+            "use predict for one",
         )

@@ -275,8 +275,6 @@ def fit_anchors(
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
-    if not errors_m.size:
-        raise UsageError("the anchors fit no depth that 32 bits can hold; check their metres")
     source = replace(
         depth.provenance or Provenance(),
         anchors=points.listed(),

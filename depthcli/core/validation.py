@@ -32,7 +32,6 @@ from depthcli.core.text import short_repr
 _T = TypeVar("_T")
 _Read: TypeAlias = Callable[[Any], Any]
 _INT64_END = 2**63
-_MAX_DEPTH = 32
 _MAX_CHARS = 60
 _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
@@ -254,14 +253,12 @@ def _mapping_reader(read: _Read, what: str) -> Callable[[Any], dict[str, Any]]:
     return read_all
 
 
-def _any_json(value: Any, depth: int = 0) -> Any:  # noqa: ANN401
-    """Any JSON value with at most 32 levels."""
-    if depth > _MAX_DEPTH:
-        raise FieldError("is nested too deeply")
+def _any_json(value: Any) -> Any:  # noqa: ANN401
+    """Any JSON value."""
     if isinstance(value, dict):
-        return {name: _any_json(item, depth + 1) for name, item in value.items()}
+        return {name: _any_json(item) for name, item in value.items()}
     if isinstance(value, list):
-        return [_any_json(item, depth + 1) for item in value]
+        return [_any_json(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         raise FieldError.expected("a finite number", value)
     return value

@@ -16,7 +16,6 @@ from depthcli.core.imageops import (
 )
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
-from depthcli.errors import InputError
 from depthcli.models.card import MAX_INPUT_PIXELS, Colour, Fit, InputSpec, OutputSpec, Resize
 
 _PLANES = {Colour.VALUE: colour.value_channel, Colour.LUMA: colour.luma, Colour.RGB: colour.rgb}
@@ -118,21 +117,26 @@ def _bounded(spec: InputSpec, width: float, height: float) -> Layout:
 
     Source: ``Resize.get_size`` in ``util/transform.py`` of
     https://github.com/DepthAnything/Depth-Anything-V2.
-
-    Raises:
-        InputError: the lower bound of a strip is too large for any memory.
     """
     lower = spec.fit is Fit.LOWER_BOUND
     scale = (max if lower else min)(spec.height / height, spec.width / width)
     most = min(_MAX_AREA_FACTOR * spec.width * spec.height, MAX_INPUT_PIXELS)
     if lower and scale**2 * width * height > most:
-        # 1 x 5000 pixels would take 100 GB.
-        raise InputError(f"{width:g}×{height:g} pixels are too long a strip for this model")
+        return _layout_of_strip(spec, width, height, most)
     bound = _at_least if lower else _at_most
     return _without_padding(
         bound(scale * width, spec.multiple_of, spec.width),
         bound(scale * height, spec.multiple_of, spec.height),
     )
+
+
+def _layout_of_strip(spec: InputSpec, width: float, height: float, most: int) -> Layout:
+    """Layout of an extreme aspect, whose lower bound would take 100 GB for 1 x 5000 pixels."""
+    scale = math.sqrt(most / (width * height))
+    short = _multiple(scale * min(width, height), spec.multiple_of)
+    longest = max(spec.multiple_of, most // short // spec.multiple_of * spec.multiple_of)
+    long = min(_multiple(scale * max(width, height), spec.multiple_of), longest)
+    return _without_padding(long, short) if width > height else _without_padding(short, long)
 
 
 def _at_least(size: float, step: int, least: int) -> int:

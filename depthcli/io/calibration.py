@@ -18,8 +18,6 @@ _MATRICES = ("camera_matrix", "K", "k")
 _PROJECTIONS = ("projection_matrix", "P", "p")
 _DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "D", "d", "fisheye_model")
 """Nodes with a number that is not 0 if there is distortion."""
-_FISHEYES = ("equi", "fisheye", "kannala", "omni")
-"""Parts of the names of models that are no pinhole even if all coefficients are 0."""
 _LAST_ROW = [0, 0, 1]
 _ADVICE = "name the calibration of a camera"
 _MAX_BYTES = 2**20
@@ -103,9 +101,6 @@ def _region_of_interest(root: cv2.FileStorage) -> list[float]:
 
 
 def _is_distorted(root: cv2.FileStorage) -> bool:
-    model = root.getNode("distortion_model")
-    if model.isString() and any(part in model.string().lower() for part in _FISHEYES):
-        return True
     named = [root.getNode(name) for name in _DISTORTIONS]
     return any(any(_numbers(node)) for node in named if not node.isNone())
 

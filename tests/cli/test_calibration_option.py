@@ -60,42 +60,6 @@ def test_predict_has_what_the_options_give(inside: Cli, folder: Path) -> None:
         assert (folder / "a" / name).read_bytes() == (folder / "b" / name).read_bytes()
 
 
-def test_pixels_have_the_shape_that_the_calibration_states(inside: Cli, folder: Path) -> None:
-    """A squeezed picture has the metres of the square one, by every command."""
-    (folder / "wide.yaml").write_text(CALIBRATION.replace("[80.0, 0, 30.5", "[40.0, 0, 30.5"))
-    write_picture(folder / "in" / "a.png", synthetic_picture())
-    write_video(folder / "a.mkv", flat_frames([7, 7]))
-    words = ("--calibration", "wide.yaml", "--json")
-    done = inside("predict", "in/a.png", "-o", "p.exr", *words)
-    assert (done.returncode, done.stderr) == (0, b"")
-    told = json.loads(done.stdout)
-    assert (told["focal_px"], told["pixel_aspect"]) == (pytest.approx(40), 2)
-    batch = inside("batch", "in", "--out", "out", "--format", "exr", *words[:2])
-    assert batch.returncode == 0
-    assert (folder / "out" / "a.depth.exr").read_bytes() == (folder / "p.exr").read_bytes()
-    assert json.loads(inside("video", "a.mkv", *words).stdout)["pixel_aspect"] == 2
-    assert inside("convert", "p.exr", "c.ply").returncode == 0
-    assert inside("predict", "in/a.png", "-o", "d.npy", "--focal-px", "40").returncode == 0
-    assert inside("convert", "d.npy", "d.json", "--calibration", "wide.yaml").returncode == 0
-    assert json.loads((folder / "d.json").read_text())["pixel_aspect"] == 2
-
-
-def test_a_resized_picture_has_a_resized_camera(inside: Cli, folder: Path) -> None:
-    write_picture(folder / "large.png", synthetic_picture(96, 128))
-    write_picture(folder / "wide.png", synthetic_picture(36, 64))
-    words = ("--calibration", "cam.yaml", "--format", "npy", "--json")
-    done = inside("predict", "large.png", "wide.png", *words)
-    assert done.returncode == 1
-    large, wide = (json.loads(line) for line in done.stdout.splitlines())
-    assert large["focal_px"] == pytest.approx(160)
-    assert large["centre_px"] == [61.5, 51]
-    assert wide["error"] == (
-        "the calibration is for 64×48 pixels, and the picture of 64×36 has another aspect ratio; "
-        "give its own focal length and principal point"
-    )
-    assert not (folder / "wide.depth.npy").exists()
-
-
 @pytest.mark.parametrize("command", ["predict", "batch", "video"])
 def test_a_distorted_lens_is_one_warning(inside: Cli, folder: Path, command: str) -> None:
     (folder / "cam.yaml").write_text(DISTORTED)

@@ -76,16 +76,6 @@ def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     assert b"room.depth.png was written by depthcli; name a picture" in alone.stderr
 
 
-def test_pictures_of_one_stem_keep_apart_over_several_commands(inside: Cli) -> None:
-    room(inside, "room.jpg")
-    room(inside, "room.png")
-    assert inside("predict", "room.jpg").returncode == 0
-    first = here(inside)
-    assert "room.jpg.depth.png" in first
-    assert inside("predict", "room.png").returncode == 0
-    assert here(inside) == first | {"room.png.depth.png", "room.png.preview.png"}
-
-
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
 def test_the_output_s_suffix_chooses_the_format(inside: Cli, suffix: str) -> None:
     room(inside)
@@ -138,13 +128,6 @@ def test_from_stdin_to_stdout(cli: Cli) -> None:
     assert here(cli) == {"room.png"}
 
 
-def test_stdout_takes_one_input_and_one_format(inside: Cli) -> None:
-    room(inside), room(inside, "b.png")
-    for words in (("b.png",), ("--format", "npy", "--format", "exr"), ("--sidecar",), ("--json",)):
-        done = inside("predict", "room.png", "-o", "-", *words)
-        assert (done.returncode, done.stdout) == (2, b"")
-
-
 def test_json_is_one_object_a_line(cli: Cli) -> None:
     room(cli)
     (cli.folder / "bad.jpg").write_bytes(b"no picture")
@@ -175,13 +158,6 @@ def test_warnings_are_told(inside: Cli) -> None:
     assert "saturated" in error_lines(plain)[0]
     assert "saturated" in json.loads(told.stdout)["warnings"][0]
     assert decode(inside.folder / "a.png").max() == 65535
-
-
-def test_quiet_says_nothing_but_errors(inside: Cli) -> None:
-    room(inside)
-    done = inside("predict", "room.png", "missing.png", "--quiet")
-    assert done.stdout == b""
-    assert "missing.png" in error_lines(done)[0]
 
 
 def test_a_bad_input_never_stops_the_others(inside: Cli) -> None:
@@ -219,25 +195,6 @@ def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None
     assert done.returncode == 3
     (line,) = error_lines(done)
     assert "model.onnx failed on an input" in line
-
-
-def test_two_inputs_never_share_an_output(inside: Cli) -> None:
-    room(inside, "a.png")
-    write_picture(inside.folder / "a.jpg", np.zeros((48, 64, 3), np.uint8))
-    assert inside("predict", "a.png", "a.jpg", "--format", "npy").returncode == 0
-    outputs = here(inside) - {"a.png", "a.jpg"}
-    assert len(outputs) == 2
-    means = {float(np.load(inside.folder / name).mean()) for name in outputs}
-    assert len(means) == 2
-
-
-def test_an_output_is_never_an_input(inside: Cli) -> None:
-    path = room(inside)
-    before = path.read_bytes()
-    (inside.folder / "link.png").symlink_to("room.png")
-    assert inside("predict", "room.png", "-o", "room.png").returncode == 2
-    assert inside("predict", "room.png", "-o", "link.png").returncode == 1
-    assert path.read_bytes() == before
 
 
 def test_a_second_run_replaces_its_outputs(inside: Cli) -> None:
@@ -319,13 +276,6 @@ def test_anchors_set_the_scale(inside: Cli) -> None:
     assert np.load(inside.folder / "d.depth.npy")[40, 5] == pytest.approx(2, rel=1e-5)
 
 
-def test_too_many_pixels_are_refused(inside: Cli) -> None:
-    room(inside)
-    done = inside("predict", "room.png", "--max-pixels", "3000")
-    assert done.returncode == 1
-    assert "--max-pixels" in error_lines(done)[0]
-
-
 @pytest.mark.parametrize("fault", ["missing", "checksum", "no card"])
 def test_a_model_that_cannot_be_used_is_exit_code_3(inside: Cli, fault: str) -> None:
     room(inside)
@@ -387,16 +337,6 @@ def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Sig
     for path in outputs:
         assert not path.name.startswith(".")
         assert read_stored_depth(path).displayed.values.shape == (48, 64)
-
-
-def test_waiting_for_stdin_can_be_interrupted(cli: Cli) -> None:
-    process = cli.started("predict", "-", "-o", "out.npy", stdin=subprocess.PIPE)
-    time.sleep(1)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert b"Traceback" not in errors
-    assert here(cli) == set()
 
 
 def test_only_what_is_needed_is_imported(cli: Cli) -> None:

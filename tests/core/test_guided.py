@@ -99,12 +99,6 @@ def test_depth_is_never_invented(seed: int, in_log: bool) -> None:
             assert here.max() <= near.max() * (1 + 1e-5)
 
 
-def test_a_constant_stays_constant() -> None:
-    frame = Frame(np.random.default_rng(0).integers(0, 256, (50, 70, 3), dtype=np.uint8))
-    values = upsample_guided(np.full((10, 14), 2.5, np.float32), frame, in_log=True)
-    np.testing.assert_allclose(values, 2.5, rtol=1e-6)
-
-
 @pytest.mark.parametrize("size", [(10, 14), (8, 200), (200, 10)])
 def test_a_picture_no_larger_than_the_map_is_bilinear(size: tuple[int, int]) -> None:
     rng = np.random.default_rng(1)
@@ -126,24 +120,6 @@ def test_precision_does_not_depend_on_where_depth_begins() -> None:
     near = upsample_guided(coarse, frame, in_log=False)
     far = upsample_guided(coarse + np.float32(1 << 14), frame, in_log=False)
     np.testing.assert_allclose(far - (1 << 14), near, atol=0.004)  # two of its last digits
-
-
-def test_lines_are_as_steep_wherever_depth_begins() -> None:
-    rng = np.random.default_rng(6)
-    coarse = np.float32(rng.integers(0, 256, (7, 9)) / 256)  # exact, also far from 0
-    guide = rng.uniform(0, 0.2, (7, 9)).astype(np.float32)
-    near, far = (GuidedMap.fit(coarse + np.float32(off), guide).slope for off in (0, 1 << 14))
-    np.testing.assert_allclose(far, near, rtol=1e-3, atol=1e-3)
-
-
-def test_every_pixel_type_guides_alike() -> None:
-    _, coarse, frame = scene()
-    eight = frame.pixels
-    kinds = [eight, eight.astype(np.uint16) * 257, (eight / np.float32(255)).astype(np.float32)]
-    maps = [upsample_guided(coarse, Frame(pixels), in_log=True) for pixels in kinds]
-    maps.append(upsample_guided(coarse, Frame(np.dstack([eight] * 3)), in_log=True))
-    for values in maps[1:]:
-        np.testing.assert_allclose(values, maps[0], rtol=1e-4)
 
 
 def test_bands_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -183,19 +159,6 @@ def test_shrinking_by_bands_equals_shrinking(
     np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
-def test_no_band_is_wider_than_the_picture_or_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A strip of 400,000 rows took the memory of 400,000 rows of the result."""
-    widths: list[int] = []
-
-    def resized(values: np.ndarray, width: int, height: int) -> np.ndarray:
-        widths.append(width)
-        return resize_area(values, width, height)
-
-    monkeypatch.setattr(bands, "resize_area", resized)
-    shrink_bands(np.zeros((400, 3), np.uint8), colour.luma, 192, 144)
-    assert widths == [3, 192]
-
-
 def test_texture_that_depth_does_not_follow_is_not_copied() -> None:
     slope = np.broadcast_to(np.linspace(2, 4, 32, dtype=np.float32), (24, 32)).copy()
     checks = np.indices((96, 128)).sum(axis=0) // 2 % 2
@@ -203,18 +166,3 @@ def test_texture_that_depth_does_not_follow_is_not_copied() -> None:
     inside = slice(8, -8), slice(8, -8)
     change = guided[inside] / resize_bilinear(slope, 128, 96)[inside] - 1
     assert np.abs(change).max() < 0.01
-
-
-def test_a_bright_object_on_a_flat_wall_stays_flat() -> None:
-    picture = np.full((96, 128), 60, np.uint8)
-    picture[30:60, 40:90] = 200
-    values = upsample_guided(np.full((24, 32), 3.0, np.float32), Frame(picture), in_log=False)
-    np.testing.assert_allclose(values, 3.0, rtol=1e-6)
-
-
-@pytest.mark.parametrize("size", [(24, 32), (96, 32), (24, 128)])
-def test_where_the_picture_is_no_finer_nothing_is_guided(size: tuple[int, int]) -> None:
-    coarse = np.random.default_rng(2).uniform(1, 3, (24, 32)).astype(np.float32)
-    noise = Frame(np.random.default_rng(3).integers(0, 256, size, np.uint8))
-    plain = resize_bilinear(coarse, size[1], size[0])
-    np.testing.assert_array_equal(upsample_guided(coarse, noise, in_log=True, radius=1), plain)

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from depthcli.core.text import one_line, short_repr
 from depthcli.core.validation import FieldError, Rule, merged, parsed_json, validated
 
 
@@ -83,7 +82,6 @@ def test_every_type_is_read() -> None:
         ({"flag": 1}, "flag has to be true or false, not 1"),
         ({"inner": {"even": 3}}, "inner.even has to be an even number, not 3"),
         ({"inner": {"even": True}}, "inner.even has to be an even number, not True"),
-        ({"inner": {"even": 2**63}}, "inner.even has to be an even number, not a number of more"),
         ({"inner": {"share": math.nan}}, "inner.share has to be a number, not nan"),
         ({"inner": {"share": "1"}}, "inner.share has to be a number, not '1'"),
         ({"perhaps": {"odd": 1}}, "perhaps.odd is unknown; choose from even, share"),
@@ -132,15 +130,6 @@ def test_what_is_no_json_is_refused(text: str | bytes) -> None:
     assert len(str(caught.value)) < 200
 
 
-def test_nesting_is_refused_before_python_gives_up() -> None:
-    deep: Any = 1
-    for _ in range(5000):
-        deep = [deep]
-    for values in ({"name": deep}, {"name": "x", "free": deep}, {"name": "x", "numbers": deep}):
-        with pytest.raises(FieldError, match=r"nested too deeply|too deep"):
-            validated(Outer, values)
-
-
 @settings(max_examples=40)
 @given(
     st.recursive(
@@ -171,29 +160,3 @@ def test_whole_numbers_have_64_bits(number: int) -> None:
     assert validated(Whole, {"number": number}) == Whole(number)
     with pytest.raises(FieldError):
         validated(Whole, {"number": number + (1 if number > 0 else -1)})
-
-
-def nested(depth: int) -> Any:
-    value: Any = 0
-    for _ in range(depth):
-        value = [value] if depth % 2 else {"a": value}
-    return value
-
-
-@pytest.mark.parametrize("depth", [31, 32])
-def test_free_values_are_as_deep_as_people_write_them(depth: int) -> None:
-    assert validated(Any, nested(depth)) == nested(depth)
-    with pytest.raises(FieldError, match="nested too deeply"):
-        validated(Any, nested(depth + 2))
-
-
-def test_messages_show_the_beginning_of_what_is_long() -> None:
-    refused = FieldError("is wrong", "b")
-    assert refused.within("x" * 60).path == refused.within("x" * 61).path == "x" * 60 + ".b"
-    assert short_repr("x" * 58) == f"'{'x' * 58}'"
-    assert short_repr("x" * 59) == f"'{'x' * 59}..."
-    assert (short_repr(2**63 - 1), short_repr(1 - 2**63)) == (str(2**63 - 1), str(1 - 2**63))
-    assert short_repr(2**63) == short_repr(-(2**63)) == "a number of more than 64 bits"
-    assert short_repr([10**5000]) == "something too deep or too long"
-    assert short_repr("a\né\u202e") == r"'a\n\xe9\u202e'"
-    assert one_line("é a\n\u202e\udcff") == r"é a\n\u202e\udcff"

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from helpers.tiny import write_model
 
-import depthcli
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.options import Detail
 from depthcli.core.point_cloud import point_cloud
@@ -157,16 +156,6 @@ def test_a_network_that_learned_squeezed_pictures(tmp_path: Path, fit: str) -> N
     assert ModelCard.from_json(pipeline.card.to_json()) == pipeline.card
 
 
-def test_a_network_of_squeezed_pixels_keeps_them_in_a_letterbox(tmp_path: Path) -> None:
-    squeezed = {"input__width": 12, "input__dynamic": False, "input__pixel_aspect": 4 / 3}
-    pipeline = model(tmp_path, input__fit="keep-aspect", **squeezed)
-    pixels = np.tile(np.linspace(0, 255, 40).astype(np.uint8), (15, 1))
-    depth = pipeline.predict(
-        Frame(pixels), Intrinsics(focal_px=20 / math.tan(math.radians(30)))
-    ).depth
-    np.testing.assert_allclose(depth.values, 1 + 8 / 255 * pixels, atol=0.5)
-
-
 def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: Path) -> None:
     pipeline, frame = model(tmp_path), black(40, 30, focal_35mm=50.0)
     sources = [
@@ -221,21 +210,6 @@ def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:
         assert focal_px == pytest.approx(depth.provenance.focal_px, rel=1e-5)
 
 
-@pytest.mark.parametrize("name", ["default", "fast", "float"])
-def test_a_crop_of_a_picture_has_its_metres(name: str) -> None:
-    """The same camera, whatever is cut off: within what the network itself makes of less room."""
-    pipeline = load(ROOT / "models" / name, provider="cpu", threads=1)
-    pixels = depthcli.read_image(ROOT / "docs" / "room.jpg").pixels
-    whole = pipeline.predict(Frame(pixels), Intrinsics(focal_px=518.86)).depth.values
-    for width, height in ((360, 480), (480, 480), (640, 360), (640, 274)):
-        left, top = (640 - width) // 2, (480 - height) // 2
-        part = slice(top, top + height), slice(left, left + width)
-        seen = pipeline.predict(
-            Frame(np.ascontiguousarray(pixels[part])), Intrinsics(focal_px=518.86)
-        ).depth
-        assert 0.8 < np.median(seen.values / whole[part]) < 1.25, (width, height)
-
-
 @pytest.mark.parametrize(
     "changes", [{"camera": None}, {"output__kind": "relative"}, {"output__kind": "inverse"}]
 )
@@ -263,10 +237,3 @@ def test_what_has_no_metres_of_a_known_camera_is_not_rescaled(
     ):
         assert len(focal_warnings(pipeline.card, lens)) == count
     assert not focal_warnings(model(tmp_path / "known").card, Intrinsics(focal_px=50))
-
-
-def test_a_map_says_where_it_comes_from(tmp_path: Path) -> None:
-    pipeline = model(tmp_path)
-    found = pipeline.predict(black(40, 30, orientation=6), Intrinsics(focal_px=50)).depth.provenance
-    sha256 = pipeline.session.model.sha256
-    assert found == Provenance("tiny", sha256, (16, 12), 50, 6, (), CameraSource.OPTION)

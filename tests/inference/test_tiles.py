@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import onnx
 import pytest
 from helpers.tiny import tiny_onnx, write_model
-from hypothesis import given
-from hypothesis import strategies as st
 
 from depthcli.core.codec import Transform
 from depthcli.core.options import AUTO_TILE, Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline, load, tile_width_px
-from depthcli.inference.tiles import TileGrid, _starts, refine
+from depthcli.inference.tiles import TileGrid, refine
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
 from depthcli.models.card import OutputSpec
 
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
 METRIC = OutputSpec(DepthKind.METRIC, Transform.LINEAR, 1.0, 0.0, 0.5, 10.0)
 RELATIVE = OutputSpec(DepthKind.RELATIVE, Transform.LINEAR, 1.0, 0.0, None, None)
 COARSE = (24, 32)
-Network = "Callable[[Frame], np.ndarray]"
 
 
 def ramp(height: int = 300, width: int = 400) -> Frame:
@@ -68,14 +64,6 @@ def test_tiles_cover_the_picture_and_overlap() -> None:
     assert np.diff(lefts).max() <= 0.75 * grid.tile_width
 
 
-@given(tile=st.integers(1, 40), more=st.integers(0, 200))
-def test_no_more_tiles_lie_along_a_side_than_overlap_by_a_quarter(tile: int, more: int) -> None:
-    starts, step = _starts(tile + more, tile), max(1, tile - max(1, round(tile / 4)))
-    assert (starts[0], starts[-1]) == (0, more)
-    assert all(0 < after - before <= step for before, after in pairwise(starts))
-    assert len(starts) == 1 or (len(starts) - 2) * step < more
-
-
 @pytest.mark.parametrize("network", [seen, moody])
 @pytest.mark.parametrize("tile_px", [90, 160, 250])
 def test_no_seam_shows(network: Callable[[Frame], np.ndarray], tile_px: int) -> None:
@@ -90,23 +78,6 @@ def test_no_seam_shows(network: Callable[[Frame], np.ndarray], tile_px: int) -> 
     assert len(at_border) > 2
     assert bends[at_border].max() <= 1.2 * bends[elsewhere].max()
     assert np.abs(np.diff(joined, axis=1)).max() < 0.2
-
-
-def test_without_fitting_a_seam_would_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    frame = ramp()
-    fitted = refine(METRIC, moody(frame), frame, 90, moody)
-    monkeypatch.setattr("depthcli.inference.tiles._fit_tile", lambda found, *_: found)
-    raw = refine(METRIC, moody(frame), frame, 90, moody)
-    truth = 10 * np.asarray(frame.pixels, np.float64).mean()
-    assert abs(fitted.mean() - moody(frame).mean()) < 0.02 * truth
-    assert abs(raw.mean() - moody(frame).mean()) > 0.05 * truth
-
-
-@pytest.mark.parametrize("spec", [METRIC, RELATIVE])
-def test_a_constant_stays_constant(spec: OutputSpec) -> None:
-    frame = Frame(np.full((200, 300), 0.3, np.float32))
-    joined = refine(spec, seen(frame), frame, 80, seen)
-    np.testing.assert_allclose(joined, 3.0, rtol=1e-6)
 
 
 def test_tiles_bring_detail() -> None:
@@ -129,21 +100,6 @@ def test_relative_tiles_are_fitted_by_scale_and_shift(kind: str) -> None:
     joined = refine(RELATIVE, seen(frame), frame, 150, tile)
     fine = refine(RELATIVE, seen(frame), frame, 150, seen)
     np.testing.assert_allclose(joined, fine, atol=0.01)
-
-
-def test_a_tile_of_nonsense_changes_little() -> None:
-    frame = ramp()
-
-    def upside_down(part: Frame) -> np.ndarray:
-        return 10 - seen(part)
-
-    def holes(part: Frame) -> np.ndarray:
-        return seen(part) * np.float32(np.nan)
-
-    plain = refine(RELATIVE, seen(frame), frame, 150, seen)
-    for network in (upside_down, holes):
-        joined = refine(RELATIVE, seen(frame), frame, 150, network)
-        assert np.abs(joined - plain).max() < 0.2
 
 
 def test_a_tile_that_contradicts_the_whole_adds_no_detail() -> None:
@@ -213,17 +169,6 @@ def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_picture_reaches(
     assert np.abs(found - nearer).max() > 0.01
 
 
-def test_a_flat_picture_stays_flat(camera: Callable[[Detail], Pipeline]) -> None:
-    frame = Frame(np.full((96, 128), 51, np.uint8))
-    values = camera(Detail(tile_px=40)).predict(frame).depth.values
-    np.testing.assert_allclose(values, 2.6, rtol=1e-5)
-
-
-def test_the_same_again(camera: Callable[[Detail], Pipeline]) -> None:
-    runs = [camera(Detail(tile_px=40)).predict(textured()).depth.values for _ in range(2)]
-    np.testing.assert_array_equal(*runs)
-
-
 @pytest.mark.parametrize(
     ("tile", "width", "expected"),
     [
@@ -271,10 +216,6 @@ def test_memory_stays_within_what_was_counted(
 def test_detail_that_means_nothing(values: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         Detail(**values)  # type: ignore[arg-type]
-
-
-def test_words_do_for_detail() -> None:
-    assert Detail("bilinear").upsampling is Upsampling.BILINEAR  # type: ignore[arg-type]
 
 
 def test_a_model_without_a_unit_is_tiled_too(tmp_path: Path) -> None:

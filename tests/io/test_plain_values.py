@@ -14,24 +14,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 import OpenEXR
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import positive_number
-from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.depth.scale import denormalized, dequantized, normalized, quantized
 from depthcli.io.exr.file import _has_all_rows, read_exr_channels, silenced, write_exr
 from depthcli.io.exr.image import read_exr_image, read_exr_rate
-from depthcli.io.formats import sidecar
-from depthcli.io.formats.png16 import Png16Writer, stretched
-from depthcli.io.formats.preview import PreviewWriter, nearness, percentiles
+from depthcli.io.formats.png16 import stretched
+from depthcli.io.formats.preview import PreviewWriter, nearness
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.images.convert import frame_of
-from depthcli.io.images.png import encode_png
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -87,22 +83,6 @@ def test_every_normalized_step_is_read_as_it_was_written(precision: type) -> Non
     np.testing.assert_array_equal(denormalized(steps, 0, 1).ravel()[1:], shares.ravel()[1:])
 
 
-def test_a_stretched_png_is_read_with_its_own_ends(tmp_path: Path) -> None:
-    values = F32([[-3, -1.25, 0.5, np.nan]])
-    path = tmp_path / "a.png"
-    warnings = Png16Writer().write(DepthMap(values, DepthKind.RELATIVE), path)
-    assert warnings == ("relative depth has no unit; png is normalized",)
-    found = read_stored_depth(path).displayed
-    assert found.kind is DepthKind.RELATIVE
-    np.testing.assert_allclose(found.values, values, atol=1e-4)
-    metric = DepthMap(F32([[1, 65.535, 66]]))
-    assert Png16Writer(png_normalize=True).write(metric, path) == ()
-    assert Png16Writer().write(metric, path) == ("2 pixels beyond 65.535 m were saturated",)
-    assert read_metadata(path)["unit"] == "mm"
-    Png16Writer(png_scale=256).write(metric, path)
-    assert (read_metadata(path)["unit"], read_metadata(path)["scale"]) == ("1/256 m", "256")
-
-
 @pytest.mark.parametrize("kind", DepthKind)
 @settings(max_examples=40)
 @given(MAPS, st.floats(0, 50, width=32), st.floats(0, 50, width=32))
@@ -126,29 +106,6 @@ def test_shares_of_the_colormap(kind: DepthKind, values: np.ndarray, a: float, b
         else:
             share = (turned(value) - bottom) / (top - bottom)
             assert found == pytest.approx(min(max(share, 0), 1), abs=1e-6)
-
-
-def test_equal_ends_are_halfway() -> None:
-    shares = nearness(DepthMap(F32([[1, 2, 4]])), 2, 2)
-    assert shares.tolist() == [[1, 0.5, 0]]
-    shares = nearness(DepthMap(F32([[1e-7, 1e-5]])), 1e-6, 1)
-    assert shares[0, 0] == 1
-    assert shares[0, 1] == pytest.approx(0.1, rel=1e-3)
-
-
-@settings(max_examples=40)
-@given(st.lists(DEPTHS, min_size=1, max_size=20))
-@example([float(value) for value in range(1, 27)])
-@example([float(value) for value in range(1, 28)])
-@example([float(value) for value in range(1, 78)])
-def test_percentiles(row: list[float]) -> None:
-    found = percentiles(DepthMap(F32([row])))
-    ordered = sorted(value for value in row if 0 < value < math.inf)
-    if not ordered:
-        assert found == (1.0, 1.0)
-        return
-    low = round(0.02 * (len(ordered) - 1))
-    assert found == (F32(ordered[low]), F32(ordered[len(ordered) - 1 - low]))
 
 
 @pytest.mark.parametrize(
@@ -263,17 +220,6 @@ def test_silence_is_of_one_thread(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == "another's after"
 
 
-@pytest.mark.parametrize(
-    ("text", "number"),
-    [
-        *(("1.1e-9", 1.1e-9), ("12.5", 12.5), ("9e11", 9e11)),
-        *((text, None) for text in ("1e-9", "1e12", "0", "-1", "nan", "inf", "", None, "a")),
-    ],
-)
-def test_numbers_that_may_divide_a_depth(text: str | None, number: float | None) -> None:
-    assert positive_number(text) == number
-
-
 def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
     card = CameraSource.CARD
     source = Provenance("m", "ab", (8, 6), focal_px=3.0, orientation=6, camera_source=card)
@@ -318,38 +264,6 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
 
 
 SIDECAR = {"software": "depthcli 0.6.0", "model": "m", "model_sha256": "ab", "focal_px": 3.0}
-
-
-@pytest.mark.parametrize(
-    ("name", "beside", "own", "facts"),
-    [
-        ("a.json", SIDECAR, {}, SIDECAR),
-        ("a.json", SIDECAR, {"model": "n"}, SIDECAR | {"model": "n"}),
-        ("a.json", SIDECAR, {"model_sha256": "ab"}, SIDECAR),
-        ("a.json", SIDECAR, {"model_sha256": "cd"}, {"model_sha256": "cd"}),
-        ("a.json", SIDECAR | {"software": "another"}, {}, {}),
-        ("a.json", [], {}, {}),
-        ("a.json", SIDECAR | {"more": "x" * 2**20}, {}, {}),
-        ("a.json", SIDECAR | {"more": "x" * 900_000, "model": None}, {"model": "m"}, SIDECAR),
-        ("b.json", SIDECAR, {}, {}),
-    ],
-)
-def test_facts_are_a_file_s_own_before_its_sidecar_s(
-    name: str,
-    beside: object,
-    own: dict[str, str],
-    facts: dict[str, object],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(sidecar, "_MAX_SIDECAR_BYTES", 2**20)
-    labels = {f"depthcli:{key}": text for key, text in own.items()} | {"model": "somebody's"}
-    data = encode_png(np.ones((1, 2), np.uint16), labels)
-    (tmp_path / name).write_text(json.dumps(beside))
-    expected = {key: str(value) for key, value in facts.items()}
-    for picture in ("a.png", "a.PNG"):
-        (tmp_path / picture).write_bytes(data)
-        assert read_metadata(tmp_path / picture) == expected
 
 
 PIXELS = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
@@ -413,12 +327,3 @@ def test_pil_pictures(mode: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.pixels, frame_of(tmp_path / "a.png").pixels)
         np.testing.assert_array_equal(own.pixels, np.array(image))
         assert own.orientation == 1
-
-
-def test_a_pil_picture_that_breaks_off_is_one_line(tmp_path: Path) -> None:
-    path = tmp_path / "a.jpg"
-    Image.fromarray(np.random.default_rng(0).integers(0, 256, (64, 64, 3), np.uint8)).save(path)
-    path.write_bytes(path.read_bytes()[:900])
-    line = "the PIL picture cannot be read: image file is trunc"
-    with Image.open(path) as opened, pytest.raises(InputError, match=line):
-        frame_of(opened)

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.io.formats.drawing import colour_table, label, tick_value, with_legend
+from depthcli.io.formats.drawing import colour_table, tick_value, with_legend
 from depthcli.io.formats.preview import PreviewWriter, nearness
 
 if TYPE_CHECKING:
@@ -69,17 +69,6 @@ def test_limits_the_wrong_way_round_are_refused() -> None:
             PreviewWriter(**limits)
 
 
-def test_limits_beyond_the_map_leave_one_colour() -> None:
-    assert (render(RAMP_M, vmin=50, colormap="gray") == 255).all()
-    assert (render(RAMP_M, vmax=0.5, colormap="gray") == 0).all()
-
-
-def test_limits_are_the_ends_of_the_colormap() -> None:
-    depth = DepthMap(np.array([[1, 2, 4, 8, 16]], np.float32))
-    np.testing.assert_allclose(nearness(depth, 2, 8), [[1, 1, 1 / 3, 0, 0]], atol=1e-6)
-    np.testing.assert_allclose(nearness(depth, 0, 8), [[7 / 8, 3 / 4, 1 / 2, 0, 0]], atol=1e-6)
-
-
 def test_percentiles_leave_outliers_out() -> None:
     values = RAMP_M.copy()
     values[0, 0], values[-1, -1] = 0.001, 1000
@@ -97,19 +86,6 @@ def test_the_legend_says_what_the_colours_mean(kind: DepthKind, near: float, far
             assert nearness(depth, near, far)[0, 0] == pytest.approx(share, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        *((2.5, "2.50 m"), (0.0169, "0.0169 m"), (123.4, "123 m"), (10, "10.0 m"), (0, "0.00 m")),
-        *((1234.5, "1234 m"), (-9876, "-9876 m"), (12345, "12345 m")),
-        *((999.7, "1000 m"), (999.4, "999 m"), (123456, "1.2e+05 m")),
-    ],
-)
-def test_labels_have_three_digits(value: float, text: str) -> None:
-    assert label(value, DepthKind.METRIC) == text
-    assert label(value, DepthKind.RELATIVE) == text.removesuffix(" m")
-
-
 @pytest.mark.parametrize("height", [1, 10, 30, 480, 3000])
 def test_the_legend_is_a_bar_with_near_at_the_top(height: int) -> None:
     colours = colour_table(Colormap.GRAY)
@@ -122,30 +98,6 @@ def test_the_legend_is_a_bar_with_near_at_the_top(height: int) -> None:
     if len(bar) > 1:
         assert (bar[0], bar[-1]) == (255, 0)
         assert (np.diff(bar) <= 0).all()
-
-
-def test_the_legend_has_numbers_that_do_not_touch() -> None:
-    for height in (60, 120, 480, 2000):
-        image = with_legend(
-            np.zeros((height, 1, 3), np.uint8), colour_table(Colormap.GRAY), 1, 9, DepthKind.METRIC
-        )
-        size = min(max(height / 480, 0.9), 4)
-        text = image[:, 1 + round(43 * size) :].max(axis=(1, 2)) > 100
-        numbers = np.count_nonzero(np.diff(text.astype(int)) == 1)
-        assert numbers >= 2
-        assert numbers == 5 or height < 480
-
-
-@pytest.mark.parametrize("height", [24, 60, 96, 240, 480])
-def test_decimal_points_are_seen_at_any_size(height: int) -> None:
-    """A number's lowest rows hold its point and the feet of its digits, with gaps between."""
-    blank = np.zeros((height, 1, 3), np.uint8)
-    image = with_legend(blank, colour_table(Colormap.GRAY), 1.11, 1.11, DepthKind.RELATIVE)
-    size = min(max(height / 480, 0.9), 4)
-    text = image[:, 1 + round(43 * size) :].max(axis=2) > 90
-    lowest = np.flatnonzero(text.any(axis=1))[-1]
-    marks = np.count_nonzero(np.diff(text[lowest].astype(int), prepend=0) == 1)
-    assert marks == len("1.11")
 
 
 def test_side_by_side_has_the_picture_at_the_left(tmp_path: Path) -> None:

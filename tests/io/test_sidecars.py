@@ -15,7 +15,6 @@ import pytest
 import depthcli
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
-from depthcli.io.depth.metadata import provenance_of
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
@@ -137,29 +136,6 @@ def test_frame_has_the_scale_of_the_video_sidecar(tmp_path: Path) -> None:
     assert read_stored_depth(path).scale == (1000, "assumed")
 
 
-@pytest.mark.parametrize(
-    ("name", "sidecar", "numbers", "is_of_it"),
-    [
-        ("a.0001.v003.npy", "a.json", {"1": 0.5}, True),
-        ("a.0001.v003.npy", "a.json", {"3": 0.5}, False),
-        ("a.0001.v003.npy", "a.json", None, False),  # of one picture
-        ("a.0001.v003.npy", "a.0001.v.json", {"3": 0.5}, True),
-        ("a.0001.v003.npy", "sequence.json", {"1": 0.5}, False),
-        ("a.0001.000003.npy", "a.json", {"1": 0.5}, True),
-        ("room2.000001.npy", "room.json", {"2": 0.5}, False),  # of another video
-        ("2.000001.npy", "sequence.json", {"2": 0.5}, True),
-    ],
-)
-def test_the_number_of_a_frame_can_be_before_another_one(
-    name: str, sidecar: str, numbers: dict[str, float] | None, is_of_it: bool, tmp_path: Path
-) -> None:
-    path = tmp_path / name
-    np.save(path, DEPTH_M)
-    facts = {"software": "depthcli 0.10.0", "frames": 9, "kind": "inverse", "times_s": numbers}
-    (tmp_path / sidecar).write_text(json.dumps(facts))
-    assert (read_stored_depth(path).depth.kind is DepthKind.INVERSE) is is_of_it
-
-
 def test_scale_in_a_png_overrides_its_sidecar(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     Png16Writer().write(DEPTH, path)
@@ -200,20 +176,3 @@ def test_png_and_exr_state_the_fit_themselves(
     # The fit in the sidecar of an earlier run is not that of the map.
     SidecarWriter().write(FITTED, tmp_path / "a.json")
     assert not is_used(read_stored_depth(path))
-
-
-@pytest.mark.parametrize(
-    "text", ["", "1", "1,2", "0,3,1", "3,2,1", "1,2,-1", "1,2,nan", "1,2,3,4", "a,b,c"]
-)
-def test_a_fit_or_size_that_makes_no_sense_is_left_out(text: str) -> None:
-    assert provenance_of({"anchors": text}) is None
-    assert provenance_of({"network_size_px": text.replace("1,2", "1,0")}) is None
-
-
-def test_python_warns_of_an_assumed_scale(tmp_path: Path) -> None:
-    write_steps(tmp_path / "a.png", DEPTH_M * 256)
-    assumed = r"a\.png states no scale, so millimetres are assumed; png_scale states another$"
-    with pytest.warns(depthcli.DepthcliWarning, match=assumed) as told:
-        depthcli.read_depth(tmp_path / "a.png")
-    assert told[0].filename == __file__
-    assert depthcli.read_depth(tmp_path / "a.png", png_scale=256).values.max() == 9

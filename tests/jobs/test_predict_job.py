@@ -6,7 +6,6 @@ import errno
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from io import BufferedWriter, BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,18 +78,6 @@ def test_a_picture_is_out_when_its_result_is_there(tmp_path: Path, loader: Sessi
     assert passed.getvalue().endswith(b"IEND\xaeB`\x82")
 
 
-def test_without_streams_there_is_nothing_to_read_or_write(
-    tmp_path: Path, loader: SessionLoader
-) -> None:
-    (failed,) = predict(PredictRequest(("-",), str(tmp_path / "d.png"), model=loader))
-    assert isinstance(failed, FailedInput)
-    name = str(write_picture(tmp_path / "a.png"))
-    with pytest.raises(UsageError, match="can be read once; give it once"):
-        predict(PredictRequest(("-", "-"), f"{tmp_path}/", model=loader))
-    with pytest.raises(UsageError, match="there is no stdout"):
-        next(predict(PredictRequest((name,), "-", model=loader)))
-
-
 class Broken(BytesIO):
     """A stream that fails."""
 
@@ -127,13 +114,6 @@ def test_a_stream_that_fails_is_one_line(
         assert isinstance(failed, FailedInput)
         assert isinstance(failed.error, OutputError)
         assert re.search(reason, str(failed.error))
-
-
-def test_nobody_who_reads_is_no_error_of_a_picture(tmp_path: Path, loader: SessionLoader) -> None:
-    name = str(write_picture(tmp_path / "a.png"))
-    gone = Broken(BrokenPipeError(errno.EPIPE, "Broken pipe"))
-    with pytest.raises(BrokenPipeError):
-        next(predict(PredictRequest((name,), "-", model=loader, stdout=gone)))
 
 
 def test_a_request_is_made_before_anything_heavy_is_loaded() -> None:
@@ -182,41 +162,6 @@ def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: Sessi
     assert isinstance(failed, FailedInput)
     assert isinstance(done, PictureResult)
     assert done.depth.values[30, 40] == pytest.approx(2)
-
-
-@pytest.mark.parametrize("suffix", [".png", ".exr"])
-def test_a_sensor_s_depth_beside_a_picture_is_not_replaced(
-    tmp_path: Path, loader: SessionLoader, suffix: str
-) -> None:
-    names = tuple(str(write_picture(tmp_path / name)) for name in ("a.jpg", "b.jpg"))
-    sensor = tmp_path / f"a.depth{suffix}"
-    cv2.imwrite(str(tmp_path / "s.png"), np.ones((4, 4), np.uint16))
-    (tmp_path / "s.png").rename(sensor)
-    before = sensor.read_bytes()
-    formats = (Format.NPY, Format.PNG16, Format.EXR)
-    for _ in range(2):  # its own outputs are replaced
-        bad, good = predict(PredictRequest(names, formats=formats, model=loader))
-        assert isinstance(bad, FailedInput)
-        assert f"{sensor} exists and was not written by depthcli" in str(bad.error)
-        assert isinstance(good, PictureResult)
-    assert sensor.read_bytes() == before
-    assert {path.name for path in tmp_path.glob("a.*")} == {"a.jpg", sensor.name}
-    own = PredictRequest(names[:1], str(tmp_path / "a"), formats=formats, model=loader)
-    (failed,) = predict(own)
-    assert isinstance(failed, FailedInput)
-    (done,) = predict(replace(own, overwrite=True))
-    assert isinstance(done, PictureResult)
-
-
-def test_a_picture_is_never_its_own_output(tmp_path: Path, loader: SessionLoader) -> None:
-    picture = write_picture(tmp_path / "a.png")
-    before = picture.read_bytes()
-    link = tmp_path / "link.png"
-    link.symlink_to(picture)
-    (failed,) = predict(PredictRequest((str(picture),), str(link), model=loader))
-    assert isinstance(failed, FailedInput)
-    assert isinstance(failed.error, OutputError)
-    assert picture.read_bytes() == before
 
 
 def test_a_picture_that_does_not_fit_into_memory_fails_alone(
