@@ -25,7 +25,7 @@ from depthcli.evaluation.predictors import (
     Sample,
     fit_trivial,
 )
-from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, Truth, compare_boundaries
+from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundaries
 from depthcli.evaluation.report import (
     PUBLISHED,
     PUBLISHED_COUNT,
@@ -154,6 +154,13 @@ def evaluate(
     if not options.per_image:
         each = [[replace(row, images=()) for row in rows] for rows in each]
     rows = [row for line, own in zip(lines, each, strict=True) for row in _merged(line, own)]
+    before: tuple[ReportRow, ...] = ()
+    after: tuple[ReportRow, ...] = ()
+    if any(line.runs for line in lines):
+        rows.sort(key=_paper_order)
+        after = PUBLISHED if options.published else ()
+    elif options.published and _is_headline(task, options):
+        before = PUBLISHED
     return EvalReport(
         dataset=task.title,
         split=task.split.name,
@@ -161,7 +168,7 @@ def evaluate(
         split_count=task.split.test_count,
         train_count=len(task.split.train) if options.trivial else 0,
         protocol=options.protocol,
-        rows=_with_published(rows, task, options),
+        rows=(*before, *rows, *after),
         notes=tuple(_notes(task, lines, options)),
         differences=differences,
     )
@@ -252,22 +259,12 @@ def _training_of(line: _Line) -> Training:
     )
 
 
-def _with_published(
-    rows: Sequence[ReportRow], task: EvalTask, options: EvalOptions
-) -> tuple[ReportRow, ...]:
-    """The rows and the paper's own: after training runs, in its order, or before other rows."""
-    if any(row.training for row in rows):
-        ordered = sorted(rows, key=_paper_order)
-        return (*ordered, *(PUBLISHED if options.published else ()))
-    is_comparable = options.published and _is_headline(task, options)
-    return (*(PUBLISHED if is_comparable else ()), *rows)
-
-
-def _paper_order(row: ReportRow) -> tuple[bool, int, str]:
+def _paper_order(row: ReportRow) -> tuple[int, str]:
+    """Sort key: other rows, then training runs in the order of the paper, then by name."""
     if row.training is None:
-        return (False, 0, "")
-    is_known = row.name in _PAPER_ORDER
-    return (True, _PAPER_ORDER.index(row.name) if is_known else len(_PAPER_ORDER), row.name)
+        return -1, ""
+    known = row.name in _PAPER_ORDER
+    return (_PAPER_ORDER.index(row.name) if known else len(_PAPER_ORDER)), row.name
 
 
 def _is_headline(task: EvalTask, options: EvalOptions) -> bool:
@@ -275,19 +272,27 @@ def _is_headline(task: EvalTask, options: EvalOptions) -> bool:
 
 
 def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iterator[str]:
-    runs = [pair for line in lines for pair in line.runs]
-    yield from _run_notes(runs) if runs else ()
-    if runs and options.published and task.split.name != SplitName.PAPER:
+    split, runs = task.split, [pair for line in lines for pair in line.runs]
+    if runs:
+        yield "± is the sample standard deviation over the seeds"
+        providers = sorted({model.pipeline.session.provider for model, _ in runs})
         yield (
-            f"the paper's rows are of its own {PUBLISHED_COUNT} test pictures, not of these: "
-            "their numbers are not comparable"
+            "ms: median of the network alone for one picture, onnxruntime on "
+            f"{', '.join(providers)}, measured in turns in this run"
         )
-    if not runs and task.is_nyu and not _is_headline(task, options):
+        short = [run.name for _, run in runs if run.epochs < run.epochs_planned]
+        if short:
+            yield f"stopped before their schedule's end: {', '.join(short)}"
+        if options.published and split.name != SplitName.PAPER:
+            yield (
+                f"the paper's rows are of its own {PUBLISHED_COUNT} test pictures, not of these: "
+                "their numbers are not comparable"
+            )
+    elif task.is_nyu and not _is_headline(task, options):
         yield (
             "the paper's rows belong to the paper split and the headline protocol and are omitted "
             "here"
         )
-    split = task.split
     if not runs and split.name == SplitName.VAL and len(split.test) != split.test_count:
         yield (
             "not all of pairs 1-1000 are here, so the held-out scenes are not those of all of them"
@@ -297,18 +302,6 @@ def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iter
     elif options.trivial and len(split.train) != split.train_count:
         known = f"{len(split.train)} of the split's {split.train_count} training pairs"
         yield f"the mean rows were computed from {known}"
-
-
-def _run_notes(runs: Sequence[tuple[ModelPredictor, TrainedRun]]) -> Iterator[str]:
-    yield "± is the sample standard deviation over the seeds"
-    providers = sorted({model.pipeline.session.provider for model, _ in runs})
-    yield (
-        f"ms: median of the network alone for one picture, onnxruntime on {', '.join(providers)}, "
-        "measured in turns in this run"
-    )
-    short = [run.name for _, run in runs if run.epochs < run.epochs_planned]
-    if short:
-        yield f"stopped before their schedule's end: {', '.join(short)}"
 
 
 class _ImageSums(NamedTuple):
@@ -410,8 +403,14 @@ def _score_image(
     dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: EvalProtocol
 ) -> list[_ImageSums]:
     """The scores of one image for every row; thread-safe."""
-    sample, truth = Sample(dataset, position), _truth(dataset, position, protocol)
-    found = []
+    sample, found, raw_depth_m = Sample(dataset, position), [], None
+    depth_m = dataset.depth_m(position)
+    if protocol.mask is Mask.RAW and isinstance(dataset, HasRawDepth):
+        raw_depth_m = dataset.raw_depth_m(position)
+    try:
+        truth = protocol.truth(depth_m, raw_depth_m)
+    except DatasetError as error:
+        raise DatasetError(error.message.about(sample.id)) from error
     for entry in entries:
         depth = entry.predictor.predict(sample)
         for alignment in entry.alignments:
@@ -419,17 +418,6 @@ def _score_image(
             boundary = compare_boundaries(pixels, truth) if protocol.boundary else None
             found.append(_ImageSums(PixelSums.of(pixels), boundary, pixels.is_reversed))
     return found
-
-
-def _truth(dataset: DepthDataset, position: int, protocol: EvalProtocol) -> Truth:
-    depth_m = dataset.depth_m(position)
-    raw_depth_m = None
-    if protocol.mask is Mask.RAW and isinstance(dataset, HasRawDepth):
-        raw_depth_m = dataset.raw_depth_m(position)
-    try:
-        return protocol.truth(depth_m, raw_depth_m)
-    except DatasetError as error:
-        raise DatasetError(error.message.about(dataset.ids[position])) from error
 
 
 def differences_from(

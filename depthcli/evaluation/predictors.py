@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DEFAULT_DETAIL, Detail
@@ -241,19 +240,11 @@ def fit_trivial(
             advance(1)
     if not counts.any():
         raise DatasetError("no training depth to take the mean of: baselines need training pairs")
-    return _means(sums, counts)
-
-
-def _means(
-    sums: npt.NDArray[np.float64], counts: npt.NDArray[np.int64]
-) -> tuple[TrivialPredictor, TrivialPredictor]:
     mean_m = float(sums.sum() / counts.sum())
     # A pixel that was never valid, for example in a corner, gets the constant mean.
     per_pixel_m = np.divide(sums, counts, out=np.full_like(sums, mean_m), where=counts > 0)
-    constant, per_pixel = (
-        TrivialPredictor(name, DepthMap(values_m.astype(np.float32)))
-        for name, values_m in zip(
-            TRIVIAL_NAMES, (np.full_like(sums, mean_m), per_pixel_m), strict=True
-        )
+    constant_name, per_pixel_name = TRIVIAL_NAMES
+    return (
+        TrivialPredictor(constant_name, DepthMap(np.full(sums.shape, mean_m, np.float32))),
+        TrivialPredictor(per_pixel_name, DepthMap(per_pixel_m.astype(np.float32))),
     )
-    return constant, per_pixel

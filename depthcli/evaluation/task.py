@@ -175,9 +175,7 @@ def trained_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | 
     try:
         if isinstance(stated, str):
             return id_ranges.parse(stated)
-        if isinstance(split, str):
-            rows = train_positions(dataset, SplitName(split))
-            return frozenset(int(dataset.ids[i]) for i in rows)
+        positions = train_positions(dataset, SplitName(str(split)))
     except (DatasetError, ValueError):
         return None  # ``training`` in a card is free-form
-    return None
+    return frozenset(int(dataset.ids[i]) for i in positions)
