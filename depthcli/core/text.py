@@ -21,7 +21,7 @@ def short_repr(value: object) -> str:
     return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
 
 
-INSTALL_TRAIN = "pip install torch lightning-fabric onnx onnxscript h5py"
+INSTALL_TRAIN = "pip install torch lightning-fabric onnx onnxscript h5py timm"
 INSTALL_TENSORBOARD = "pip install tensorboard"
 INSTALL_H5PY = "pip install h5py"
 INSTALL_RAY = "pip install ray"

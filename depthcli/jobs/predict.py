@@ -6,6 +6,7 @@ What needs numpy is in :mod:`depthcli.jobs.predict_images`, imported while the m
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
     from depthcli.core.camera import Anchor
+    from depthcli.core.types import DepthMap
     from depthcli.io.depth.anchors import AnchorFiles
-    from depthcli.jobs.predict_images import PictureResult
     from depthcli.jobs.write import FailedInput
 
 _RULES = FormatRules(
@@ -64,6 +65,17 @@ class PicturePlan(NamedTuple):
     outputs: dict[Format, Path | None]  #: the file of each format; None for standard output
 
 
+class PictureResult(NamedTuple):
+    """The result of an input whose outputs are all written."""
+
+    name: str  #: the input, as the user wrote it
+    outputs: tuple[str, ...]  #: the files written, ``-`` for standard output
+    depth: DepthMap  #: the depth map, of an EXR that of its display window
+    provider: str  #: the provider that ran the model
+    seconds: float  #: from opening the input to the last output
+    warnings: tuple[str, ...]  #: one line each
+
+
 def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
     """Predict the depth of pictures; a bad one does not stop the others.
 
@@ -80,10 +92,10 @@ def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
     destination = picture_destination(request.output, request.formats, sidecar=request.sidecar)
     plans = plan_pictures(request.pictures, destination)
     loading = request.model.start()
-    # Imported here, while the model loads.
-    from depthcli.jobs.predict_images import predict_pictures  # noqa: PLC0415
-
-    return predict_pictures(request, plans, loading)
+    # Imported here, while the model loads; by its name, as it imports this module.
+    pictures = resolve_name("depthcli.jobs.predict_images:predict_pictures")
+    results: Iterator[PictureResult | FailedInput] = pictures(request, plans, loading)
+    return results
 
 
 def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:

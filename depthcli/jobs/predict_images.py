@@ -4,7 +4,6 @@ import errno
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.parallel import Background
@@ -18,7 +17,7 @@ from depthcli.io.images.read import read_image
 from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.outputs import STDIO
-from depthcli.jobs.predict import PicturePlan, PredictRequest
+from depthcli.jobs.predict import PicturePlan, PictureResult, PredictRequest
 from depthcli.jobs.write import (
     FailedInput,
     failure_reason,
@@ -26,17 +25,6 @@ from depthcli.jobs.write import (
     write_output,
     write_stream,
 )
-
-
-class PictureResult(NamedTuple):
-    """The result of an input whose outputs are all written."""
-
-    name: str  #: the input, as the user wrote it
-    outputs: tuple[str, ...]  #: the files written, ``-`` for standard output
-    depth: DepthMap  #: the depth map, of an EXR that of its display window
-    provider: str  #: the provider that ran the model
-    seconds: float  #: from opening the input to the last output
-    warnings: tuple[str, ...]  #: one line each
 
 
 def predict_pictures(

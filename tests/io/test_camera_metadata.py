@@ -16,7 +16,7 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
-from depthcli.jobs.predict_images import PictureResult
+from depthcli.jobs.predict import PictureResult
 
 if TYPE_CHECKING:
     from pathlib import Path

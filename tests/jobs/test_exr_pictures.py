@@ -38,8 +38,7 @@ from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.output_names import output_bases
 from depthcli.jobs.outputs import plan_outputs
-from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-from depthcli.jobs.predict_images import PictureResult
+from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
 from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
 from depthcli.jobs.write import FailedInput

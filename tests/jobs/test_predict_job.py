@@ -22,8 +22,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
-from depthcli.jobs.predict import PredictRequest, predict
-from depthcli.jobs.predict_images import PictureResult
+from depthcli.jobs.predict import PictureResult, PredictRequest, predict
 from depthcli.jobs.write import FailedInput
 
 if TYPE_CHECKING:

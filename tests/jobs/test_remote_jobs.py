@@ -36,8 +36,7 @@ from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.models import add_model
-from depthcli.jobs.predict import PredictRequest, predict
-from depthcli.jobs.predict_images import PictureResult
+from depthcli.jobs.predict import PictureResult, PredictRequest, predict
 from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
 from depthcli.jobs.write import FailedInput

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from depthcli.jobs.batch.run import Batch, DryRunResult
     from depthcli.jobs.batch.tasks import Result
     from depthcli.jobs.convert import ConvertResult, FolderPlan
-    from depthcli.jobs.predict_images import PictureResult
+    from depthcli.jobs.predict import PictureResult
     from depthcli.jobs.video.plan import VideoResult
 
 
