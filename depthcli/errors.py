@@ -27,9 +27,6 @@ from typing import TYPE_CHECKING, ClassVar, Self
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-NO_THREADS = (
-    "no more threads can be started; give fewer --workers, or see 'ulimit -v' and 'ulimit -u'"
-)
 SIGNAL_BASE = 128
 """Exit code of a process that a signal ended, less the signal's number."""
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, without loading OpenCV
@@ -162,8 +159,3 @@ def is_out_of_memory(error: BaseException) -> bool:
     return isinstance(error, MemoryError) or (
         type(error).__module__ == "cv2" and getattr(error, "code", None) == _OPENCV_NO_MEMORY
     )
-
-
-def is_out_of_threads(error: BaseException) -> bool:
-    """Whether the system cannot start more threads, for lack of address space for example."""
-    return isinstance(error, RuntimeError) and str(error) == "can't start new thread"

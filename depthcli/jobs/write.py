@@ -7,11 +7,9 @@ from typing import BinaryIO, NamedTuple
 
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
 from depthcli.errors import (
-    NO_THREADS,
     DepthcliError,
     OutputError,
     is_out_of_memory,
-    is_out_of_threads,
 )
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
 from depthcli.io.storage.atomic import atomic_path
@@ -96,8 +94,6 @@ def failure_reason(error: Exception) -> str:
         return error.message
     if is_out_of_memory(error):
         return "does not fit into memory; make it smaller"
-    if is_out_of_threads(error):
-        return NO_THREADS
     if isinstance(error, OSError) and error.strerror:  # for example too many open files
         return ": ".join(filter(None, (error.filename and str(error.filename), error.strerror)))
     return f"unexpected {type(error).__name__}: {error}"

@@ -77,7 +77,6 @@ def opencv_error(code: int) -> Exception:
         (MemoryError(), 3, "out of memory"),
         (opencv_error(-4), 3, "out of memory"),
         (opencv_error(-215), 3, "unexpected error: OpenCV"),
-        (RuntimeError("can't start new thread"), 3, "no more threads can be started; give fewer"),
         (InputError("a.jpg is empty"), 1, "a.jpg is empty"),
         (ModuleNotFoundError("no tomli", name="tomli"), 3, "unexpected ModuleNotFoundError"),
         (ModuleNotFoundError("no torch", name="torch.nn"), 3, "this command needs torch.nn"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import typer
@@ -30,6 +29,8 @@ from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from depthcli.jobs.video.plan import VideoResult
     from depthcli.video.frames import Point, Span
 
@@ -243,6 +244,8 @@ def parse_rate(word: str | None) -> Fraction | None:
     Raises:
         UsageError: it is not of this form.
     """
+    from fractions import Fraction
+
     from depthcli.video.frames import exact_rate
 
     if word is None:
@@ -262,6 +265,8 @@ def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
 
     A number without a unit is in seconds, or in frames with ``bare_is_frames``.
     """
+    from fractions import Fraction
+
     from depthcli.video.frames import Point
 
     match = _POINT.fullmatch(word.strip()) if len(word) <= _MAX_POINT_LENGTH else None
