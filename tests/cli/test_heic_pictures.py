@@ -94,4 +94,4 @@ def test_a_folder_of_heic_is_an_image_sequence(inside: Cli) -> None:
     assert done.returncode == 0
     assert {"d.8.npy", "d.9.npy", "d.10.npy"} <= contents(inside, ".").keys()
     single = inside("video", "shots/IMG_8.HEIC")
-    assert b"is a single picture: use 'depthcli predict'" in single.stderr
+    assert b"is a single image; use 'depthcli predict'" in single.stderr

@@ -189,7 +189,7 @@ def test_each_plate_has_windows_of_its_own(
         write_plate(tmp_path / "in", number, data)
     done = depth_of(VideoFormat.EXR, VideoFormat.PNG16)
     (warning,) = done.warnings
-    assert warning.startswith("pictures with more overscan than the first one, which is cut off: 2")
+    assert warning.startswith("images with more overscan than the first one, which is cut off: 2")
     assert (done.frames, done.problem) == (4, None)
     paths = sorted((tmp_path / "out").glob("*.exr"))
     found = [written(path) for path in paths]
