@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from depthcli.training.seen_pairs import seen_by_files
 from helpers.tiny import tiny_onnx, write_model
 
 from depthcli.errors import CheckpointError, ModelError
 from depthcli.inference.session import Session
 from depthcli.jobs.train import weights_file
 from depthcli.models.catalog import find_model
-from depthcli.training.init_weights import load_init_weights
+from depthcli.training.init_weights import load_init_weights, seen_by_files
 from depthcli.training.networks.build import build_generator
 from depthcli.training.settings import resolve_config
 
