@@ -22,7 +22,7 @@ from depthcli.jobs.batch import workers as batch_videos
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tasks import Result
 from depthcli.jobs.predict import PictureResult, PredictRequest, predict
-from depthcli.jobs.video import run as video_write
+from depthcli.jobs.video import stages as video_write
 from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
 
