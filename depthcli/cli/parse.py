@@ -23,7 +23,6 @@ from depthcli.core.text import short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import WriterOptions
-from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
 if TYPE_CHECKING:
@@ -122,16 +121,6 @@ def camera(options: CameraOptions) -> Intrinsics:
 def reading(options: groups.ReadOptions) -> ReadOptions:
     """How images are read."""
     return ReadOptions(options.white_level, options.exposure, options.layer)
-
-
-def refuse_replacing(calibration: str | None, output: str | None) -> None:
-    """Refuse an output in place of the calibration, which may be JSON as a sidecar is.
-
-    Raises:
-        UsageError: they are one file.
-    """
-    if calibration and output and is_same_file(path_of(output), path_of(calibration)):
-        raise UsageError(f"{safe_name(output)} is the calibration", "choose another output")
 
 
 def anchors(options: AnchorOptions, *, is_folder: bool = False) -> AnchorFiles | tuple[Anchor, ...]:

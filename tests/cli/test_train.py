@@ -96,7 +96,7 @@ def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
     assert saved.config == begun.config
     assert (saved.state.step, saved.config.seed) == (3, 3)
     if (os.cpu_count() or 1) > 1:
-        assert begun.progress.threads == saved.state.threads == 2
+        assert begun.state.threads == saved.state.threads == 2
     other = _run(folder, "cut", *common, "--set", "optim.batch_size=4")
     assert other.returncode == 3
     assert 'method is "proposed" there, "cut" here; optim.batch_size is 2' in other.stderr
@@ -196,7 +196,6 @@ def test_warnings_say_what_initial_weights_have_seen_and_lose(folder: Path) -> N
         "[8,6,4,4]; --set generator.decoder=[8,8,8,8] keeps it"
     )
     epoch = json.loads(done.stdout.splitlines()[0])
-    assert epoch["start"].startswith("last.ckpt ")
     assert not [name for name in epoch if "ids" in name or "pairs" in name]
 
 

@@ -119,7 +119,7 @@ def test_torchrun_starts_the_same_run(folder: Path, whole: Path) -> None:
 
 def test_stopped_run_on_two_processes_is_continued_exactly(folder: Path, whole: Path) -> None:
     assert _end(_start(folder, "parts", more=("--max-minutes", "0"))) == (0, "")
-    assert saved(folder / "parts")["progress"]["step"] == 1
+    assert saved(folder / "parts")["state"]["step"] == 1
     assert _end(_start(folder, "parts")) == (0, "")
     a, b = saved(whole), saved(folder / "parts")
     for name in ("method", "optimizers", "extra", "rng", "others"):

@@ -80,7 +80,7 @@ def test_signal_saves_the_step_and_the_run_goes_on_exactly(folder: Path) -> None
     _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (128 + signal.SIGINT, "")
     assert sorted(p.name for p in (folder / "run").iterdir()) == ["last.ckpt", "metrics.jsonl"]
-    stopped = saved(folder / "run")["progress"]["step"]
+    stopped = saved(folder / "run")["state"]["step"]
     assert 5 <= stopped < 40
     assert [_run(folder, *LONGER, out=out).returncode for out in ("run", "unbroken")] == [0, 0]
     whole, unbroken = saved(folder / "run"), saved(folder / "unbroken")
@@ -110,7 +110,7 @@ def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
     assert _run(folder).returncode == 0
     log = (folder / "run" / "metrics.jsonl").read_text().splitlines()
     assert len(log) == 4  # each epoch once
-    assert saved(folder / "run")["progress"]["step"] == 20
+    assert saved(folder / "run")["state"]["step"] == 20
 
 
 def _snapshot(folder: Path) -> dict[str, bytes]:

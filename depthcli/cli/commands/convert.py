@@ -146,7 +146,6 @@ def convert(
     )
     if format_ is Format.PREVIEW and side_by_side != (inputs.picture is not None):
         raise UsageError("", "give both {side_by_side} and {picture}, or neither")
-    parse.refuse_replacing(camera.calibration, output)
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
     if not screen.quiet:
         kinds = {"a folder" if is_folder else "one file", "--picture" if inputs.picture else ""}

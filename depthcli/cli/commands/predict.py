@@ -82,7 +82,6 @@ def predict(
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
-    parse.refuse_replacing(camera.calibration, output.out)
     destination = picture_destination(output.out, output.formats or (), sidecar=output.sidecar)
     pictures, own = split_own_outputs(images)
     request = PredictRequest(

@@ -184,14 +184,15 @@ def _train_runs(
     from depthcli.cli.screen.training import callback_for, print_result
     from depthcli.jobs.train import TrainRequest, train
 
-    if data.data is None:
-        raise UsageError("", "give the data set with {data}")
     minutes = math.inf if device.max_minutes is None else device.max_minutes
     code, end_s = ExitCode.OK, time.monotonic() + 60 * minutes
     for index, (folder, resolve) in enumerate(planned.items()):
         try:
+            config = resolve(folder=folder)
+            if data.data is None:
+                raise UsageError("", "give the data set with {data}")
             request = TrainRequest(
-                config=resolve(folder=folder),
+                config=config,
                 data=data.data,
                 out=folder,
                 pseudo_labels=data.pseudo_labels,

@@ -170,7 +170,6 @@ def video(
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
-    parse.refuse_replacing(camera.calibration, output.out)
     destination = video_destination(output.out, output.formats or (), sidecar=output.sidecar)
     if writing.png.png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(
         destination.formats
