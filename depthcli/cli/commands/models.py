@@ -237,9 +237,10 @@ def _print_check(check: ModelCheck, *, as_json: bool) -> None:
     name, found = check.name, check.found
     if isinstance(found, DepthcliError):
         if as_json:
-            console.out_json({"name": name, "status": "failed", "error": str(found)})
+            reason = console.worded(found.message)
+            console.out_json({"name": name, "status": "failed", "error": reason})
         else:
-            console.error(str(found))
+            console.error(found.message)
     elif as_json:
         facts = {"path": str(found.path), "sha256": found.sha256, "bytes": len(found.data)}
         console.out_json({"name": name, "status": "ok", **facts})
@@ -259,11 +260,10 @@ def _card_or_error(place: ModelLocation) -> ModelCard | DepthcliError:
 def _model_json(
     name: str, place: ModelLocation, card: ModelCard | DepthcliError
 ) -> dict[str, object]:
+    facts: dict[str, object] = {"name": name, "path": str(place.path)}
     if isinstance(card, DepthcliError):
-        return {"name": name, "path": str(place.path), "status": "failed", "error": str(card)}
-    return {
-        "name": name,
-        "path": str(place.path),
+        return facts | {"status": "failed", "error": console.worded(card.message)}
+    return facts | {
         "status": "ok",
         "version": card.version,
         "kind": card.output.kind.value,
@@ -276,6 +276,6 @@ def _model_json(
 
 def _model_row(name: str, place: ModelLocation, card: ModelCard | DepthcliError) -> tuple[str, ...]:
     if isinstance(card, DepthcliError):
-        return (name, "", "damaged", "", str(card), str(place.path))
+        return (name, "", "damaged", "", console.worded(card.message), str(place.path))
     size = "" if card.size_bytes is None else f"{card.size_bytes / 1e6:.1f} MB"
     return (name, card.version, card.output.kind, size, card.summary, str(place.path))
