@@ -106,13 +106,13 @@ def test_an_interrupted_batch_leaves_a_manifest_and_goes_on(
         ("--anchor", "3,4,2.5"),
         ("--model", "other"),
         ("--provider", "cpu"),
-        ("--profile", "p.toml"),
+        ("--profile", "p"),
     ],
 )
 def test_a_changed_option_is_done_again(inside: Cli, options: tuple[str, ...]) -> None:
     write_model(inside.models / "default", camera={"hfov_deg": 60.0})
     write_model(inside.models / "other", output__shift=6.0)
-    (inside.folder / "p.toml").write_text("legend = true\nhfov = 70\n")
+    (inside.folder / "depthcli.toml").write_text("[p]\nlegend = true\nhfov = 70\n")
     tree(inside, "a.png")
     assert kept(inside, "--out", "out") == {"a.png": False}
     same = options == ("--provider", "cpu")  # what auto takes here
