@@ -148,7 +148,10 @@ def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
     labels = [_label(dataset_id) for dataset_id in dataset.ids]
     split = _SPLITTERS[name](dataset, labels)
     if not split.test:
-        raise DatasetError(_NOTHING_TO_TEST[name])
+        raise DatasetError(
+            f"no pair here belongs to the test part of the {name} split",
+            "give the complete labelled set, or another {split}",
+        )
     return split
 
 
@@ -178,8 +181,8 @@ def label_id(dataset_id: str) -> str:
 def _label(dataset_id: str) -> int:
     if not is_label(dataset_id):
         raise DatasetError(
-            f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to "
-            f"{LABELLED_COUNT - 1}): evaluate pairs of your own with 'depthcli eval pairs'"
+            f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)",
+            "evaluate pairs of your own with 'depthcli eval pairs'",
         )
     return int(dataset_id)
 
@@ -220,15 +223,6 @@ _SPLITTERS: dict[SplitName, Callable[[DepthDataset, Sequence[int]], Split]] = {
     SplitName.PAPER: _paper,
     SplitName.OFFICIAL: _official,
     SplitName.VAL: _val,
-}
-
-_NOTHING_TO_TEST = {
-    SplitName.PAPER: "the paper split tests on pairs 1001-1449 and none of them is here: "
-    "use --split val, or give the complete labelled set",
-    SplitName.OFFICIAL: "no pair here belongs to the test part of the official split: "
-    "use --split val, or give the complete labelled set",
-    SplitName.VAL: "too few scenes among pairs 1-1000 to hold any out: give the data set's first "
-    "1000 pairs",
 }
 
 

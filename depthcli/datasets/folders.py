@@ -115,8 +115,8 @@ def check_plausible(
     low_m, high_m, advice = plausible
     if not low_m <= typical_m <= high_m:
         raise DatasetError(
-            f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m: "
-            f"check the unit, which {advice}"
+            f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m",
+            f"check the unit, which {advice}",
         )
 
 
@@ -139,8 +139,8 @@ CAMERAS_NAME = "cameras.csv"
 PLAUSIBLE = PlausibleDepth(
     0.1,
     100.0,
-    "is millimetres unless --png-scale (eval pairs) or data.units_per_metre (train --data) states "
-    "another; --pseudo-labels has to be in millimetres",
+    "is millimetres unless {png_scale} ('eval pairs') or data.units_per_metre ('train') states "
+    "another; {pseudo_labels} has to be in millimetres",
 )
 
 

@@ -141,8 +141,8 @@ def _hfov_deg(given: float | None, known: float | None) -> float | None:
     if given is not None and known is not None and given != known:
         # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
         raise UsageError(
-            f"--hfov {given:g} contradicts the checkpoint, whose depth is that of a camera of "
-            f"{known:g}°: remove --hfov"
+            f"{given:g}° contradicts the checkpoint, whose depth is that of a camera of {known:g}°",
+            option="hfov_deg",
         )
     return known if given is None else given
 
@@ -203,8 +203,8 @@ def check_predicts_depth(checkpoint: Path, method: str) -> None:
     """
     if not method_class(method).DEPTH:
         raise CheckpointError(
-            f"{checkpoint} learned from pictures alone and predicts no depth: train another method "
-            "with --init"
+            f"{checkpoint} learned from images alone and predicts no depth",
+            "train another method from it, with {init}",
         )
 
 

@@ -29,7 +29,7 @@ def find_runs(folder: Path) -> tuple[Path, ...]:
         return (folder,)
     found = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
     if not found:
-        raise UsageError(f"{folder} holds no run: give the --out folder of `depthcli train`")
+        raise UsageError(f"{folder} holds no run of 'depthcli train'")
     return found
 
 

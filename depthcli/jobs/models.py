@@ -61,12 +61,13 @@ def folder_to_add(name: str, *, force: bool) -> Path:
     taken = next((p for n, p in locations.list_locations() if n == name), None)
     if taken is not None and not force:
         raise UsageError(
-            f"a model named {name!r} already exists ({taken.path}); give another --name, or --force"
+            f"a model named {name!r} already exists ({taken.path})",
+            "give another {name}, or {force}",
         )
     if target.is_symlink():
         raise UsageError(f"{target} is a link; remove it first: depthcli models remove {name}")
     if target.is_dir():
-        _check_only_model(target, "give another --name")
+        _check_only_model(target, "give another {name}")
     return target
 
 
@@ -130,7 +131,7 @@ def _check_only_model(folder: Path, advice: str) -> None:
         if not (name in of_model or _ADDED_FILE.fullmatch(name) or name.startswith(_LITTER))
     ]
     if others:
-        raise UsageError(f"{folder} also holds {', '.join(others[:3])}; {advice}")
+        raise UsageError(f"{folder} also holds {', '.join(others[:3])}", advice)
 
 
 _FILE_NAME = "model.onnx"
@@ -232,8 +233,8 @@ def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
             return _card_draft(path, data, str(beside))
         if embedded is None:
             raise UsageError(
-                f"{path} has no card inside or beside it; give --card, "
-                "and see 'depthcli models cards' for ready ones"
+                f"{path} has no card inside or beside it",
+                "give {card}, and see 'depthcli models cards' for ready ones",
             )
         return CardDraft(
             _json_object(embedded, f"card inside {path}"), f"card inside {path}", False

@@ -101,7 +101,7 @@ def _find(name_or_path: str | os.PathLike[str] | None) -> ModelLocation:
         raise ModelError(
             f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
         )
-    raise ModelError(f"no model named {name!r}; {_advice(name)}")
+    raise ModelError(f"no model named {name!r}", _advice(name))
 
 
 def roots() -> tuple[Path, ...]:
@@ -144,15 +144,15 @@ def _variable_roots() -> list[Path]:
     folders = os.environ.get(MODELS_VARIABLE, "")
     if "://" in folders:
         raise ModelError(
-            f"{MODELS_VARIABLE} is {short_repr(folders)}: it takes folders of this machine; "
-            "a model at a URI is given with --model"
+            f"{MODELS_VARIABLE} is {short_repr(folders)}, and takes folders of this machine only",
+            "a model at a URI is given with {model}",
         )
     return [Path(folder) for folder in folders.split(os.pathsep) if folder]
 
 
 def _advice(name: str) -> str:
     if name in ready_names():
-        return f"download its weights and run: depthcli models add FILE --card {name}"
+        return f"it is a ready card: add its weights with 'depthcli models add', {{card}} {name}"
     return "see 'depthcli models list', or give a path"
 
 
@@ -210,9 +210,10 @@ def read_model(location: ModelLocation) -> Model:
     sha256 = hashlib.sha256(data).hexdigest()
     if card:
         check_file(card, path, len(data), sha256)
-    onnx_file.refuse_external_data(data, str(path))
-    embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
+    if card is None or card.sha256 is None:  # else it is the file that its card was made for
+        onnx_file.refuse_external_data(data, str(path))
     if card is None:
+        embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
         beside = path.with_name(CARD_NAME)
         if embedded is None and beside.is_file():
             card = ModelCard.from_json(read_card(beside), where=str(beside))

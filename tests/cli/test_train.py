@@ -184,7 +184,7 @@ def test_without_scenes_nothing_is_validated_and_a_warning_says_so(folder: Path)
 def test_warnings_say_what_initial_weights_have_seen_and_lose(folder: Path) -> None:
     every = ("--set", "data.holdout_every=0", "--max-minutes", "0")
     assert _train(folder, *every, "--out", "first").returncode == 0
-    narrow = ("--set", "generator.decoder=[8,6,4,4]", "--json")
+    narrow = ("--set", "generator.decoder=[8,8,8,4]", "--json")
     done = _train(folder, "--init", "first/last.ckpt", *narrow)
     seen, narrowed = done.stderr.splitlines()
     assert seen == (
@@ -193,7 +193,7 @@ def test_warnings_say_what_initial_weights_have_seen_and_lose(folder: Path) -> N
     )
     assert narrowed == (
         "depthcli: warning: the decoder of the init weights, [8,8,8,8], is narrowed to "
-        "[8,6,4,4]; --set generator.decoder=[8,8,8,8] keeps it"
+        "[8,8,8,4]; --set generator.decoder=[8,8,8,8] keeps it"
     )
     epoch = json.loads(done.stdout.splitlines()[0])
     assert not [name for name in epoch if "ids" in name or "pairs" in name]

@@ -21,14 +21,15 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def _card(path: Path, options: ExportOptions | None = None, **progress: Any) -> ModelCard:
-    saved = Checkpoint.load(write_checkpoint(path / "last.ckpt", **progress))
+def _card(path: Path, options: ExportOptions | None = None, **facts: Any) -> ModelCard:
+    saved = Checkpoint.load(write_checkpoint(path / "last.ckpt", **facts))
     return card_of(saved, options or ExportOptions())
 
 
 def test_a_card_is_what_the_run_was(tmp_path: Path) -> None:
     ids = ("0003", "0000", "0001", "0012")
-    facts = {"extra": "rooms", "start": "fast 1.0.0", "train_ids": ids, "held_out_ids": ("0005",)}
+    facts = {"pseudo_labels": "rooms", "init_weights": "fast 1.0.0", "train_ids": ids}
+    facts |= {"held_out_ids": ("0005",)}
     scores = {"abs_rel": 0.123456, "rmse": float("nan")}
     options = ExportOptions("room", "2.1.0", opset=18, license="CC0-1.0")
     card = _card(tmp_path, options, **facts, seconds=3599.0, scores=scores)
@@ -65,8 +66,8 @@ def test_a_card_is_what_the_run_was(tmp_path: Path) -> None:
         "onnx": {"opset": 18, "ir": 8},
         "training": {
             "data": "NYU Depth v2, labelled pairs 1-1000",
-            "extra": "rooms",
-            "start": "fast 1.0.0",
+            "pseudo_labels": "rooms",
+            "init_weights": "fast 1.0.0",
             "method": "proposed",
             "seed": 7,
             "pairs": 4,
@@ -96,14 +97,12 @@ def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
 
 
 def test_pairs_that_the_initial_weights_knew_are_known_to_the_model(tmp_path: Path) -> None:
-    ids = {"train_ids": ("0003", "0000"), "start_pairs": {NYU: ("0000", "0001")}}
+    ids = {"train_ids": ("0003", "0000"), "init_ids": {NYU: ("0000", "0001")}}
     assert _card(tmp_path, **ids).training["nyu_train_ids"] == "0000-0001,0003"
     own = _card(tmp_path, data="own pairs (yard)", **ids | {"train_ids": ("a3", "a0")}).training
     assert (own["pairs"], own["nyu_train_ids"]) == (2, "0000-0001")
     copy = _card(tmp_path, data="own pairs (copy)", train_ids=("1400", "0003")).training
     assert copy["nyu_train_ids"] == "0003,1400"
-    former = _card(tmp_path, train_ids=("0003",), start_ids=("0002",)).training
-    assert former["nyu_train_ids"] == "0002-0003"
 
 
 def test_scores_of_averaged_weights_are_not_those_of_the_raw_ones(tmp_path: Path) -> None:
@@ -117,7 +116,7 @@ def test_scores_of_averaged_weights_are_not_those_of_the_raw_ones(tmp_path: Path
 def test_scores_of_pairs_that_the_initial_weights_knew_are_not_stated(tmp_path: Path) -> None:
     ids = {"train_ids": ("0000",), "held_out_ids": ("0001",)}
     for known, scores in (("0002", {"abs_rel": 0.25}), ("0001", {})):
-        card = _card(tmp_path, **ids, start_pairs={NYU: (known,)})
+        card = _card(tmp_path, **ids, init_ids={NYU: (known,)})
         assert card.training["validation"] == scores
 
 
@@ -151,7 +150,7 @@ def test_the_camera_is_the_one_that_is_said(tmp_path: Path, known: float | None)
 
 def test_a_camera_that_is_known_is_not_contradicted(tmp_path: Path) -> None:
     """Depth has been scaled to it; the user's own lens would be applied twice."""
-    with pytest.raises(UsageError, match=r"--hfov 80 contradicts .* 63\.3°: remove --hfov"):
+    with pytest.raises(UsageError, match=r"hfov_deg: 80° contradicts .* 63\.3°"):
         _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=63.3)
 
 

@@ -28,7 +28,8 @@ def folder(tmp_path: Path) -> Path:
     """A run that keeps an average."""
     folder = tmp_path / "runs" / "proposed-seed7"
     folder.mkdir(parents=True)
-    ids = {"train_ids": ("0001", "0003"), "held_out_ids": ("0002",), "start": "model.onnx 1234"}
+    ids = {"train_ids": ("0001", "0003"), "held_out_ids": ("0002",)}
+    ids |= {"init_weights": "model.onnx 1234"}
     write_checkpoint(folder / "last.ckpt", average=small_network(seed=5), **ids)
     return folder
 
@@ -41,7 +42,7 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
         settings=json.dumps(
             [
                 dataclasses.asdict(config),
-                [NYU_PAPER, ("0001", "0003"), ["", {}, ()], "model.onnx 1234"],
+                [NYU_PAPER, ("0001", "0003"), ["", {}, ""], "model.onnx 1234"],
             ]
         ),
         paired=True,
@@ -60,11 +61,11 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
 @pytest.mark.parametrize(
     "other",
     [
-        {"start": "model.onnx 5678"},
-        {"start": ""},
-        {"extra": "9 pseudo labels (photos)"},
+        {"init_weights": "model.onnx 5678"},
+        {"init_weights": ""},
+        {"pseudo_labels": "9 pseudo labels (photos)"},
         {"pseudo_label_ids": {"own pairs (photos)": ("a1",)}},
-        {"fingerprints": ("of the pairs", "of the pseudo labels")},
+        {"pseudo_label_fingerprint": "of the pseudo labels"},
         {"data": "own pairs (mine)"},
         {"train_ids": ("0001",)},
     ],
@@ -72,8 +73,8 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
 def test_runs_with_other_data_or_initial_weights_are_not_seeds_of_one_row(
     folder: Path, other: dict[str, object]
 ) -> None:
-    progress = Checkpoint.load(folder / "last.ckpt").state
-    known = {name: getattr(progress, name) for name in ("train_ids", "held_out_ids", "start")}
+    saved = Checkpoint.load(folder / "last.ckpt").provenance
+    known = {name: getattr(saved, name) for name in ("train_ids", "held_out_ids", "init_weights")}
     second = folder.with_name("proposed-seed8")
     for more, fits in (({"step": 1, "epoch": 0}, True), (other, False)):
         second.mkdir(exist_ok=True)
@@ -82,7 +83,7 @@ def test_runs_with_other_data_or_initial_weights_are_not_seeds_of_one_row(
         if fits:
             assert len(group_by_seed(runs)["proposed"]) == 2
         else:
-            with pytest.raises(UsageError, match="the same data and init weights"):
+            with pytest.raises(UsageError, match="are not seeds of one"):
                 group_by_seed(runs)
 
 

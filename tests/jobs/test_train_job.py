@@ -31,8 +31,8 @@ class Notes(Callback):
     def on_train_start(self, start: TrainStart) -> None:
         self.starts.append(start)
 
-    def on_epoch_end(self, progress: TrainState) -> None:
-        self.epochs.append(progress.epoch)
+    def on_epoch_end(self, state: TrainState) -> None:
+        self.epochs.append(state.epoch)
 
 
 def _request(folder: Path, **others: float) -> TrainRequest:
@@ -47,7 +47,7 @@ def test_a_run_stops_goes_on_and_tells_of_it(
     write_rooms(tmp_path / "data")
     notes = Notes()
     stopped = train(_request(tmp_path, minutes=0), notes)
-    assert (stopped.progress.step, stopped.signal_number, stopped.is_global_zero) == (1, None, True)
+    assert (stopped.state.step, stopped.signal_number, stopped.is_global_zero) == (1, None, True)
     done = train(_request(tmp_path), notes)
     assert done.state == Checkpoint.load(tmp_path / "run" / "last.ckpt").state
     assert (done.state.step, notes.epochs) == (6, [1, 2, 3])
@@ -73,7 +73,7 @@ def test_held_out_pairs_that_the_initial_weights_were_trained_on_are_counted(
     config = replace(request.config, data=replace(request.config.data, holdout_every=0))
     first = replace(request, config=config, out=tmp_path / "first")
     train(first, notes)
-    train(replace(request, start=(first.out / "last.ckpt",)), notes)
+    train(replace(request, init_weights=(first.out / "last.ckpt",)), notes)
     assert [start.seen_held_out for start in notes.starts] == [0, 1]
 
 
@@ -94,15 +94,16 @@ def test_pictures_of_held_out_pairs_in_an_earlier_training_are_counted(tmp_path:
         optim=EFFICIENT.optim,
     )
     first = replace(request, config=masked, out=tmp_path / "first")
-    done = train(first, Callback()).state
-    assert (done.data, len(done.train_ids)) == ("own pictures (data)", 6)
-    train(replace(request, start=(first.out / "last.ckpt",)), notes)
+    train(first, Callback())
+    provenance = Checkpoint.load(first.out / "last.ckpt").provenance
+    assert (provenance.data, len(provenance.train_ids)) == ("own pictures (data)", 6)
+    train(replace(request, init_weights=(first.out / "last.ckpt",)), notes)
     assert [start.seen_held_out for start in notes.starts] == [1]
 
 
 @pytest.mark.parametrize(
     ("decoder", "narrowed"),
-    [((8, 8, 4, 4), None), ((8, 6, 4, 2), ((8, 8, 4, 4), (8, 6, 4, 2)))],
+    [((8, 8, 8, 8), None), ((8, 8, 8, 4), ((8, 8, 8, 8), (8, 8, 8, 4)))],
 )
 def test_a_decoder_that_is_narrowed_is_told_with_both_widths(
     tmp_path: Path, decoder: tuple[int, ...], narrowed: object
@@ -112,7 +113,7 @@ def test_a_decoder_that_is_narrowed_is_told_with_both_widths(
     first = replace(request, out=tmp_path / "first")
     train(first, notes)
     config = replace(request.config, generator=replace(EFFICIENT.generator, decoder=decoder))
-    train(replace(request, config=config, start=(first.out / "last.ckpt",)), notes)
+    train(replace(request, config=config, init_weights=(first.out / "last.ckpt",)), notes)
     assert [start.narrowed_decoder for start in notes.starts] == [None, narrowed]
 
 
@@ -144,6 +145,6 @@ def test_errors_are_raised_before_anything_is_written(tmp_path: Path) -> None:
 def test_an_unknown_model_to_start_from_is_told_before_the_data_set_is_opened(
     tmp_path: Path,
 ) -> None:
-    request = replace(_request(tmp_path), start=(Path("nope"),))
+    request = replace(_request(tmp_path), init_weights=(Path("nope"),))
     with pytest.raises(ModelError, match="no model named 'nope'"):
         train(request, Callback())

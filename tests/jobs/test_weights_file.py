@@ -1,6 +1,5 @@
 """What a training run can start from: bundled models by name, files, checkpoints."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -38,16 +37,6 @@ def test_the_preset_finetune_starts_where_the_bundled_model_is() -> None:
         started = generator(gray)
     exported = Session(model, provider="cpu", threads=1).run(gray.numpy())
     np.testing.assert_allclose(started.numpy().squeeze(), exported.squeeze(), atol=2e-3)
-
-
-def test_int8_weights_are_no_start(tmp_path: Path) -> None:
-    fields = json.loads(find_model("default").card.to_json())
-    del fields["float_model"]
-    (tmp_path / "card.json").write_text(json.dumps(fields))
-    (tmp_path / fields["file"]).write_bytes(find_model("default").data)
-    generator = build_generator(resolve_config("proposed", "finetune").generator)
-    with pytest.raises(CheckpointError, match="has int8 weights, from which no training can start"):
-        load_init_weights(generator, [weights_file(tmp_path)], pytest.fail)
 
 
 def test_a_model_without_a_card_inside_has_the_one_beside(tmp_path: Path) -> None:

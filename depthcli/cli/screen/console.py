@@ -32,7 +32,13 @@ class State:
 _CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]"
 """Control and bidirectional formatting characters, except tab and newline."""
 _GAP = 2  # between columns
-_OPTIONS = {"formats": "format", "as_json": "json", "settings": "set", "init_weights": "init"}
+_OPTIONS = {
+    "formats": "format",
+    "as_json": "json",
+    "settings": "set",
+    "init_weights": "init",
+    "hfov_deg": "hfov",
+}
 """Names of options that differ from those of their parameters."""
 _printed: set[str] = set()
 """Kinds of lines printed to standard output: "results", "files"."""
