@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
 import torch
 from helpers.seeded import seeded
 from torch import Tensor
 
-from depthcli.errors import UsageError
 from depthcli.training.augment import augment, cutmix
-from depthcli.training.config import DataConfig, OptimConfig, TrainConfig, check_config
+from depthcli.training.config import DataConfig
 
 COUNT, HEIGHT, WIDTH = 50, 24, 32
 
@@ -102,9 +100,3 @@ def test_a_pasted_piece_brings_its_holes_along() -> None:
         assert views.valid_mask is not None
         assert torch.equal(views.valid_mask, views.network_input > 2 * 0.4 - 1)
     assert not torch.equal(whole.valid_mask, mixed.valid_mask)
-
-
-def test_one_view_has_no_other_to_take_from() -> None:
-    config = TrainConfig(data=DataConfig(cutmix=0.5), optim=OptimConfig(batch_size=1))
-    with pytest.raises(UsageError, match=r"data\.cutmix"):
-        check_config(config)

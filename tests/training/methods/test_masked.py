@@ -15,7 +15,7 @@ from lightning_fabric import Fabric
 
 from depthcli.core.types import DepthMap
 from depthcli.datasets.training_data import open_training_data
-from depthcli.errors import CheckpointError, DatasetError, UsageError
+from depthcli.errors import CheckpointError, DatasetError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.training.callbacks import Callback
@@ -24,7 +24,7 @@ from depthcli.training.config import updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.masked import Masked, hidden_blocks
-from depthcli.training.methods.registry import build_method, check_terms, default_config
+from depthcli.training.methods.registry import build_method, default_config
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -130,7 +130,7 @@ def test_another_method_starts_from_it(tmp_path: Path) -> None:
     last = tmp_path / "masked" / CHECKPOINT
     loss = replace(_small().loss, reconstruction=0.0, l1=1.0)
     config = replace(_small(), method="proposed", loss=loss)
-    begun = _fit(config, tmp_path / "run", start=[last], limits=Limits(steps=1))
+    begun = _fit(config, tmp_path / "run", init_weights=[last], limits=Limits(steps=1))
     assert begun.provenance.init_weights.startswith("last.ckpt ")
     learned = load_generator(last)[0].state_dict()["stem.0.weight"]
     fresh = build_method(config).generator.state_dict()["stem.0.weight"]
@@ -187,11 +187,3 @@ def test_it_is_not_exported(tmp_path: Path) -> None:
     ):
         export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "x.onnx", ExportOptions())
     assert not (tmp_path / "x.onnx").exists()
-
-
-def test_other_methods_have_none_of_its_settings() -> None:
-    config = default_config("proposed")
-    with pytest.raises(UsageError, match=r"proposed has no loss\.reconstruction"):
-        check_terms(updated(config, {"loss": {"reconstruction": 1.0}}))
-    with pytest.raises(UsageError, match=r"proposed does not use loss\.hidden"):
-        check_terms(updated(config, {"loss": {"hidden": 0.3}}))
