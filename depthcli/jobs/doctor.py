@@ -11,7 +11,7 @@ from typing import Literal
 
 from depthcli.errors import DepthcliError
 
-_PACKAGES = ("numpy", "opencv-python-headless", "OpenEXR", "av", "typer", "rich")
+_PACKAGES = ("numpy", "opencv-python-headless", "simplejpeg", "OpenEXR", "av", "typer", "rich")
 _OPTIONAL = ("deflate", "pillow-heif", "torch", "onnx")
 _MODULES = {
     "numpy": ("ndarray", "numpy"),
