@@ -144,7 +144,7 @@ def test_paper_split_of_the_first_thousand(data: Path, capsys: pytest.CaptureFix
     output = capsys.readouterr()
     assert output.out == ""
     assert len(output.err.splitlines()) == 1
-    assert "use --split val" in output.err
+    assert "another --split" in output.err
 
 
 def test_data_may_come_from_the_environment(
