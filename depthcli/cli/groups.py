@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import copy
 import inspect
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -17,6 +17,7 @@ from typer.core import TyperCommand
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
+_T = TypeVar("_T")
 OPTION = "option"
 """Key of a field's metadata with its option; other fields are annotated with theirs."""
 USUAL = "Options"
@@ -40,6 +41,12 @@ class Given(dict[str, str]):
                 words = parameter.secondary_opts
             found[name] = max(words, key=len)
         return found
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def group(kind: type[_T]) -> type[_T]:
+    """Make a frozen dataclass of options, without what would only take time at start-up."""
+    return dataclass(frozen=True, kw_only=True, repr=False, eq=False)(kind)
 
 
 class Command(TyperCommand):

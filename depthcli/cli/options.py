@@ -1,14 +1,14 @@
 """Options that several commands share, in groups by purpose."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from typing import Annotated, Any
 
 import typer
 
 from depthcli.cli import completion
-from depthcli.cli.groups import OPTION, USUAL
+from depthcli.cli.groups import OPTION, USUAL, group
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
 from depthcli.core.options import EXPOSURE, MAX_PIXELS, Colormap, Near, Upsampling, Weights
 from depthcli.core.validation import Rule
@@ -61,7 +61,7 @@ UpsampleOption = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class RuntimeOptions:
     """Model and speed."""
 
@@ -85,7 +85,7 @@ class RuntimeOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class ModelOptions:
     """Model and speed."""
 
@@ -99,7 +99,7 @@ class ModelOptions:
     runtime: RuntimeOptions
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class CameraOptions:
     """Camera."""
 
@@ -135,7 +135,7 @@ class CameraOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class AnchorOptions:
     """Known depth."""
 
@@ -160,7 +160,7 @@ class AnchorOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class ReadOptions:
     """Reading images."""
 
@@ -184,14 +184,14 @@ class ReadOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class ImageOptions(ReadOptions):
     """Reading images."""
 
     max_pixels: int = option(MAX_PIXELS, min=1, help="Maximum number of pixels of an image.")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class DetailOptions:
     """Detail."""
 
@@ -203,7 +203,7 @@ class DetailOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class PngOptions:
     """16-bit PNG."""
 
@@ -220,7 +220,7 @@ class PngOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class ExrOptions:
     """EXR."""
 
@@ -232,7 +232,7 @@ class ExrOptions:
     half: bool = option(False, "--half", help="Write EXR as 16-bit half floats.")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class PreviewOptions:
     """Preview."""
 
@@ -262,7 +262,7 @@ class PreviewOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class WritingOptions:
     """Options of the output formats."""
 
@@ -276,7 +276,7 @@ QuietOption = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class ScreenOptions:
     """What is printed."""
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import typer
 
-from depthcli.cli.groups import Command, Given, grouped
+from depthcli.cli.groups import Command, Given, group, grouped
 from depthcli.cli.options import (
     MAX_THREADS,
     AnchorOptions,
@@ -54,7 +54,7 @@ class EngineName(StrEnum):
     RAY = "ray"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class OutputOptions:
     """Output."""
 
@@ -80,7 +80,7 @@ class OutputOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class InputOptions:
     """Choosing inputs."""
 
@@ -109,7 +109,7 @@ class InputOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class EngineOptions:
     """Parallel processing."""
 
@@ -155,7 +155,7 @@ ENGINE_OPTIONS = {str(EngineName.RAY): ("ray_address", "cpus_per_worker", "gpus_
 """The options that only one engine uses, by parameter name."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class CamerasOptions(CameraOptions):
     """Camera."""
 

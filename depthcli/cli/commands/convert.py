@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import typer
 
-from depthcli.cli.groups import Command, Given, grouped
+from depthcli.cli.groups import Command, Given, group, grouped
 from depthcli.cli.options import (
     CameraOptions,
     FrameOption,
@@ -27,7 +27,7 @@ from depthcli.io.formats.table import FORMATS, Format
 app = typer.Typer(rich_markup_mode=None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class InputOptions:
     """Input."""
 
@@ -53,7 +53,7 @@ class InputOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class StatedCameraOptions(CameraOptions):
     """Camera."""
 

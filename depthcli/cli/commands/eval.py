@@ -1,13 +1,13 @@
 """``depthcli eval``: comparing models, predictions of other tools and training runs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from depthcli.cli import completion
-from depthcli.cli.groups import Command, grouped
+from depthcli.cli.groups import Command, group, grouped
 from depthcli.cli.options import (
     DetailOptions,
     RuntimeOptions,
@@ -41,7 +41,7 @@ def _eval_group() -> None:
     """Compare models on a data set."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class ProtocolDetail(DetailOptions):
     """Metrics."""
 
@@ -52,7 +52,7 @@ class ProtocolDetail(DetailOptions):
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class ModelOptions:
     """Metrics."""
 
@@ -113,7 +113,7 @@ class ModelOptions:
         return DepthKind(self.predictions_kind)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class TableOptions:
     """Table and figures."""
 
@@ -302,7 +302,7 @@ def _request(
         names = [None]
     if models.per_image and not table.screen.as_json:
         raise UsageError("scores of each image are part of the JSON output", "add {json}")
-    if not names and models.detail != ProtocolDetail():
+    if not names and (models.detail.upsample, models.detail.tile) != (protocol.upsampling, None):
         raise UsageError("no model is compared", "remove {upsample} and {tile}")
     workers, threads = share_cores(models.workers, table.runtime.threads)
     size_px = models.compare_at

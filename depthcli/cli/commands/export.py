@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from depthcli.cli.groups import Command, grouped
+from depthcli.cli.groups import Command, group, grouped
 from depthcli.cli.options import (
     ScreenOptions,
     WeightsOption,
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 app = typer.Typer(rich_markup_mode=None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class NetworkOptions:
     """Network."""
 
@@ -53,7 +52,7 @@ class NetworkOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class CardOptions:
     """Model card."""
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 
 import typer
 
-from depthcli.cli.groups import Command, Given, grouped
+from depthcli.cli.groups import Command, Given, group, grouped
 from depthcli.cli.options import (
     AnchorOptions,
     CameraOptions,
@@ -28,7 +27,7 @@ from depthcli.io.formats.table import Format
 app = typer.Typer(rich_markup_mode=None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class OutputOptions:
     """Output."""
 

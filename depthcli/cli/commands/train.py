@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from depthcli.cli import completion
-from depthcli.cli.groups import Command, grouped
+from depthcli.cli.groups import Command, group, grouped
 from depthcli.cli.options import MAX_THREADS, ScreenOptions, not_negative, option, usual
 from depthcli.cli.process import ending_signals
 from depthcli.cli.screen import console
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 app = typer.Typer(rich_markup_mode=None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class RunOptions:
     """Several runs."""
 
@@ -48,7 +47,7 @@ class RunOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class DataOptions:
     """Data and initial weights."""
 
@@ -72,7 +71,7 @@ class DataOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class ConfigOptions:
     """Configuration."""
 
@@ -95,7 +94,7 @@ class ConfigOptions:
     show_config: bool = usual(False, "--show-config", help="Print the full configuration and exit.")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class DeviceOptions:
     """Time and devices."""
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import typer
 
-from depthcli.cli.groups import Command, Given, grouped
+from depthcli.cli.groups import Command, Given, group, grouped
 from depthcli.cli.options import (
     CameraOptions,
     DetailOptions,
@@ -45,7 +44,7 @@ FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 """The options that each format uses, by parameter name."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class OutputOptions:
     """Output."""
 
@@ -75,7 +74,7 @@ class OutputOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class FrameOptions:
     """Choosing frames."""
 
@@ -98,7 +97,7 @@ class FrameOptions:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class PreviewVideoOptions:
     """Preview."""
 
@@ -116,7 +115,7 @@ class PreviewVideoOptions:
     audio: bool = option(True, help="Include the audio of the video in previews.")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@group
 class SmoothOptions(DetailOptions):
     """Detail."""
 
