@@ -34,7 +34,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest.journal import Journal
-from depthcli.io.manifest.row import OK, Origin, Row, output_entry
+from depthcli.io.manifest.row import OK, CacheKey, ManifestRow, output_entry
 from depthcli.jobs.write import write_output
 from depthcli.models.catalog import find_model
 
@@ -88,7 +88,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
     pipeline = Pipeline(loader.load(), Detail(how.upsample))
     options = WriterOptions()
     model = pipeline.session.model
-    origin = Origin("0" * 64, model.card.name, model.sha256, "")
+    origin = CacheKey("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
     stages = Stages()
     for number, path in enumerate(pictures):
@@ -100,7 +100,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
         depth = stages("predict", partial(pipeline.predict, frame)).depth
         stages("encode and write", partial(write_output, options, Format.PNG16, depth, frame, out))
         file = stages("checksum of output", partial(output_entry, out.parent, out))
-        row = Row(path.name, OK, origin, (file,), 0.04, sha256)
+        row = ManifestRow(path.name, OK, origin, (file,), 0.04, sha256)
         stages("row of the manifest", partial(journal.add, row))
     journal.finish([])
     return stages

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest.files import WHOLE, Shard, manifest_name, write_manifest
 from depthcli.io.manifest.journal import Journal, known_rows
-from depthcli.io.manifest.row import OK, ManifestFormat, Origin, OutputFile, Row
+from depthcli.io.manifest.row import OK, CacheKey, ManifestFormat, ManifestRow, OutputFile
 from depthcli.io.parquet import write_table
 from depthcli.jobs.batch.manifests import read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files
@@ -29,7 +29,7 @@ from depthcli.jobs.batch.plan import plan_files
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-ORIGIN = Origin("0" * 64, "default", "1" * 64, "1.0.0")
+ORIGIN = CacheKey("0" * 64, "default", "1" * 64, "1.0.0")
 SEQUENTIAL, SCATTERED = 100_000, 500
 
 
@@ -38,14 +38,14 @@ def name(number: int) -> str:
     return f"camera-{number // 100_000:05}/{number // 1000 % 100:03}/frame-{number:09}.jpg"
 
 
-def row(number: int) -> Row:
+def row(number: int) -> ManifestRow:
     """A row as a batch writes it; checksums do not compress."""
     first, second = (hashlib.sha256(b"%d %d" % (n, number)).hexdigest() for n in (0, 1))
     base = name(number).removesuffix(".jpg")
     files = (OutputFile(f"{base}.depth.png", 181_493 + number % 999, second),)
     camera = "hfov 63.3° (assumed, from the model's card)"
     path = f"/data/{name(number)}"
-    return Row(name(number), OK, ORIGIN, files, 0.02, first, camera=camera, input_path=path)
+    return ManifestRow(name(number), OK, ORIGIN, files, 0.02, first, camera=camera, input_path=path)
 
 
 def write(folder: Path, rows: int, form: ManifestFormat) -> None:

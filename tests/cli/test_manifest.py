@@ -5,19 +5,17 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-import pytest
 from helpers.folders import contents, printed, tree
 
 if TYPE_CHECKING:
     from helpers.command_line import Cli
 
 
-@pytest.mark.parametrize("form", ["jsonl", "parquet"])
-def test_shards_are_summed_up_listed_and_merged(inside: Cli, form: str) -> None:
+def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:
     tree(inside, "a.png", "hall/b.png")
     (inside.folder / "in" / "bad\tname.png").touch()
     codes = [
-        inside("batch", "in", "-o", "out", "--shard", f"{n}/2", "--manifest", form).returncode
+        inside("batch", "in", "-o", "out", "--shard", f"{n}/2").returncode
         for n in (1, 2)
     ]
     assert sorted(codes) == [0, 1]
@@ -33,8 +31,8 @@ def test_shards_are_summed_up_listed_and_merged(inside: Cli, form: str) -> None:
     assert "is empty" in failed.stdout.decode()
     (row,) = printed(inside("manifest", "failed", "out", "--json"))
     assert (row["input"], row["status"]) == ("bad\tname.png", "failed")
-    merged = printed(inside("manifest", "merge", "out", "--format", form, "--json"))
-    assert merged == [{"manifest": f"out/manifest.{form}"}]
+    merged = printed(inside("manifest", "merge", "out", "--json"))
+    assert merged == [{"manifest": "out/manifest.jsonl"}]
     left = {name.split("/")[0] for name in contents(inside, "out")}
-    assert left == {"a.depth.png", "hall", f"manifest.{form}"}
+    assert left == {"a.depth.png", "hall", "manifest.jsonl"}
     assert json.loads(inside("manifest", "summary", "out", "--json").stdout) == found

@@ -4,43 +4,40 @@ from __future__ import annotations
 
 import os
 import threading
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from helpers.file_trees import contents, names
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.manifest.files import WHOLE, Shard
-from depthcli.io.manifest.journal import Journal, known_rows
+from depthcli.io.manifest.files import WHOLE, Shard, row_files
+from depthcli.io.manifest.journal import Journal, RowIndex, known_rows
 from depthcli.io.manifest.row import (
     FAILED,
     OK,
-    ManifestFormat,
-    Origin,
+    CacheKey,
+    ManifestRow,
     OutputFile,
-    Row,
     checksum,
     is_intact,
     output_entry,
     parse_row,
 )
-from depthcli.io.parquet import write_table
 
 JOURNAL_NAME = ".depthcli-batch.jsonl"
 MANIFEST_NAME = "manifest.jsonl"
-ORIGIN = Origin("0" * 64, "tiny", "1" * 64, "1.0")
+ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
 
 
-def row(name: str, seconds: float = 0.5) -> Row:
+def row(name: str, seconds: float = 0.5) -> ManifestRow:
     outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
-    return Row(name, OK, ORIGIN, outputs, seconds, "3" * 64, warnings=("far",))
+    return ManifestRow(name, OK, ORIGIN, outputs, seconds, "3" * 64, warnings=("far",))
 
 
 def test_a_row_is_read_back() -> None:
-    for found in (row("a.png"), Row("b.png", FAILED, ORIGIN, error="is empty")):
+    for found in (row("a.png"), ManifestRow("b.png", FAILED, ORIGIN, error="is empty")):
         line = found.as_line()
         assert line.endswith(b"\n")
         assert parse_row(line) == found
@@ -85,16 +82,6 @@ def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:
         output_entry(tmp_path, path)
 
 
-def test_an_output_that_is_removed_meanwhile_is_a_failure(tmp_path: Path) -> None:
-    made = row("a")
-    path = tmp_path / made.outputs[0].path
-    path.touch()
-    assert made.failed_if_missing(tmp_path) is None
-    path.unlink()
-    error = f"{path} was removed while the batch ran; run it again"
-    assert made.failed_if_missing(tmp_path) == replace(made, status=FAILED, outputs=(), error=error)
-
-
 def test_rows_become_the_manifest_in_the_order_of_the_inputs(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "new" / "out")
     assert not journal.was_interrupted
@@ -112,7 +99,7 @@ def test_other_inputs_stay_as_long_as_they_have_outputs(tmp_path: Path) -> None:
     first = Journal(tmp_path)
     for name in ("d", "b", "a"):
         first.add(row(name))
-    first.add(Row("bad", FAILED, ORIGIN, error="is empty"))
+    first.add(ManifestRow("bad", FAILED, ORIGIN, error="is empty"))
     first.finish(["a", "b", "bad", "d"])
     second = Journal(tmp_path)
     second.add(row("c"))
@@ -151,7 +138,7 @@ def test_a_second_batch_is_kept_out(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(OutputError, match="choose another --out"):
+    with pytest.raises(OutputError, match="cannot write"):
         Journal(tmp_path / "file" / "out")
 
 
@@ -178,7 +165,7 @@ def test_a_disk_that_cannot_be_read_any_more_is_one_error(tmp_path: Path) -> Non
     folder = os.open(tmp_path, os.O_RDONLY)
     os.dup2(folder, journal._own._file.fileno())  # reading it fails
     os.close(folder)
-    with pytest.raises(OutputError, match="cannot read the rows of the batch again"):
+    with pytest.raises(OutputError, match="again"):
         journal.finish(["a"])
     assert sorted(path.name for path in tmp_path.iterdir()) == [JOURNAL_NAME]
 
@@ -205,7 +192,7 @@ def test_what_shards_left_becomes_part_of_the_whole(tmp_path: Path) -> None:
     assert whole.has_files
     assert not whole.was_interrupted
     assert [found.input for found in known_rows(tmp_path)] != []
-    whole.add(Row("bad", FAILED, ORIGIN))
+    whole.add(ManifestRow("bad", FAILED, ORIGIN))
     whole.finish(None)
     assert names(tmp_path) == [MANIFEST_NAME]
     assert [found.input for found in known_rows(tmp_path)] == [
@@ -235,44 +222,6 @@ def test_shards_share_a_folder_with_none_but_shards(tmp_path: Path) -> None:
     Journal(tmp_path).finish([])
 
 
-@pytest.mark.parametrize("form", ManifestFormat)
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("manifest.jsonl", b'{"audio": "x.wav"}\n'),
-        ("manifest.parquet/precious.txt", b"mine"),
-        ("manifest.parquet/.precious", b"mine"),
-        ("manifest.parquet/data.parquet", b"mine"),
-        ("manifest.parquet/part-00000.parquet", b"mine"),
-    ],
-)
-def test_a_manifest_of_another_program_is_left_alone(
-    tmp_path: Path, name: str, content: bytes, form: ManifestFormat
-) -> None:
-    file = tmp_path / name
-    file.parent.mkdir(exist_ok=True)
-    file.write_bytes(content)
-    before = contents(tmp_path)
-    for opened in (lambda: Journal(tmp_path, form=form), lambda: known_rows(tmp_path)):
-        with pytest.raises(UsageError, match=r"was not written by depthcli|not a complete Parquet"):
-            opened()
-    assert contents(tmp_path) == before
-
-
-def test_a_table_of_other_columns_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "manifest.parquet").mkdir()
-    write_table(tmp_path / "manifest.parquet", {"audio": str}, [{"audio": "x.wav"}])
-    with pytest.raises(UsageError, match="was not written by depthcli"):
-        Journal(tmp_path)
-
-
-def test_hidden_files_in_a_table_are_ignored(tmp_path: Path) -> None:
-    Journal(tmp_path, form=ManifestFormat.PARQUET).finish([])
-    for name in (".DS_Store", "_SUCCESS"):
-        (tmp_path / "manifest.parquet" / name).touch()
-    Journal(tmp_path).finish([])
-
-
 def test_a_link_in_the_place_of_a_manifest_is_refused(tmp_path: Path) -> None:
     target = tmp_path / "mine"
     target.write_bytes(row("a.png").as_line())
@@ -287,16 +236,57 @@ def test_an_empty_manifest_is_replaced(tmp_path: Path) -> None:
     Journal(tmp_path).finish([])
 
 
-def test_a_manifest_keeps_its_form_until_another_is_asked_for(tmp_path: Path) -> None:
-    for form, kept in [
-        (ManifestFormat.PARQUET, "manifest.parquet"),
-        (None, "manifest.parquet"),
-        (ManifestFormat.JSONL, "manifest.jsonl"),
-        (None, "manifest.jsonl"),
-    ]:
-        journal = Journal(tmp_path, form=form)
-        journal.add(row(f"{form}"))
-        journal.finish([f"{form}"])
-        assert names(tmp_path) == [kept]
-    known = [found.input for found in known_rows(tmp_path)]
-    assert known == ["None", "jsonl", "parquet"]
+def test_a_manifest_of_another_program_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / MANIFEST_NAME).write_bytes(b'{"audio": "x.wav"}\n')
+    before = contents(tmp_path)
+    for opened in (Journal, known_rows):
+        with pytest.raises(UsageError, match="was not written by depthcli"):
+            opened(tmp_path)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["manifest.parquet", "manifest-1-of-2.parquet"])
+def test_a_manifest_in_parquet_is_named_and_kept(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir()
+    for opened in (Journal, known_rows):
+        with pytest.raises(UsageError, match=name):
+            opened(tmp_path)
+    assert names(tmp_path) == [name]
+
+
+def test_a_manifest_that_cannot_be_written_loses_nothing(tmp_path: Path) -> None:
+    _finished(tmp_path, "a")
+    journal = Journal(tmp_path)
+    journal.add(row("b"))
+    journal.manifest = tmp_path / MANIFEST_NAME / "manifest.jsonl"
+    with pytest.raises(OutputError, match="cannot write"):
+        journal.finish(["b"])
+    journal._opened.close()
+    assert list(known_rows(tmp_path)) == [row("a"), row("b")]
+
+
+def test_rows_of_others_of_the_same_division_are_not_read(tmp_path: Path) -> None:
+    found = ["manifest.jsonl", "manifest-1-of-3.jsonl", "manifest-2-of-3.jsonl"]
+    found += ["manifest-2-of-4.jsonl", ".depthcli-batch-3-of-3.jsonl", ".depthcli-batch.jsonl"]
+    for age, name in enumerate(reversed([*found, "manifest.txt", "manifesto.jsonl"])):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, ns=(0, age))
+    of_all = [path.name for path in row_files(tmp_path, WHOLE)]
+    assert of_all == found[::-1]
+    others = {".depthcli-batch-3-of-3.jsonl", "manifest-1-of-3.jsonl"}
+    of_the_second = [path.name for path in row_files(tmp_path, Shard(2, 3))]
+    assert of_the_second == [name for name in of_all if name not in others]
+
+
+@settings(max_examples=30)
+@given(st.lists(st.tuples(st.text(max_size=3), st.integers(0, 3), st.integers(0, 9))))
+def test_an_index_is_a_dictionary_in_two_orders(added: list[tuple[str, int, int]]) -> None:
+    index, expected = RowIndex(), {}
+    for name, *place in added:
+        index.add([(name, *place)])
+        expected[name] = tuple(place)
+    ordered = sorted(expected, key=lambda name: name.encode("utf-8", "surrogatepass"))
+    assert list(index.places(by_name=True)) == [expected[name] for name in ordered]
+    assert list(index.places()) == sorted(expected.values())
+    assert [index.find(name) for name in expected] == list(expected.values())
+    assert index.find("never added") is None

@@ -14,7 +14,7 @@ from helpers.stores import remote
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.listing.folder import InputFile, Skipped
 from depthcli.io.listing.path_list import list_objects, walk_sort_key
-from depthcli.io.manifest.rows_folder import RemoteRows, RowsFolder, rows_folder
+from depthcli.io.manifest.files import RemoteRows, RowsFolder, rows_folder
 
 if TYPE_CHECKING:
     from helpers.stores import Bucket, Faults
@@ -31,7 +31,6 @@ def left(bucket: Bucket) -> dict[str, bytes]:
     parts = [f"{JOURNAL}.{number:020}-0123abcd" for number in (7, 8, 10)]
     found = {
         "manifest.jsonl": b"whole\n",
-        "manifest.parquet/part-00000.parquet": b"PAR1",
         **dict(zip(parts, (b"a\n", b"b\n", b"c\n"), strict=True)),
         "manifest-1-of-2.jsonl": b"shard\n",
     }
@@ -60,7 +59,6 @@ def test_rows_are_fetched_and_parts_put_together(bucket: Bucket) -> None:
     assert contents(rows.path) == {
         "manifest.jsonl": b"whole\n",
         "manifest-1-of-2.jsonl": b"shard\n",
-        "manifest.parquet/part-00000.parquet": b"PAR1",
         JOURNAL: b"a\nb\nc\n",
     }
     for name in ("manifest.jsonl", "manifest-1-of-2.jsonl"):
@@ -112,8 +110,6 @@ def test_the_manifest_takes_the_place_of_parts(bucket: Bucket, faults: Faults) -
     (rows.path / JOURNAL).unlink()
     (rows.path / "manifest-1-of-2.jsonl").unlink()
     (rows.path / "manifest.jsonl").write_bytes(b"all\n")
-    (rows.path / ".hidden").write_bytes(b"")
-    (rows.path / "manifest.parquet" / "part-00001.parquet").write_bytes(b"PAR2")
     faults.passed.clear()
     faults.fault = lambda method, *_: None if method in {"PUT", "GET", "HEAD"} else "403"
     with pytest.raises(OutputError, match=r"cannot remove s3://.*: access denied; check the cred"):
@@ -121,12 +117,10 @@ def test_the_manifest_takes_the_place_of_parts(bucket: Bucket, faults: Faults) -
     faults.fault = lambda *_: None
     put = sorted(place.partition("/out/")[2] for verb, place in faults.passed if verb == "PUT")
     rows.finish()
-    assert put == ["manifest.jsonl", "manifest.parquet/part-00001.parquet"]
+    assert put == ["manifest.jsonl"]
     found = {name: data for name, data in bucket.objects().items() if data != b"not a row"}
     assert found == {
         "out/manifest.jsonl": b"all\n",
-        "out/manifest.parquet/part-00000.parquet": b"PAR1",
-        "out/manifest.parquet/part-00001.parquet": b"PAR2",
     }
 
 

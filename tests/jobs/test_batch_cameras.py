@@ -162,7 +162,10 @@ def test_a_row_of_two_pictures_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"the row 'a' is of a\.jpg and of a\.png"):
         with_table(tmp_path)
     plan = with_table(tmp_path, "id,focal_px\na,30\na.png,40\n").plan
-    assert {name: lens.focal_px for name, lens in plan.lenses.items()} == {"a.jpg": 30, "a.png": 40}
+    assert {name: lens.focal_px for name, lens in plan.intrinsics.items()} == {
+        "a.jpg": 30,
+        "a.png": 40,
+    }
 
 
 def test_rows_of_other_shards_match(tmp_path: Path) -> None:
@@ -174,8 +177,8 @@ def test_rows_of_other_shards_match(tmp_path: Path) -> None:
         words = (str(tmp_path / "in"), str(tmp_path / "out"))
         plan = plan_folder(*words, shard=Shard(number, 2), cameras=cameras)
         assert list(plan.warnings) == []
-        assert plan.lenses.keys() == {file.name for file in plan.inputs}
-        lenses |= plan.lenses
+        assert plan.intrinsics.keys() == {file.name for file in plan.inputs}
+        lenses |= plan.intrinsics
     assert len(lenses) == 3
 
 
@@ -185,7 +188,7 @@ def test_a_list_has_them_too(tmp_path: Path) -> None:
     words = (["a.png", "hall/b.png", "a.png"], "list", str(tmp_path / "in"), str(tmp_path / "out"))
     plan = plan_files(*words, cameras=cameras)
     assert list(plan.warnings) == []
-    assert plan.lenses.keys() == {"a.png", "hall/b.png"}
+    assert plan.intrinsics.keys() == {"a.png", "hall/b.png"}
 
 
 def test_a_video_has_its_own_camera(tmp_path: Path) -> None:
@@ -240,12 +243,12 @@ def test_spaces_around_names_and_values_are_ignored(tmp_path: Path) -> None:
     path = tmp_path / "cameras.csv"
     path.write_text("id , focal_px ,cx , cy\n a ,40 , 3 ,4 \nb , , ,\n")
     table = read_cameras(str(path))
-    assert table.lens("a.png") == Intrinsics(40.0, None, (3.0, 4.0))
-    assert table.lens("b.png") is None
+    assert table.camera_of("a.png") == Intrinsics(40.0, None, (3.0, 4.0))
+    assert table.camera_of("b.png") is None
 
 
 def test_names_of_any_bytes_match(tmp_path: Path) -> None:
     (tmp_path / "cameras.csv").write_bytes(b'\xef\xbb\xbfid,focal_px\r\n"a, \xff\nb",40\r\n\r\n')
-    lens = read_cameras(str(tmp_path / "cameras.csv")).lens("a, \udcff\nb.png")
+    lens = read_cameras(str(tmp_path / "cameras.csv")).camera_of("a, \udcff\nb.png")
     assert lens is not None
     assert lens.focal_px == 40

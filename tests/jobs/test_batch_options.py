@@ -63,7 +63,7 @@ def test_what_is_too_large_is_refused_beforehand_and_then(tmp_path: Path) -> Non
 
 def test_what_a_model_settled_for_is_told_once_of_the_whole_batch(tmp_path: Path) -> None:
     pictures(tmp_path)
-    (tmp_path / "in" / "a.jxl").touch()
+    (tmp_path / "in" / "a.cr2").touch()
     asked = request(tmp_path)
     session = asked.model.load()
     session.warnings = ("runs on cpu",)
@@ -85,11 +85,11 @@ def test_a_gpu_takes_several_pictures_at_a_time(
     session.provider = provider
     sizes: list[int] = []
     with pytest.MonkeyPatch.context() as patch:
-        from depthcli.jobs.batch.workers import PictureWorker  # noqa: PLC0415
+        from depthcli.jobs.batch.workers import ImageWorker  # noqa: PLC0415
 
-        work = PictureWorker.work
+        work = ImageWorker.work
         patch.setattr(
-            PictureWorker, "work", lambda self, tasks: sizes.append(len(tasks)) or work(self, tasks)
+            ImageWorker, "work", lambda self, tasks: sizes.append(len(tasks)) or work(self, tasks)
         )
         list(Batch(asked, session))
     assert (sizes[0], sum(sizes)) == (at_once, GPU_BATCH + 1)

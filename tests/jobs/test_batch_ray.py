@@ -25,15 +25,15 @@ from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.plan import CameraTable, plan_folder
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.workers import PictureWorker, WorkerSpec
+from depthcli.jobs.batch.workers import ImageWorker, WorkerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
 
     from depthcli.inference.session import Session
-    from depthcli.jobs.batch.tasks import Result
+    from depthcli.jobs.batch.tasks import BatchResult
     from depthcli.jobs.batch.threads import Engine
-    from depthcli.jobs.batch.workers import PictureTask
+    from depthcli.jobs.batch.workers import ImageTask
 
 ray = pytest.importorskip("ray")
 COUNT = 30
@@ -83,7 +83,7 @@ def worker_pids() -> list[int]:
     return found
 
 
-def assert_same(folder: Path, results: Sequence[Result]) -> None:
+def assert_same(folder: Path, results: Sequence[BatchResult]) -> None:
     """Every input once, with the outputs and rows that threads give."""
     alone = list(Batch(request(folder, "alone")))
     names = Counter(result.row.input for result in results)
@@ -125,10 +125,10 @@ def test_workers_know_the_camera_of_each_picture(tmp_path: Path, engine: RayEngi
     assert all(result.is_kept for result in Batch(replace(request(tmp_path), plan=plan)))
 
 
-class Poisoned(PictureWorker):
+class Poisoned(ImageWorker):
     """A worker that a picture kills, as the system does where memory ends."""
 
-    def work(self, tasks: Sequence[PictureTask]) -> list[Result]:
+    def work(self, tasks: Sequence[ImageTask]) -> list[BatchResult]:
         if any(task.input.name.endswith("07.png") for task in tasks):
             os.kill(os.getpid(), signal.SIGKILL)
         return super().work(tasks)
@@ -137,9 +137,9 @@ class Poisoned(PictureWorker):
 class PoisonedSpec(WorkerSpec):
     __slots__ = ()
 
-    def build(self, session: Session | None = None) -> PictureWorker:
+    def build(self, session: Session | None = None) -> ImageWorker:
         worker = super().build(session)
-        return Poisoned(worker.options, worker.out, worker.origin, worker.pipeline)
+        return Poisoned(worker.options, worker.out, worker.key, worker.pipeline)
 
 
 class UnreadableSpec(WorkerSpec):
@@ -155,7 +155,7 @@ class Changed:
     def __init__(self, engine: Engine, kind: type[WorkerSpec], **changes: Any) -> None:
         self.engine, self.kind, self.changes = engine, kind, changes
 
-    def run(self, spec: WorkerSpec, *rest: Any) -> Generator[Result, None, None]:
+    def run(self, spec: WorkerSpec, *rest: Any) -> Generator[BatchResult, None, None]:
         fields = {name: getattr(spec, name) for name in WorkerSpec.__slots__}
         return self.engine.run(self.kind(**fields | self.changes), *rest)
 

@@ -15,7 +15,7 @@ from depthcli.io.manifest.files import Shard
 from depthcli.io.manifest.journal import known_rows
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.tasks import OutputMap
+from depthcli.jobs.batch.tasks import TaskBuilder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -109,7 +109,7 @@ def test_a_shard_replaces_no_input_of_another(tmp_path: Path) -> None:
     for shard in (Shard(), Shard(numbers[0], 3)):
         plan = plan_files([picture, its_output], "mine", *[str(tmp_path)] * 2, shard=shard)
         with pytest.raises(UsageError, match=r"the output for a\.jpg, is an input"):
-            OutputMap(plan, (Format.PNG16,)).check_conflicts()
+            TaskBuilder(plan, (Format.PNG16,)).check_conflicts()
 
 
 def test_what_is_skipped_is_told_by_one_shard(tmp_path: Path) -> None:

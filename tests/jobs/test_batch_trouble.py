@@ -7,56 +7,23 @@ import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
-from helpers.batches import NAMES, kept, outputs, pictures, request
+from helpers.batches import NAMES, kept, pictures, request
 from helpers.tiny import write_picture
-from helpers.videos import write_mp4
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal, known_rows
-from depthcli.io.manifest.row import FAILED, OK, ManifestFormat
+from depthcli.io.manifest.row import FAILED, OK
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch, dry_run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 JOURNAL, MANIFEST = ".depthcli-batch.jsonl", "manifest.jsonl"
-
-
-@pytest.mark.parametrize("gone", ["a.depth.png", ""], ids=["an output", "the folder"])
-def test_what_is_removed_meanwhile_counts_as_failed(tmp_path: Path, gone: str) -> None:
-    pictures(tmp_path)
-    whole = kept(tmp_path, "whole")
-    batch = Batch(request(tmp_path))
-    first = next(batch)
-    assert (first.row.input, first.row.status) == ("a.png", OK)
-    (tmp_path / "out" / gone).rename(tmp_path / "moved")
-    rest = [result.row.status for result in batch]
-    lost = dict(batch.tally.failures)
-    assert "a.depth.png was removed while the batch ran; run it again" in lost["a.png"]
-    assert batch.tally.done == len(rest) + 1 == len(NAMES)
-    row = known_rows(tmp_path / "out").row("a.png")
-    assert row is not None
-    assert (row.status, row.outputs) == (FAILED, ())
-    assert not any(found for name, found in kept(tmp_path).items() if name in lost)
-    assert outputs(tmp_path / "out") == outputs(tmp_path / "whole")
-    assert whole.keys() == set(NAMES)
-
-
-def test_what_was_kept_and_is_removed_meanwhile_counts_as_failed(tmp_path: Path) -> None:
-    write_picture(tmp_path / "in" / "a.png")
-    kept(tmp_path)
-    batch = Batch(request(tmp_path))
-    assert next(batch).is_kept
-    (tmp_path / "out" / "a.depth.png").unlink()
-    assert not list(batch)
-    assert (batch.tally.kept, batch.tally.done, len(batch.tally.failures)) == (0, 1, 1)
 
 
 @pytest.mark.parametrize("name", [JOURNAL, MANIFEST])
@@ -70,20 +37,6 @@ def test_what_never_ends_is_refused(tmp_path: Path, name: str, kind: str) -> Non
         Batch(request(tmp_path))
     path.unlink()
     assert len(kept(tmp_path)) == len(NAMES)
-
-
-@pytest.mark.parametrize("form", [None, ManifestFormat.JSONL])
-@pytest.mark.parametrize("kind", ["file", "link"])
-def test_what_only_is_called_as_a_manifest_is_kept(
-    tmp_path: Path, form: ManifestFormat | None, kind: str
-) -> None:
-    pictures(tmp_path)
-    path = tmp_path / "out" / "manifest.parquet"
-    path.parent.mkdir()
-    path.write_text("mine") if kind == "file" else path.symlink_to(tmp_path / "in")
-    with pytest.raises(OutputError, match=f"write {path}: it is a file or a link; remove it"):
-        Batch(replace(request(tmp_path), manifest=form))
-    assert path.exists()
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/kmsg"), reason="Linux has it")  # noqa: PTH110
@@ -159,24 +112,6 @@ def test_of_many_batches_that_begin_at_once_one_writes(tmp_path: Path) -> None:
     assert begun[0].row("a.png") is not None
     begun[0].finish(NAMES)
     assert known_rows(tmp_path / "out").row("a.png") is not None
-
-
-def test_a_video_that_changes_while_it_is_read_counts_as_failed(tmp_path: Path) -> None:
-    frames = [np.full((24, 32, 3), level, np.uint8) for level in (0, 90, 180)]
-    video = write_mp4(tmp_path / "in" / "a.mp4", frames)
-
-    class Changing:
-        """Somebody who writes to the video once its first frame is done."""
-
-        def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
-            del what, total, unit
-            return lambda _count: os.utime(video, ns=(1, 1))
-
-    (result,) = Batch(request(tmp_path), progress=Changing())
-    assert (result.row.status, result.row.outputs) == (FAILED, ())
-    assert "changed while it was read; run the batch again" in str(result.row.error)
-    assert kept(tmp_path) == {"a.mp4": False}
-    assert kept(tmp_path) == {"a.mp4": True}
 
 
 def test_a_dry_run_finds_what_would_not_be_replaced(tmp_path: Path) -> None:

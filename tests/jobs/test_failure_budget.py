@@ -10,10 +10,10 @@ from helpers.batches import request
 from helpers.tiny import synthetic_picture, write_picture
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.row import OK, Origin, Row, parse_row
+from depthcli.io.manifest.row import OK, CacheKey, ManifestRow, parse_row
 from depthcli.jobs.batch.options import FailureBudget, Tally
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.tasks import Result
+from depthcli.jobs.batch.tasks import BatchResult
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -82,8 +82,10 @@ def test_nothing_is_stopped_by_the_last_input(tmp_path: Path) -> None:
 
 def test_a_share_is_one_of_the_last_hundred_that_were_worked_on() -> None:
     tally, budget = Tally(1000), FailureBudget.parse("2%")
-    origin = Origin("0" * 64, "tiny", "1" * 64, "1.0")
-    good, bad = (Result(Row("a", OK, origin, error=error)) for error in (None, "is empty"))
+    origin = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
+    good, bad = (
+        BatchResult(ManifestRow("a", OK, origin, error=error)) for error in (None, "is empty")
+    )
     for result in (bad, bad, *[good] * 98):
         tally.add(result)
     assert budget.reason(tally) is None

@@ -11,15 +11,14 @@ from helpers.tiny import synthetic_picture, write_model, write_picture
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest.files import Shard
-from depthcli.io.manifest.row import FAILED, OK
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.run import Batch
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.io.manifest.row import Row
+    from depthcli.io.manifest.row import ManifestRow
 
 
 def listed(
@@ -31,7 +30,7 @@ def listed(
     return BatchRequest(plan, BatchOptions(formats), loader)
 
 
-def rows(job: BatchRequest) -> dict[str, Row]:
+def rows(job: BatchRequest) -> dict[str, ManifestRow]:
     """Runs a batch; the row of each input."""
     return {result.row.input: result.row for result in Batch(job)}
 
@@ -86,30 +85,3 @@ def test_absolute_paths_have_one_name_in_all_folders(
     assert sorted(found) == [word.removeprefix("/") for word in words]
     plan = plan_files(["a.png", "../in/b.png"], "mine", None, str(tmp_path / "out"))
     assert [file.name for file in plan.inputs] == ["a.png", "b.png"]
-
-
-@pytest.mark.parametrize("formats", [(Format.PNG16, Format.NPY), (Format.NPY,)])
-def test_the_output_of_a_file_that_is_left_out_stays(
-    tmp_path: Path, formats: tuple[Format, ...]
-) -> None:
-    """A list takes files of any suffix, which no folder's batch knows."""
-    other = tmp_path / "in" / "a.raw"
-    write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 32)).rename(other)
-    rows(listed(tmp_path, "a.raw", formats=formats))
-    before = outputs(tmp_path / "out")
-    write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 40))
-    job = listed(tmp_path, "a.png", formats=formats)
-    (would,) = dry_run(job, job.model.load())
-    assert would.would == "fail"
-    row = rows(job)["a.png"]
-    assert row.status == FAILED
-    assert row.error is not None
-    assert row.error.endswith(
-        "is the output for a.raw, which this batch leaves out; list both, or choose another --out"
-    )
-    assert outputs(tmp_path / "out") == before
-    both = rows(listed(tmp_path, "a.png", "a.raw", formats=formats))
-    assert {row.status for row in both.values()} == {OK}
-    other.unlink()
-    again = rows(listed(tmp_path, "a.png", formats=formats))["a.png"]
-    assert again.outputs[0].path.startswith("a.depth.")

@@ -26,7 +26,7 @@ from depthcli.errors import EngineError, ModelError
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import known_rows
-from depthcli.io.manifest.row import FAILED, OK, Origin, Row
+from depthcli.io.manifest.row import FAILED, OK, CacheKey, ManifestRow
 from depthcli.jobs.batch.ray import (
     LOCAL_CLUSTER,
     Call,
@@ -37,13 +37,13 @@ from depthcli.jobs.batch.ray import (
     _worker_capacity,
 )
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.tasks import OutputMap, Result, Task
+from depthcli.jobs.batch.tasks import BatchResult, BatchTask, TaskBuilder
 from depthcli.jobs.batch.workers import WorkerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence
 
-ORIGIN = Origin("0" * 64, "tiny", "1" * 64, "1.0")
+ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
 
 
 class Machines:
@@ -107,7 +107,9 @@ class Machines:
             self.landing |= {future: OSError("the worker died") for future, _ in died}
         else:
             self.loads[worker].popleft()
-            self.landing[future] = [Result(Row(t.input.name, OK, ORIGIN)) for t in tasks]
+            self.landing[future] = [
+                BatchResult(ManifestRow(t.input.name, OK, ORIGIN)) for t in tasks
+            ]
         return future
 
     def result(self, future: Hashable) -> object:
@@ -122,7 +124,7 @@ class Machines:
 
 
 def calls(names: Sequence[str], size: int = 1) -> Iterator[Call]:
-    tasks = [Task(InputFile(name, f"in/{name}"), {Format.PNG16: Path(name)}) for name in names]
+    tasks = [BatchTask(InputFile(name, f"in/{name}"), {Format.PNG16: Path(name)}) for name in names]
     for start in range(0, len(tasks), size):
         yield Call(chunks=tuple((task,) for task in tasks[start : start + size]))
 
@@ -154,7 +156,7 @@ def test_each_input_has_one_result_and_no_bystander_fails(
     assert {row.input for row in results if row.status == FAILED} == deadly
     for row in results:
         if row.status == FAILED:
-            assert row.origin == ORIGIN
+            assert row.key == ORIGIN
             assert f"in/{row.input}: 3 worker processes ended" in str(row.error)
     assert machines.lost <= 3 * len(deadly) + deaths
     assert machines.begun == (
@@ -204,8 +206,8 @@ def test_a_worker_elsewhere_gives_what_one_here_does(
     (tmp_path / "began").mkdir()
     sha256 = there.model.load().model.sha256
     spec = WorkerSpec(there.model, sha256, there.options, there.plan.out)
-    maps, rows = OutputMap(there.plan, there.options.formats), known_rows(there.plan.out)
-    chunks = [(maps.picture(file, rows),) for file in there.plan.pictures]
+    maps, rows = TaskBuilder(there.plan, there.options.formats), known_rows(there.plan.out)
+    chunks = [(maps.image(file, rows),) for file in there.plan.images]
     (video,) = (maps.video(file, rows) for file in there.plan.videos)
     threads = cv2.getNumThreads()
     monkeypatch.chdir(tmp_path)
@@ -213,7 +215,7 @@ def test_a_worker_elsewhere_gives_what_one_here_does(
         worker = RemoteWorker(spec, str(tmp_path / "began"), 0.5)
         with pytest.raises(TypeError):
             worker.work(Call(video=video))
-        assert worker.start(__version__) == here[0].origin
+        assert worker.start(__version__) == here[0].key
         assert Path.cwd() == tmp_path / "began"
         assert cv2.getNumThreads() == 1
         results = worker.work(Call(chunks=tuple(chunks))) + worker.work(Call(video=video))

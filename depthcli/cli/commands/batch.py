@@ -30,14 +30,13 @@ from depthcli.cli.options import (
 from depthcli.core.options import GPU_BATCH
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
-from depthcli.io.manifest.row import ManifestFormat
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from depthcli.core.progress import Progress
     from depthcli.jobs.batch.options import BatchOptions, BatchRequest
-    from depthcli.jobs.batch.plan import Plan
+    from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.threads import Engine
 
 app = typer.Typer(rich_markup_mode=None)
@@ -70,11 +69,6 @@ class OutputOptions:
     )
     sidecar: SidecarOption = False
     overwrite: OverwriteOption = False
-    manifest: ManifestFormat | None = option(
-        None,
-        help="Format of the manifest: JSON lines, or Parquet for millions of inputs. Default: "
-        "that of the manifest in OUT, else jsonl.",
-    )
     dry_run: bool = usual(
         False, "--dry-run", help="Show what would be done without writing anything."
     )
@@ -209,7 +203,7 @@ def batch(
         reading=parse.reading(read),
     )
     plan = _plan(folder, output.out, inputs, camera.cameras)
-    request = _request(plan, options, engine, model, output.manifest)
+    request = _request(plan, options, engine, model)
     if not screen.quiet:
         console.warn_all(without_effect(given, FORMAT_OPTIONS, formats))
         console.warn_all(without_effect(given, ENGINE_OPTIONS, (engine.engine,)))
@@ -237,11 +231,10 @@ def batch(
 
 
 def _request(
-    plan: Plan,
+    plan: BatchPlan,
     options: BatchOptions,
     engine: EngineOptions,
     model: ModelOptions,
-    manifest: ManifestFormat | None,
 ) -> BatchRequest:
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
@@ -260,7 +253,6 @@ def _request(
         model=parse.session_loader(model.model, model.runtime, threads),
         workers=workers,
         batch_size=batch_size,
-        manifest=manifest,
         budget=None if limit is None else FailureBudget.parse(limit),
     )
 
@@ -287,7 +279,7 @@ def _open_engine(options: EngineOptions, progress: Progress) -> Iterator[Engine 
         yield engine
 
 
-def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> Plan:
+def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
     from depthcli.io.listing.folder import NameFilter
     from depthcli.io.listing.path_list import parse_list, read_list
     from depthcli.io.manifest.files import WHOLE, Shard

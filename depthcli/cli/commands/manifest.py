@@ -9,7 +9,7 @@ from depthcli.cli.options import JsonOption
 from depthcli.cli.screen import console
 from depthcli.core.text import one_line
 from depthcli.errors import ExitCode
-from depthcli.io.manifest.row import FAILED, ManifestFormat
+from depthcli.io.manifest.row import FAILED
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -59,18 +59,13 @@ def list_failed(out: _Manifest, as_json: JsonOption = False) -> int:
 @app.command("merge")
 def merge_parts(
     out: str = typer.Argument(..., metavar="OUT", help="Output folder of a batch."),
-    form: ManifestFormat | None = typer.Option(
-        None,
-        "--format",
-        help="Format of the result. Default: that of the manifest in OUT, else jsonl.",
-    ),
     as_json: JsonOption = False,
 ) -> int:
     """Merge the manifests of all shards into one, and remove them."""
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.manifests import merge_manifests
 
-    path = str(merge_manifests(path_of(out), form))
+    path = str(merge_manifests(path_of(out)))
     if as_json:
         console.out_json({"manifest": path})
     else:

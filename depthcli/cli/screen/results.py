@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from depthcli.core.progress import Interrupt
     from depthcli.jobs.batch.options import Tally
-    from depthcli.jobs.batch.plan import Plan
+    from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.run import Batch, DryRunResult
-    from depthcli.jobs.batch.tasks import Result
+    from depthcli.jobs.batch.tasks import BatchResult
     from depthcli.jobs.convert import ConvertResult, FolderPlan
     from depthcli.jobs.predict import PictureResult
     from depthcli.jobs.video.plan import VideoResult
@@ -53,7 +53,7 @@ class BatchScreen:
     as_json: bool  #: print one JSON object per input
     quiet: bool  #: print errors only
 
-    def run(self, batch: Batch, plan: Plan, stop: StopOnSignal) -> None:
+    def run(self, batch: Batch, plan: BatchPlan, stop: StopOnSignal) -> None:
         """Run a batch, and print its results."""
         console.warn_all(() if self.quiet else batch.warnings)
         resumes = True
@@ -77,13 +77,13 @@ class BatchScreen:
                 self._print(result)
             self._print_summary(plan, batch, resumes=resumes)
 
-    def _print(self, result: Result) -> None:
+    def _print(self, result: BatchResult) -> None:
         if self.as_json:
             console.out_json(result.row.as_json() | {"kept": result.is_kept})
         elif not self.quiet and not result.is_kept:
             console.warn_all(result.row.warnings, name=result.row.input)
 
-    def _print_summary(self, plan: Plan, batch: Batch, *, resumes: bool) -> None:
+    def _print_summary(self, plan: BatchPlan, batch: Batch, *, resumes: bool) -> None:
         """Print the failures, then the counts."""
         tally = batch.tally
         for name, reason in tally.failures:
@@ -105,7 +105,7 @@ class BatchScreen:
             say(one_line(f"manifest: {batch.manifest}"))
 
 
-def _counts(plan: Plan, tally: Tally) -> list[str]:
+def _counts(plan: BatchPlan, tally: Tally) -> list[str]:
     parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
     if tally.kept:
         parts.append(f"{tally.kept} already done")
@@ -116,7 +116,7 @@ def _counts(plan: Plan, tally: Tally) -> list[str]:
     return parts
 
 
-def print_dry_run(results: Iterable[DryRunResult], plan: Plan, *, as_json: bool) -> int:
+def print_dry_run(results: Iterable[DryRunResult], plan: BatchPlan, *, as_json: bool) -> int:
     """Print what would be done for each input, and the counts; the number that would fail."""
     console.warn_all(plan.warnings)
     counts = {"do": 0, "keep": 0, "fail": 0}

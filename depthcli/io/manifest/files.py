@@ -3,68 +3,26 @@
 import hashlib
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import shutil
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
-from io import BytesIO, FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, Self
+from typing import Self
 
-from depthcli.errors import UsageError
-from depthcli.io.manifest.row import ManifestFormat, Origin, Row, parse_row, row_of
-from depthcli.io.parquet import Table, write_table
-from depthcli.io.storage.atomic import append_whole, atomic_folder, atomic_path
-from depthcli.io.storage.paths import regular_size
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.manifest.row import ManifestRow, parse_row
+from depthcli.io.storage.atomic import append_whole, atomic_path
+from depthcli.io.storage.paths import RemotePath, regular_size
+from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.transfer import download
 
-_COLUMNS = {
-    "input": str,
-    "status": str,
-    "outputs": [{"path": str, "bytes": int, "sha256": str}],
-    "seconds": float,
-    "input_sha256": str,
-    "input_path": str,
-    "error": str,
-    "warnings": [str],
-    "camera": str,
-    "anchors": {"given": int, "used": int, "residual_m": float, "sha256": str},
-    **dict.fromkeys(Origin.__slots__, str),
-}
-_ESCAPED = re.compile(r"\\u(d[89a-f][0-9a-f]{2})")
-
-
-def write_rows(folder: Path, rows: Iterable[Row]) -> None:
-    """Write a manifest in Parquet files, in place of one that is there.
-
-    Raises:
-        OutputError: it cannot be written; what was there stays.
-    """
-    with atomic_folder(folder) as temporary:
-        write_table(temporary, _COLUMNS, (_utf8(row.as_json()) for row in rows))
-
-
-def parsed_table_row(fields: dict[str, Any]) -> Row | None:
-    """A row from the values of its columns; None if they are not those of a row."""
-    return row_of(_with_texts(fields, unescaped))
-
-
-def unescaped(text: str) -> str:
-    """A text with its escapes undone."""
-    return _ESCAPED.sub(lambda found: chr(int(found[1], 16)), text) if "\\u" in text else text
-
-
-def _utf8(value: Any) -> Any:  # noqa: ANN401 - what JSON can hold
-    """The same, with texts whose bytes are not UTF-8 escaped as in JSON."""
-    return _with_texts(value, lambda text: text.encode("utf-8", "backslashreplace").decode())
-
-
-def _with_texts(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 - what JSON can hold
-    """The same, with all texts changed."""
-    if isinstance(value, str):
-        return change(value)
-    if isinstance(value, Mapping):
-        return {name: _with_texts(part, change) for name, part in value.items()}
-    if isinstance(value, Sequence):
-        return [_with_texts(part, change) for part in value]
-    return value
+_NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|parquet)")
+_PREFIXES = (".depthcli-batch", "manifest")
+_UPLOAD_INTERVAL_S = 5.0
+_PART = re.compile(r"\.\d{20}-[0-9a-f]{8}$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +46,7 @@ class Shard:
         numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", word)
         shard = cls(*map(int, numbers.groups())) if numbers else cls(0, 0)
         if not 1 <= shard.number <= shard.count:
-            raise UsageError(f"--shard {word} is not I/N with I from 1 to N, such as 2/4")
+            raise UsageError(f"{word} is not I/N with I from 1 to N, such as 2/4", option="shard")
         return shard
 
     def holds(self, name: str) -> bool:
@@ -103,180 +61,103 @@ class Shard:
         """Infix for names of files that belong to this part."""
         return f"-{self.number}-of-{self.count}" if self.count > 1 else ""
 
+    @property
+    def journal_name(self) -> str:
+        """Name of the file with the rows of a running batch."""
+        return f".depthcli-batch{self.tag}.jsonl"
+
+    @property
+    def manifest_name(self) -> str:
+        """Name of the file with the rows of a finished batch."""
+        return f"manifest{self.tag}.jsonl"
+
+    def owns(self, path: Path) -> bool:
+        """Whether all rows of a file are of this part's inputs."""
+        found = _NAME.fullmatch(path.name)
+        return found is not None and (self.count == 1 or found[2] == self.tag)
+
 
 WHOLE = Shard()
 
 
-_PART_NAME = re.compile(r"part-\d{5}\.parquet")
-_NO_DATA = {".DS_Store", "Thumbs.db", "desktop.ini", "_SUCCESS"}
-"""Files that other programs leave in folders."""
-_NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|parquet)")
-
-
-def journal_name(shard: Shard) -> str:
-    """Name of the file with the rows of a running batch."""
-    return f".depthcli-batch{shard.tag}.jsonl"
-
-
-def manifest_name(shard: Shard, form: ManifestFormat) -> str:
-    """Name of the file with the rows of a finished batch."""
-    return f"manifest{shard.tag}.{form}"
-
-
-def belongs_to(path: Path, shard: Shard) -> bool:
-    """Whether all rows of a file are of a shard's inputs."""
-    found = _NAME.fullmatch(path.name)
-    return found is not None and (shard.count == 1 or found[2] == shard.tag)
-
-
 def is_journal(path: Path) -> bool:
     """Whether a file is the journal of a batch or of a part of one."""
-    found = _NAME.fullmatch(path.name)
-    return found is not None and found[1] is not None
+    return path.name.startswith(_PREFIXES[0])
 
 
 def row_files(folder: Path, shard: Shard) -> list[Path]:
     """The files that can hold rows of a shard's inputs, the latest last.
 
     Those of other shards of the same number are left out, because they hold other inputs.
+
+    Raises:
+        UsageError: one is in Parquet, as versions before 0.16 could write it.
     """
     found = []
     for path in (*folder.glob("manifest*"), *folder.glob(".depthcli-batch*")):
         match = _NAME.fullmatch(path.name)
         is_others = match and match[3] == str(shard.count) and match[2] != shard.tag
-        if match and not is_others and path.exists():
-            found.append(path)
+        if match is None or is_others or not path.exists():
+            continue
+        if match[4] == "parquet":
+            raise UsageError(
+                f"{path} is a manifest in Parquet, which depthcli 0.15 was the last to read",
+                "move it away to process its inputs again, or choose another {out}",
+            )
+        found.append(path)
     return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
-def is_row_file(name: str) -> bool:
-    """Whether a file or folder of this name can hold rows."""
-    return _NAME.fullmatch(name) is not None
-
-
-def open_row_file(path: Path) -> BinaryIO:
-    """Open a file of rows for reading.
-
-    Raises:
-        OSError: it cannot be read, or is a pipe, a device or a folder.
-    """
-    regular_size(path)
-    return path.open("rb")
-
-
-def write_manifest(path: Path, rows: Iterable[Row]) -> None:
-    """Write a manifest atomically, in the format of its suffix.
+def write_manifest(path: Path, rows: Iterable[ManifestRow]) -> None:
+    """Write a manifest atomically.
 
     Raises:
         OutputError: it cannot be written; what was there stays.
     """
-    if path.suffix == f".{ManifestFormat.PARQUET}":
-        write_rows(path, rows)
-        return
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.writelines(row.as_line() for row in rows)
 
 
-class RowFile(Protocol):
-    """A file or folder of rows."""
+class RowFile:
+    """A file of rows as JSON, one a line; other lines are passed over."""
 
-    def rows(self) -> Iterator[tuple[str, int]]:
-        """Input and position of each row, in their order; other lines are ignored."""
+    def __init__(self, path: Path, end: int | None = None) -> None:
+        """Open a file.
 
-    def row(self, position: int) -> Row | None:
-        """The row at a position."""
+        Args:
+            path: the file.
+            end: a second handle of it, for appending; None to read only.
 
-    def is_own(self) -> bool:
-        """Whether depthcli wrote it; it is not empty."""
-
-    def close(self) -> None:
-        """Close it."""
-
-
-def check_written_here(path: Path, rows: RowFile) -> None:
-    """Check that a manifest that will be replaced was written by depthcli.
-
-    Raises:
-        UsageError: it was not.
-    """
-    if path.is_dir():
-        parts = {part.name for part in path.iterdir()} - _NO_DATA
-        is_own = all(map(_PART_NAME.fullmatch, parts))
-        is_empty = not parts
-    else:
-        is_own, is_empty = True, not path.stat().st_size
-    if not (is_own and (is_empty or rows.is_own())):
-        raise UsageError(
-            f"{path.name} in the output folder was not written by depthcli; move it away, or "
-            "choose another --out"
-        )
-
-
-def open_rows(path: Path) -> RowFile:
-    """Open a manifest or a journal for reading.
-
-    Raises:
-        OSError: they cannot be read.
-        UsageError: they are in Parquet, and pyarrow is missing or a file is damaged.
-    """
-    if path.suffix == f".{ManifestFormat.PARQUET}":
-        return TableRows(path)
-    # A file of size 0, such as /proc/kmsg, may never end.
-    return JsonRows(open_row_file(path) if regular_size(path) else BytesIO())
-
-
-class TableRows:
-    """Rows in Parquet files."""
-
-    def __init__(self, folder: Path) -> None:
-        self._table = Table(folder)
+        Raises:
+            OSError: it cannot be read, or is a pipe, a device or a folder.
+            UsageError: it is a manifest that depthcli did not write.
+        """
+        self.path = path
+        size = regular_size(path)
+        self._file = path.open("rb")
+        self._end = None if end is None else os.fdopen(end, "ab", buffering=0)
+        if self._end is None and not is_journal(path) and size and not self._has_row():
+            raise UsageError(
+                f"{path} was not written by depthcli", "move it away, or choose another {out}"
+            )
+        if self._end is not None and size:
+            self._file.seek(size - 1)
+            if self._file.read(1) != b"\n":  # the batch was killed in the middle of a line
+                self.append(b"\n")
 
     def rows(self) -> Iterator[tuple[str, int]]:
         """Input and position of each row, in their order."""
-        for position, name in enumerate(self._table.column("input")):
-            if isinstance(name, str):
-                yield unescaped(name), position
-
-    def row(self, position: int) -> Row | None:
-        """The row at a position."""
-        return parsed_table_row(self._table.row(position))
-
-    def is_own(self) -> bool:
-        """Whether its files have the columns of rows."""
-        return self._table.has_columns(("input", "status"))
-
-    def close(self) -> None:
-        """Close the files."""
-        self._table.close()
-
-
-class JsonRows:
-    """Rows as JSON, one a line."""
-
-    def __init__(self, file: BinaryIO, end: FileIO | None = None) -> None:
-        """Wrap a file that is open for reading, and a second handle of it for appending."""
-        self._file = file
-        self._end = end
-        self.ends_whole = True
-
-    def rows(self) -> Iterator[tuple[str, int]]:
-        """Input and position of each row, in their order; other lines are passed over."""
         position = self._file.seek(0)
         for line in self._file:
             row = parse_row(line)
             if row is not None:
                 yield row.input, position
             position += len(line)
-            self.ends_whole = line.endswith(b"\n")
 
-    def row(self, position: int) -> Row | None:
+    def row(self, position: int) -> ManifestRow | None:
         """The row at a position."""
         self._file.seek(position)
         return parse_row(self._file.readline())
-
-    def is_own(self) -> bool:
-        """Whether a line is a row."""
-        return next(self.rows(), None) is not None
 
     def append(self, data: bytes) -> int:
         """Append data, all or nothing; return its position in the file.
@@ -291,3 +172,126 @@ class JsonRows:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+        if self._end is not None:
+            self._end.close()
+
+    def _has_row(self) -> bool:
+        return next(self.rows(), None) is not None
+
+
+class RowsFolder:
+    """The local folder of a batch's rows: the output folder itself."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def sync(self) -> None:
+        """Do nothing: the rows are on disk."""
+
+    def finish(self) -> None:
+        """Do nothing: the manifest is in place."""
+
+
+class RemoteRows(RowsFolder):
+    """A temporary local copy of the rows of a remote folder.
+
+    Objects cannot be appended to, so new rows of the journal are uploaded every few seconds as
+    separate objects; the next batch, on any machine, finds all but the last rows of a killed one.
+    """
+
+    def __init__(self, out: RemotePath) -> None:
+        """Download the rows.
+
+        Raises:
+            OutputError: the folder cannot be read.
+        """
+        self._out, self._lock, self._uploaded_s = out, threading.Lock(), time.monotonic()
+        self._exit_stack = ExitStack()
+        super().__init__(self._exit_stack.enter_context(temporary_folder()))
+        self._objects: dict[str, list[str]] = {}  # of each file here
+        try:
+            for name in self._row_objects():
+                self._download(name)
+        except OSError as error:
+            raise OutputError(f"cannot use {out}: {error.strerror or error}") from error
+        self._states = {name: _file_state(self.path / name) for name in self._objects}
+
+    def sync(self) -> None:
+        """Upload the journal's new rows, if the last upload was long enough ago.
+
+        Raises:
+            OutputError: they cannot be uploaded.
+        """
+        with self._lock:
+            if time.monotonic() - self._uploaded_s >= _UPLOAD_INTERVAL_S:
+                self._upload_rows()
+
+    def finish(self) -> None:
+        """Upload the manifest and delete the parts of the journal, or upload the rest of it.
+
+        Raises:
+            OutputError: that failed; what was uploaded stays.
+        """
+        with self._lock:
+            self._upload_rows()
+            here = {file.name: file for file in self.path.iterdir()}
+            for name, file in sorted(here.items()):
+                if not is_journal(file) and _file_state(file) != self._states.get(name):
+                    with atomic_path(self._out / name) as temporary:
+                        shutil.copyfile(file, temporary)
+            for name, objects in self._objects.items():
+                for one in objects if name not in here else ():
+                    self._delete(one)
+            self._exit_stack.close()
+
+    def _row_objects(self) -> Iterator[str]:
+        for prefix in _PREFIXES:
+            for name in self._out.walk_names(prefix):
+                if not name.startswith(prefix):
+                    break
+                if _NAME.fullmatch(_PART.sub("", name)):
+                    yield name
+
+    def _download(self, name: str) -> None:
+        """Download an object; parts are joined to one file."""
+        whole, source = _PART.sub("", name), self._out / name
+        file, part = self.path / whole, self.path / "part"
+        download(source, part)
+        with file.open("ab") as target, part.open("rb") as content:
+            shutil.copyfileobj(content, target)
+        part.unlink()
+        os.utime(file, (source.stat().st_mtime,) * 2)  # the latest row of an input counts
+        self._objects.setdefault(whole, []).append(name)
+
+    def _upload_rows(self) -> None:
+        self._uploaded_s = time.monotonic()
+        for file in self.path.glob(".depthcli-batch*.jsonl"):
+            size, uploaded = file.stat().st_size, self._states.get(file.name, (0, 0))[0]
+            if size <= uploaded:
+                continue
+            part = f"{file.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
+            with atomic_path(self._out / part) as temporary, file.open("rb") as journal:
+                journal.seek(uploaded)
+                temporary.write_bytes(journal.read(size - uploaded))
+            self._states[file.name] = size, 0
+            self._objects.setdefault(file.name, []).append(part)
+
+    def _delete(self, name: str) -> None:
+        try:
+            (self._out / name).unlink()
+        except OSError as error:
+            raise OutputError(f"cannot remove {self._out / name}: {error.strerror}") from error
+
+
+def rows_folder(out: Path) -> RowsFolder:
+    """The local folder for the journal of a batch that writes to an output folder.
+
+    Raises:
+        OutputError: a remote folder cannot be read.
+    """
+    return RemoteRows(out) if isinstance(out, RemotePath) else RowsFolder(out)
+
+
+def _file_state(file: Path) -> tuple[int, int]:
+    status = file.stat()
+    return status.st_size, status.st_mtime_ns

@@ -3,10 +3,9 @@
 import hashlib
 import json
 import os
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from depthcli.core.validation import FieldError, Rule, parsed_json, validated
 from depthcli.errors import OutputError
@@ -15,13 +14,6 @@ from depthcli.io.storage.paths import RemotePath, regular_size
 OK = "ok"
 FAILED = "failed"
 _SECONDS = Rule("a number from 0 to 1e9", lambda number: 0 <= number <= 1e9)  # noqa: PLR2004
-
-
-class ManifestFormat(StrEnum):
-    """File format of a manifest; the value is its suffix."""
-
-    JSONL = "jsonl"
-    PARQUET = "parquet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +26,7 @@ class OutputFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class CacheKey:
     """Options and model of a whole batch, which its outputs depend on besides their inputs."""
 
     options_sha256: str  #: checksum of the options that the outputs depend on
@@ -54,12 +46,12 @@ class AnchorEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ManifestRow:
     """The result of one input."""
 
     input: str  #: its name, with ``/`` between its parts
     status: str  #: ``ok`` or ``failed``
-    origin: Origin  #: model and options
+    key: CacheKey  #: model and options
     outputs: tuple[OutputFile, ...] = ()  #: what was written
     seconds: Annotated[float, _SECONDS] = 0.0  #: from opening the input to the last output
     input_sha256: str | None = None  #: checksum of the input; None if it could not be read
@@ -70,15 +62,6 @@ class Row:
     anchors: AnchorEntry | None = None  #: the known points it was fitted to; None if it was not
     #: full path of the input, or its URI without password and signature; None in older manifests
     input_path: str | None = None
-
-    def failed_if_missing(self, folder: Path) -> Self | None:
-        """The same row with status failed if one of its outputs is missing; else None."""
-        for file in self.outputs:
-            path = folder / file.path
-            if not path.exists():
-                error = f"{path} was removed while the batch ran; run it again"
-                return replace(self, status=FAILED, outputs=(), error=error)
-        return None
 
     def as_json(self) -> dict[str, object]:
         """The fields of one line."""
@@ -97,7 +80,7 @@ class Row:
             "warnings": self.warnings,
             "camera": self.camera,
             "anchors": self.anchors and _fields(self.anchors),
-            **_fields(self.origin),
+            **_fields(self.key),
         }
 
     def as_line(self) -> bytes:
@@ -105,11 +88,11 @@ class Row:
         return json.dumps(self.as_json(), ensure_ascii=True).encode() + b"\n"
 
 
-def _fields(entry: AnchorEntry | Origin) -> dict[str, object]:
+def _fields(entry: AnchorEntry | CacheKey) -> dict[str, object]:
     return {name: getattr(entry, name) for name in entry.__slots__}
 
 
-def parse_row(line: bytes) -> Row | None:
+def parse_row(line: bytes) -> ManifestRow | None:
     """A row from its line; None if it is incomplete or not a row."""
     try:
         return row_of(parsed_json(line))
@@ -117,11 +100,11 @@ def parse_row(line: bytes) -> Row | None:
         return None
 
 
-def row_of(fields: Any) -> Row | None:  # noqa: ANN401 - what JSON can hold
+def row_of(fields: Any) -> ManifestRow | None:  # noqa: ANN401 - what JSON can hold
     """A row from its fields, which are consumed; None if they are not those of a row."""
     try:
-        origin = {name: fields.pop(name) for name in Origin.__slots__}
-        return validated(Row, {**fields, "origin": origin})
+        key = {name: fields.pop(name) for name in CacheKey.__slots__}
+        return validated(ManifestRow, {**fields, "key": key})
     except (FieldError, TypeError, KeyError, AttributeError):
         return None
 

@@ -67,7 +67,9 @@ class Guard:
         """Whether there is a file that depthcli did not write."""
         is_remote = isinstance(path, RemotePath)
         try:
-            return (is_remote or path.stat().st_size > 0) and not self.is_own(path)
+            if (not is_remote and not path.stat().st_size) or self.is_own(path):
+                return False
+            return not is_remote or path.exists()  # a name may have told without a request
         except FileNotFoundError:
             return False
         except PermissionError as error:

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.files import WHOLE, open_rows, row_files
+from depthcli.io.manifest.files import WHOLE, RowFile, row_files, rows_folder
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
-from depthcli.io.manifest.row import FAILED, ManifestFormat
-from depthcli.io.manifest.rows_folder import rows_folder
+from depthcli.io.manifest.row import FAILED
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,19 +41,15 @@ def read_rows(path: Path) -> Rows:
     Raises:
         UsageError: there is no manifest.
     """
-    if path.is_dir() and path.suffix != f".{ManifestFormat.PARQUET}":
+    if path.is_dir():
         rows = known_rows(path)
         if not rows.has_files:
-            raise UsageError(f"no manifest in {path}; name the output folder of a batch")
+            raise UsageError(f"no manifest in {path}", "name the output folder of a batch")
         return rows
     try:
-        file = open_rows(path)
-        is_empty = path.is_file() and not path.stat().st_size
+        return Rows([RowFile(path)])
     except OSError as error:
         raise UsageError(f"cannot read the manifest {path}: {error.strerror}") from error
-    if not (is_empty or file.is_own()):
-        raise UsageError(f"{path} is not a manifest of depthcli; name one, or a batch's --out")
-    return Rows([file], WHOLE)
 
 
 def summarize(rows: Rows) -> Summary:
@@ -67,17 +62,13 @@ def summarize(rows: Rows) -> Summary:
         outputs += len(row.outputs)
         output_bytes += sum(file.bytes for file in row.outputs)
         seconds += row.seconds
-        models[row.origin.model, row.origin.model_sha256, row.origin.version] += 1
+        models[row.key.model, row.key.model_sha256, row.key.version] += 1
     by_model = tuple(ModelInputs(*model, inputs) for model, inputs in models.items())
     return Summary(models.total(), failed, outputs, output_bytes, round(seconds, 6), by_model)
 
 
-def merge_manifests(folder: Path, form: ManifestFormat | None = None) -> Path:
+def merge_manifests(folder: Path) -> Path:
     """Merge the manifests of shards and the journals of killed batches in an output folder.
-
-    Args:
-        folder: the output folder.
-        form: format of the manifest; None for that of the existing one, or JSON lines.
 
     Returns:
         The manifest.
@@ -88,8 +79,8 @@ def merge_manifests(folder: Path, form: ManifestFormat | None = None) -> Path:
     """
     place = rows_folder(folder)
     if not row_files(place.path, WHOLE):
-        raise UsageError(f"no manifest in {folder}; name the output folder of a batch")
-    journal = Journal(place.path, form=form)
+        raise UsageError(f"no manifest in {folder}", "name the output folder of a batch")
+    journal = Journal(place.path)
     journal.finish(None)
     place.finish()
     return folder / journal.manifest.name

@@ -18,14 +18,12 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest.row import ManifestFormat
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.paths import path_of
-from depthcli.jobs.batch.plan import Plan
+from depthcli.jobs.batch.plan import BatchPlan
 
 if TYPE_CHECKING:
-    from depthcli.io.manifest.row import Row
-    from depthcli.jobs.batch.tasks import Result
+    from depthcli.jobs.batch.tasks import BatchResult
 
 
 class Tally:
@@ -47,7 +45,7 @@ class Tally:
         self.recent_failed: deque[bool] = deque(maxlen=100)
         self._start_s = time.monotonic()
 
-    def add(self, result: Result) -> None:
+    def add(self, result: BatchResult) -> None:
         """Count a result."""
         self.kept += result.is_kept
         self.done += not result.is_kept
@@ -55,12 +53,6 @@ class Tally:
             self.recent_failed.append(result.row.error is not None)
         if result.row.error is not None:
             self.failures.append((result.row.input, result.row.error))
-
-    def mark_lost(self, row: Row, *, was_kept: bool) -> None:
-        """Count an input as failed that was counted as done or kept, as its outputs are gone."""
-        self.kept -= was_kept
-        self.done += was_kept
-        self.failures.append((row.input, row.error or ""))
 
     @property
     def completed(self) -> int:
@@ -99,7 +91,7 @@ class FailureBudget:
         found = re.fullmatch(r"([0-9]{1,9})(%?)", word)
         if found is None or (found[2] and int(found[1]) > 100):  # noqa: PLR2004 - per cent
             raise UsageError(
-                f"--max-failures {word} is not a number or a percentage, such as 20 or 5%"
+                f"{word} is not a number or a percentage, such as 20 or 5%", option="max_failures"
             )
         return cls(int(found[1]), bool(found[2]))
 
@@ -145,7 +137,7 @@ class BatchOptions:
             path = path_of(picture.path)
             file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
             if any(is_same_file(output, file) for output in outputs):
-                raise InputError(f"{file} is its known depth; choose another --out")
+                raise InputError(f"{file} is its known depth", "choose another {out}")
             return self.anchors.read_file(file)
         return AnchorPoints.of(self.anchors) if self.anchors else None
 
@@ -154,7 +146,7 @@ class BatchOptions:
 class BatchRequest:
     """A batch."""
 
-    plan: Plan  #: inputs, and the names of their outputs
+    plan: BatchPlan  #: inputs, and the names of their outputs
     #: how each input is processed
     options: BatchOptions = field(default_factory=BatchOptions)
     #: model, provider and threads; by default, threads per worker are cores / workers
@@ -163,6 +155,4 @@ class BatchRequest:
     workers: int | None = None
     #: pictures per inference; None for the provider's default
     batch_size: int | None = None
-    #: format of the manifest; None for that of the existing one, or JSON lines
-    manifest: ManifestFormat | None = None
     budget: FailureBudget | None = None  #: failures after which it stops; None for no limit

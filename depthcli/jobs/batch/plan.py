@@ -8,7 +8,7 @@ from pathlib import Path
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.text import short_repr
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.listing.folder import (
     ANY,
     EXCLUDED,
@@ -42,7 +42,7 @@ from depthcli.jobs.output_names import StemCounts, TreeNames, namesakes, stem
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class BatchPlan:
     """All inputs of a batch."""
 
     out: Path  #: the output folder
@@ -54,10 +54,8 @@ class Plan:
     #: paths of the inputs, of all shards, that lie in the output folder
     inputs_in_out: frozenset[str] = frozenset()
     shard: Shard = WHOLE  #: the part of the inputs that is planned
-    #: by input of a list: files beside it, not in the batch, whose outputs may have had its names
-    unlisted: Mapping[str, Sequence[str]] = field(default_factory=dict)
     #: cameras of a table, by input; the others are not in it
-    lenses: Mapping[str, Intrinsics] = field(default_factory=dict)
+    intrinsics: Mapping[str, Intrinsics] = field(default_factory=dict)
     stems: StemCounts = field(default_factory=StemCounts)  #: of the pictures of all shards
     is_part: bool = False  #: whether other files of the folder may be inputs of other batches
     camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
@@ -67,13 +65,13 @@ class Plan:
         """Warnings before the start, one line each."""
         yield from self.camera_warnings
         for word in self.unmatched:
-            yield f"--include {word!r} matches no picture or video"
+            yield Message(f"{word!r} matches no image or video", option="include")
         unreadable = conversion_hint(self.skipped)
         if unreadable:
             yield unreadable
 
     @property
-    def pictures(self) -> Iterator[InputFile]:
+    def images(self) -> Iterator[InputFile]:
         """All inputs but videos."""
         return (found for found in self.inputs if not is_video(found.name))
 
@@ -94,32 +92,32 @@ class CameraTable:
     in the ``cameras.csv`` of training folders. The whole name is looked up first.
     """
 
-    def __init__(self, lenses: Mapping[str, Intrinsics], source: str = "the table") -> None:
+    def __init__(self, cameras: Mapping[str, Intrinsics], source: str = "the table") -> None:
         """Begin with no input.
 
         Args:
-            lenses: camera of each id.
+            cameras: camera of each id.
             source: name of the table in messages.
         """
-        self._lenses, self._source = lenses, source
+        self._cameras, self._source = cameras, source
         self._used: dict[str, str] = {}  # id -> the input that it matches
 
-    def lens(self, name: str) -> Intrinsics | None:
+    def camera_of(self, name: str) -> Intrinsics | None:
         """The camera of an input; None if it has no row, or an empty one.
 
         Raises:
             UsageError: its row is also that of another input.
         """
-        row_id = next((key for key in (name, stem(name)) if key in self._lenses), None)
+        row_id = next((key for key in (name, stem(name)) if key in self._cameras), None)
         if row_id is None:
             return None
         other = self._used.setdefault(row_id, name)
         if other != name:
             raise UsageError(
-                f"{self._source}: the row {short_repr(row_id)} is of {other} and of {name}; give "
-                "each a row with its suffix"
+                f"{self._source}: the row {short_repr(row_id)} is of {other} and of {name}",
+                "give each a row with its suffix",
             )
-        return self._lenses[row_id]
+        return self._cameras[row_id]
 
     def warnings(self, inputs: int, unmatched: int) -> Iterator[str]:
         """What did not match, one line each.
@@ -131,7 +129,7 @@ class CameraTable:
         Raises:
             UsageError: there are inputs, and no row matches one.
         """
-        unused = [row_id for row_id in self._lenses if row_id not in self._used]
+        unused = [row_id for row_id in self._cameras if row_id not in self._used]
         if unused and inputs and not self._used:
             raise UsageError(
                 f"no row of {self._source} with a camera matches an input; an id is the path of an "
@@ -145,7 +143,7 @@ class CameraTable:
             )
         if unused:
             yield (
-                f"{len(unused)} of {len(self._lenses)} rows of {self._source} match no input, for "
+                f"{len(unused)} of {len(self._cameras)} rows of {self._source} match no input, for "
                 f"example {short_repr(unused[0])}"
             )
 
@@ -159,7 +157,7 @@ def read_cameras(source: str) -> CameraTable:
     try:
         return CameraTable(read_lenses(path_of(source)), os.fspath(source))
     except InputError as error:
-        raise UsageError(f"--cameras: {error}") from error
+        raise UsageError(str(error), option="cameras") from error
 
 
 class InputCollector:
@@ -170,11 +168,10 @@ class InputCollector:
     ) -> None:
         check_writable(path_of(out))
         self._out, self._wanted, self._shard, self._cameras = out, wanted, shard, cameras
-        self._lenses: dict[str, Intrinsics] = {}
+        self._intrinsics: dict[str, Intrinsics] = {}
         self._inputs: dict[str, InputFile] = {}
         self._skipped: dict[Skipped, None] = {}
         self._inputs_in_out: set[str] = set()
-        self._unlisted: dict[str, list[str]] = {}
         self._stems = StemCounts()
         self._has_inputs = False
         self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
@@ -191,29 +188,28 @@ class InputCollector:
         loops: tuple[str, ...] = (),
         *,
         is_list: bool = False,
-    ) -> Plan:
+    ) -> BatchPlan:
         """Make a plan of pictures and videos."""
         # Output names depend on all files, not on the patterns or the list.
         names = TreeNames(chain(self._names(media), self._neighbours() if is_list else ()))
-        plan = Plan(
-            path_of(self._out),
-            tuple(self._inputs.values()),
-            names,
-            tuple(self._skipped),
-            loops,
-            tuple(word for word, _ in self._unmatched),
-            frozenset(self._inputs_in_out),
-            self._shard,
-            self._unlisted,
-            self._lenses,
-            self._stems,
-            is_list or bool(self._wanted.include or self._wanted.exclude),
+        plan = BatchPlan(
+            out=path_of(self._out),
+            inputs=tuple(self._inputs.values()),
+            names=names,
+            skipped=tuple(self._skipped),
+            loops=loops,
+            unmatched=tuple(word for word, _ in self._unmatched),
+            inputs_in_out=frozenset(self._inputs_in_out),
+            shard=self._shard,
+            intrinsics=self._intrinsics,
+            stems=self._stems,
+            is_part=is_list or bool(self._wanted.include or self._wanted.exclude),
         )
         if not self._has_inputs:
             _check_any(plan.skipped, where)
         if self._cameras is None:
             return plan
-        unmatched = len(plan.inputs) - len(plan.lenses)
+        unmatched = len(plan.inputs) - len(plan.intrinsics)
         warnings = tuple(self._cameras.warnings(len(plan.inputs), unmatched))
         return replace(plan, camera_warnings=warnings)
 
@@ -229,12 +225,12 @@ class InputCollector:
             self._has_inputs = True
             if not is_video(found.name):
                 self._stems.add(found.name)
-            lens = self._cameras.lens(found.name) if self._cameras else None
+            camera = self._cameras.camera_of(found.name) if self._cameras else None
             self._inputs_in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
             if self._shard.holds(found.name):
                 self._add_input(found, places)
-                if lens is not None:
-                    self._lenses[found.name] = lens
+                if camera is not None:
+                    self._intrinsics[found.name] = camera
 
     def _neighbours(self) -> Iterator[str]:
         """Names of the pictures and videos beside the inputs whose outputs could collide."""
@@ -245,14 +241,10 @@ class InputCollector:
                 folder = os.path.dirname(found.path)  # noqa: PTH120 - may be a URI
                 folders.setdefault((folder, above + slash), []).append(name)
         for (folder, above), own in folders.items():
-            for name, others in namesakes(path_of(folder), own).items():
-                there = [other for other in others if above + other not in self._inputs]
-                if there:
-                    self._unlisted[above + name] = [above + other for other in there]
-                for other in there:
-                    path = join(folder, other)
-                    if why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
-                        yield above + other
+            for other in chain(*namesakes(path_of(folder), own).values()):
+                path = join(folder, other)
+                if why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
+                    yield above + other
 
     def _add_input(self, found: InputFile, places: RealPaths) -> None:
         """Add an input, unless it is listed twice.
@@ -265,8 +257,8 @@ class InputCollector:
             return
         if places.of(first.path) != places.of(found.path):
             raise UsageError(
-                f"{first.path} and {found.path} would both become {found.name}; list them for "
-                "batches with different --out"
+                f"{first.path} and {found.path} would both become {found.name}",
+                "list them for batches with different {out}",
             )
         self.skip(Skipped(found.name, TWICE))
 
@@ -277,7 +269,7 @@ def _check_any(skipped: Sequence[Skipped], where: str) -> None:
         return
     if {NOT_INCLUDED, EXCLUDED} & {file.reason for file in skipped}:
         raise UsageError(
-            f"--include and --exclude leave nothing of {where}: {skip_summary(skipped)}"
+            f"nothing of {where} is left: {skip_summary(skipped)}", "change {include} or {exclude}"
         )
     hints = filter(None, (conversion_hint(skipped), exr_hint(skipped)))
     raise InputError(
@@ -291,7 +283,7 @@ def plan_folder(
     wanted: NameFilter = ANY,
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
-) -> Plan:
+) -> BatchPlan:
     """Plan all pictures and videos in a folder tree.
 
     Raises:
@@ -305,11 +297,12 @@ def plan_folder(
     if not is_store and not place.is_dir():
         is_file = not isinstance(place, RemotePath) and place.is_file()
         hint = "; 'depthcli predict' and 'depthcli video' take files" if is_file else ""
-        raise UsageError(f"{place} is not a folder; name one, or give --files with a list{hint}")
+        raise UsageError(f"{place} is not a folder", f"name one, or give {{files}} a list{hint}")
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         raise UsageError(
-            f"--out {out} is the folder of the inputs; choose another folder, for example one "
-            f"inside it"
+            f"{out} is the folder of the inputs",
+            "choose another folder, for example one inside it",
+            option="out",
         )
     collector = InputCollector(out, wanted, shard, cameras)
     if isinstance(place, RemotePath):
@@ -335,7 +328,7 @@ def plan_files(
     wanted: NameFilter = ANY,
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
-) -> Plan:
+) -> BatchPlan:
     """Plan the files of a list, with any suffix.
 
     Their folders are listed, so that their outputs have the names that a batch of the folder gives.
@@ -370,7 +363,7 @@ def plan_files(
     return replace(plan, inputs=tuple(sorted(plan.inputs)))
 
 
-def _check_outside(plan: Plan, root: str) -> None:
+def _check_outside(plan: BatchPlan, root: str) -> None:
     """Refuse outputs that would lie among the inputs, through a link for example."""
     inside, out = (Path(os.path.realpath(folder)) for folder in (root, plan.out))
     for folder in plan.folders():
@@ -379,5 +372,5 @@ def _check_outside(plan: Plan, root: str) -> None:
         apart = real.is_relative_to(out) and not inside.is_relative_to(out)
         if real.is_relative_to(inside) and not apart:
             raise UsageError(
-                f"outputs in {folder} would lie among the inputs; choose another --out"
+                f"outputs in {folder} would lie among the inputs", "choose another {out}"
             )

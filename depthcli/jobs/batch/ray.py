@@ -32,21 +32,21 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.text import INSTALL_RAY, one_line
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.images.opencv import silent_opencv
-from depthcli.io.manifest.row import Origin
+from depthcli.io.manifest.row import CacheKey
 from depthcli.io.storage.paths import RemotePath
-from depthcli.jobs.batch.tasks import Result
-from depthcli.jobs.batch.workers import PictureTask, VideoTask, VideoWorker, WorkerSpec
+from depthcli.jobs.batch.tasks import BatchResult
+from depthcli.jobs.batch.workers import ImageTask, VideoTask, VideoWorker, WorkerSpec
 
 if TYPE_CHECKING:
-    from depthcli.jobs.batch.tasks import Task
-    from depthcli.jobs.batch.workers import PictureWorker
+    from depthcli.jobs.batch.tasks import BatchTask
+    from depthcli.jobs.batch.workers import ImageWorker
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
     """One request to a worker: chunks of pictures, or a video."""
 
-    chunks: tuple[Sequence[PictureTask], ...] = ()
+    chunks: tuple[Sequence[ImageTask], ...] = ()
     video: VideoTask | None = None
     lost_workers: int = 0  #: workers that died with it
 
@@ -59,7 +59,7 @@ class Call:
                 yield Call(chunks=((task,),), lost_workers=self.lost_workers + 1)
 
     @property
-    def task(self) -> Task[Any]:
+    def task(self) -> BatchTask[Any]:
         """The first input."""
         return self.video or self.chunks[0][0]
 
@@ -70,9 +70,9 @@ class RemoteWorker:
     def __init__(self, spec: WorkerSpec, folder: str, cpus: float) -> None:
         """Store the arguments; nothing is loaded yet, so that errors come with the first call."""
         self._spec, self._folder, self._cpus = spec, folder, max(1, int(cpus))
-        self._worker: PictureWorker | None = None
+        self._worker: ImageWorker | None = None
 
-    def start(self, version: str) -> Origin:
+    def start(self, version: str) -> CacheKey:
         """Load the model.
 
         Raises:
@@ -91,9 +91,9 @@ class RemoteWorker:
             )
         cv2.setNumThreads(self._cpus)
         self._worker = self._spec.build()
-        return self._worker.origin
+        return self._worker.key
 
-    def work(self, call: Call) -> list[Result]:
+    def work(self, call: Call) -> list[BatchResult]:
         """Process the inputs of a call.
 
         Raises:
@@ -115,7 +115,7 @@ class Cluster(Protocol):
     """Where the workers run. Workers and futures are any hashable objects."""
 
     def start_worker(self) -> tuple[Hashable, Hashable]:
-        """Start a worker; returns it, and a future whose result is its ``Origin``."""
+        """Start a worker; returns it, and a future whose result is its ``CacheKey``."""
 
     def submit(self, worker: Hashable, call: Call) -> Hashable:
         """Submit a call to a worker; returns a future whose result is a list of results."""
@@ -147,10 +147,10 @@ class WorkerPool:
         ] = {}  # None: a worker that starts
         self._assigned: dict[Hashable, list[Call]] = {}  # of the workers that have started
         self._suspects: deque[Call] = deque()  # calls whose workers died
-        self._origin: Origin | None = None
+        self._key: CacheKey | None = None
         self._failed_starts = 0
 
-    def results(self, calls: Iterator[Call], workers: int) -> Iterator[Sequence[Result]]:
+    def results(self, calls: Iterator[Call], workers: int) -> Iterator[Sequence[BatchResult]]:
         """The results of each call, in any order."""
         following = deque(islice(calls, 1))
         for _ in range(workers if following else 0):
@@ -161,8 +161,8 @@ class WorkerPool:
             future = self._cluster.wait_any(list(self._futures))
             worker, call = self._futures.pop(future)
             found = self._cluster.result(future)
-            if isinstance(found, Origin):
-                self._origin, self._assigned[worker] = found, []
+            if isinstance(found, CacheKey):
+                self._key, self._assigned[worker] = found, []
             elif call is None:
                 self._handle_failed_start(found)
             elif isinstance(found, list):
@@ -199,7 +199,7 @@ class WorkerPool:
     def _handle_failed_start(self, error: object) -> None:
         """Start another worker, unless none can start."""
         self._failed_starts += 1
-        if self._origin is None and self._failed_starts >= _LOSSES:
+        if self._key is None and self._failed_starts >= _LOSSES:
             lines = str(error).strip().splitlines() or [""]
             raise EngineError(
                 f"workers exit before they start ({one_line(lines[-1])}); is depthcli "
@@ -207,18 +207,18 @@ class WorkerPool:
             )
         self._start_worker()
 
-    def _handle_lost_worker(self, worker: Hashable, call: Call) -> Iterator[Sequence[Result]]:
+    def _handle_lost_worker(self, worker: Hashable, call: Call) -> Iterator[Sequence[BatchResult]]:
         """Retry a call whose worker died, or give it up."""
         if self._assigned.pop(worker, None) is not None:
             self._start_worker()
         if call.lost_workers + 1 < _LOSSES:
             self._suspects.extend(call.split())
-        elif self._origin is not None:
+        elif self._key is not None:
             error = InputError(
                 f"{call.task.input.path}: {_LOSSES} worker processes ended while it was processed; "
                 "it may need more memory than a worker has"
             )
-            yield [call.task.failed_result(error, self._origin, time.perf_counter(), None)]
+            yield [call.task.failed_result(error, self._key, time.perf_counter(), None)]
 
 
 _CHUNKS_PER_CALL = 8
@@ -289,10 +289,10 @@ class RayEngine:
     def run(
         self,
         spec: WorkerSpec,
-        chunks: Iterable[Sequence[PictureTask]],
+        chunks: Iterable[Sequence[ImageTask]],
         videos: Iterable[VideoTask],
-        record: Callable[[Sequence[Result]], None],
-    ) -> Generator[Result, None, None]:
+        record: Callable[[Sequence[BatchResult]], None],
+    ) -> Generator[BatchResult, None, None]:
         """Process pictures and videos, as every engine does.
 
         Raises:

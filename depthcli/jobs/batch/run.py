@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import os
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -17,22 +16,22 @@ from depthcli.errors import InputError, OutputError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
-from depthcli.io.images.decode import check
+from depthcli.io.images.decode import check, read_bytes
 from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.listing.folder import InputFile, is_video
+from depthcli.io.manifest.files import rows_folder
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
-from depthcli.io.manifest.row import Origin
-from depthcli.io.manifest.rows_folder import rows_folder
+from depthcli.io.manifest.row import CacheKey
 from depthcli.io.storage.paths import RemotePath, safe_name
 from depthcli.io.storage.temporary import remove_stale
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.options import BatchRequest, Tally
-from depthcli.jobs.batch.tasks import OutputMap, Result, mark_suspects
+from depthcli.jobs.batch.tasks import BatchResult, TaskBuilder
 from depthcli.jobs.batch.threads import Engine, ThreadEngine
-from depthcli.jobs.batch.workers import WorkerSpec, read_input, video_checksum
+from depthcli.jobs.batch.workers import WorkerSpec, video_checksum
 
 
-class Batch(Iterator[Result]):
+class Batch(Iterator[BatchResult]):
     """An iterator of the results of a batch; with threads, pictures first, in the plan's order.
 
     A bad input never stops the others. The manifest is written after the last result, or when the
@@ -73,16 +72,14 @@ class Batch(Iterator[Result]):
         session = session or model.load()
         self._engine = engine or ThreadEngine(workers, session, progress)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
-        camera = next(iter(plan.lenses.values()), options.camera)
+        camera = next(iter(plan.intrinsics.values()), options.camera)
         focal = () if options.anchors else focal_warnings(session.model.card, camera)
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
-        self._plan, self._outputs = plan, OutputMap(plan, options.formats)
-        self._outputs.check_conflicts()
+        self._plan, self._tasks = plan, TaskBuilder(plan, options.formats)
+        self._tasks.check_conflicts()
         self._rows = rows_folder(plan.out)
-        self._journal: Journal | None = Journal(self._rows.path, plan.shard, request.manifest)
+        self._journal: Journal | None = Journal(self._rows.path, plan.shard)
         self.manifest = plan.out / self._journal.manifest.name
-        at_once = max(workers, os.cpu_count() or 1) * self._chunk
-        self._suspect_count = at_once if self._journal.was_interrupted else 0
         if self._journal.was_interrupted and not isinstance(plan.out, RemotePath):
             for folder in plan.folders():
                 remove_stale(folder)
@@ -90,12 +87,11 @@ class Batch(Iterator[Result]):
         self.tally = Tally(len(plan.inputs))
         self._budget = request.budget
         self.stopped: str | None = None
-        self.late: tuple[Result, ...] = ()
-        self._recorded: dict[str, Result] = {}
-        self._was_kept: dict[str, bool] = {}  # name -> whether its outputs were kept
+        self.late: tuple[BatchResult, ...] = ()
+        self._recorded: dict[str, BatchResult] = {}
         self._results = self._run(self._journal)
 
-    def __next__(self) -> Result:
+    def __next__(self) -> BatchResult:
         """The result of the next input.
 
         Raises:
@@ -109,14 +105,11 @@ class Batch(Iterator[Result]):
         self._results.close()
         self._finish()  # closing a generator that was never started runs no finally
 
-    def _run(self, journal: Journal) -> Generator[Result, None, None]:
-        picture_tasks = (self._outputs.picture(file, journal) for file in self._plan.pictures)
-        video_tasks = (self._outputs.video(file, journal) for file in self._plan.videos)
-        tasks = mark_suspects(picture_tasks, journal, self._suspect_count)
-        chunks = iter(lambda: tuple(islice(tasks, self._chunk)), ())
-        videos = mark_suspects(video_tasks, journal, min(1, self._suspect_count))
+    def _run(self, journal: Journal) -> Generator[BatchResult, None, None]:
+        images = (self._tasks.image(file, journal) for file in self._plan.images)
+        chunks = iter(lambda: tuple(islice(images, self._chunk)), ())
+        videos = (self._tasks.video(file, journal) for file in self._plan.videos)
         try:
-            self._outputs.check_earlier(journal)
             with (
                 silent_opencv(),
                 closing(self._engine.run(self._spec, chunks, videos, self._record)) as results,
@@ -128,16 +121,15 @@ class Batch(Iterator[Result]):
         finally:
             self._finish()
 
-    def _record(self, results: Sequence[Result]) -> None:
+    def _record(self, results: Sequence[BatchResult]) -> None:
         for result in results:
             if not result.is_kept and self._journal is not None:
                 self._journal.add(result.row)
             self._recorded[result.row.input] = result
         self._rows.sync()
 
-    def _count_result(self, result: Result) -> Result:
+    def _count_result(self, result: BatchResult) -> BatchResult:
         del self._recorded[result.row.input]
-        self._was_kept[result.row.input] = result.is_kept
         self.tally.add(result)
         return result
 
@@ -153,26 +145,11 @@ class Batch(Iterator[Result]):
         if journal is None:
             return
         names = [file.name for file in self._plan.inputs]
-        if not isinstance(self._plan.out, RemotePath):  # each output costs a request there
-            for name in names:
-                self._check_outputs(journal, name)
         self.late = tuple(self._recorded[name] for name in names if name in self._recorded)
         for result in self.late:
             self.tally.add(result)
         journal.finish(names, keep_failed=self._plan.is_part)
         self._rows.finish()
-
-    def _check_outputs(self, journal: Journal, name: str) -> None:
-        """Record an input as failed if its outputs were removed during the batch."""
-        row = journal.row(name) if name in self._was_kept or name in self._recorded else None
-        lost = row.failed_if_missing(self._plan.out) if row else None
-        if lost is None:
-            return
-        journal.add(lost)
-        if name in self._was_kept:
-            self.tally.mark_lost(lost, was_kept=self._was_kept[name])
-        else:
-            self._recorded[name] = Result(lost)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,35 +173,33 @@ def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
         UsageError: an output would replace an input, or the output for another input.
     """
     plan, options = request.plan, request.options
-    outputs = OutputMap(plan, options.formats)
-    outputs.check_conflicts()
-    spec = WorkerSpec(request.model, session.model.sha256, options, plan.out)
-    origin, rows = spec.origin(session), known_rows(plan.out, plan.shard)
-    outputs.check_earlier(rows)
-    return (_dry_run_of(file, request, outputs, rows, origin) for file in plan.inputs)
+    tasks = TaskBuilder(plan, options.formats)
+    tasks.check_conflicts()
+    key = WorkerSpec(request.model, session.model.sha256, options, plan.out).key(session)
+    rows = known_rows(plan.out, plan.shard)
+    return (_dry_run_of(file, request, tasks, rows, key) for file in plan.inputs)
 
 
 def _dry_run_of(
-    file: InputFile, request: BatchRequest, outputs: OutputMap, rows: Rows, origin: Origin
+    file: InputFile, request: BatchRequest, tasks: TaskBuilder, rows: Rows, key: CacheKey
 ) -> DryRunResult:
-    paths = tuple(outputs.of(file).values())
+    paths, out, options = tuple(tasks.of(file).values()), request.plan.out, request.options
     try:
         if is_video(file.name):
-            video = outputs.video(file, rows)
+            video = tasks.video(file, rows)
             with local_copy(file.readable_path()) as source:
-                sha256 = video_checksum(video, source, request.options)
-            kept = video.reusable_row(request.plan.out, sha256, origin)
+                kept = video.reusable_row(out, video_checksum(video, source, options), key)
             if kept is None:
-                video.guard(overwrite=request.options.overwrite)
+                video.guard(overwrite=options.overwrite)
         else:
-            picture = outputs.picture(file, rows)
-            data = read_input(picture.input)
-            check(data, safe_name(file.path), request.options.max_pixels)
+            image = tasks.image(file, rows)
+            data = read_bytes(file.readable_path())
+            check(data, safe_name(file.path), options.max_pixels)
             sha256 = hashlib.sha256(data).hexdigest()
-            points = request.options.points_for(file, paths, shares_stem=picture.shares_stem)
-            kept = picture.reusable_row(request.plan.out, sha256, origin, points)
+            points = options.points_for(file, paths, shares_stem=image.shares_stem)
+            kept = image.reusable_row(out, sha256, key, points)
             if kept is None:
-                picture.guard(overwrite=request.options.overwrite)
+                image.guard(overwrite=options.overwrite)
     except (InputError, OutputError) as error:
-        return DryRunResult(file.name, "fail", paths, str(error))
+        return DryRunResult(file.name, "fail", paths, error.message)
     return DryRunResult(file.name, "keep" if kept else "do", paths)

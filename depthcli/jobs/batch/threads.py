@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
 
     from depthcli.inference.session import Session
-    from depthcli.jobs.batch.tasks import Result
-    from depthcli.jobs.batch.workers import PictureTask, VideoTask, WorkerSpec
+    from depthcli.jobs.batch.tasks import BatchResult
+    from depthcli.jobs.batch.workers import ImageTask, VideoTask, WorkerSpec
 
 
 _CHUNKS_AHEAD = 64
@@ -32,14 +32,14 @@ class ThreadEngine:
     def run(
         self,
         spec: WorkerSpec,
-        chunks: Iterable[Sequence[PictureTask]],
+        chunks: Iterable[Sequence[ImageTask]],
         videos: Iterable[VideoTask],
-        record: Callable[[Sequence[Result]], None],
-    ) -> Generator[Result, None, None]:
+        record: Callable[[Sequence[BatchResult]], None],
+    ) -> Generator[BatchResult, None, None]:
         """Process pictures, then videos one after another, as every engine does."""
         worker = spec.build(self.session)
 
-        def work(chunk: Sequence[PictureTask]) -> list[Result]:
+        def work(chunk: Sequence[ImageTask]) -> list[BatchResult]:
             results = worker.work(chunk)
             record(results)
             return results
@@ -65,10 +65,10 @@ class Engine(Protocol):
     def run(
         self,
         spec: WorkerSpec,
-        chunks: Iterable[Sequence[PictureTask]],
+        chunks: Iterable[Sequence[ImageTask]],
         videos: Iterable[VideoTask],
-        record: Callable[[Sequence[Result]], None],
-    ) -> Generator[Result, None, None]:
+        record: Callable[[Sequence[BatchResult]], None],
+    ) -> Generator[BatchResult, None, None]:
         """Process chunks of pictures, and videos.
 
         Args:

@@ -21,26 +21,25 @@ from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest.row import FAILED, OK, AnchorEntry, Origin, Row, output_entry
+from depthcli.io.manifest.row import FAILED, OK, AnchorEntry, CacheKey, ManifestRow, output_entry
 from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.options import BatchOptions
-from depthcli.jobs.batch.tasks import Result, Task, check_picture, check_video
+from depthcli.jobs.batch.tasks import BatchResult, BatchTask
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.jobs.video.stages import write_video
 from depthcli.jobs.write import write_output
 from depthcli.video.formats import SEQUENCES, VideoFormat
 
-PictureTask: TypeAlias = Task[Format]
+ImageTask: TypeAlias = BatchTask[Format]
 
 
 @dataclass(frozen=True, slots=True)
-class _OpenedPicture:
+class _OpenedImage:
     """A picture that was read."""
 
-    task: PictureTask
+    task: ImageTask
     frame: Frame
     guard: Guard
     points: AnchorPoints | None
@@ -49,15 +48,15 @@ class _OpenedPicture:
 
 
 @dataclass(frozen=True, slots=True)
-class PictureWorker:
+class ImageWorker:
     """Processes pictures; thread-safe."""
 
     options: BatchOptions  #: how each picture is processed
     out: Path  #: the output folder
-    origin: Origin  #: model and options of the batch
+    key: CacheKey  #: model and options of the batch
     pipeline: Pipeline  #: the model
 
-    def work(self, tasks: Sequence[PictureTask]) -> list[Result]:
+    def work(self, tasks: Sequence[ImageTask]) -> list[BatchResult]:
         """Process some pictures; the network runs on them as one batch.
 
         Raises:
@@ -65,32 +64,28 @@ class PictureWorker:
             UsageError: the options do not fit the model, or outputs are those of other inputs.
         """
         opened = [self._open(task) for task in tasks]
-        readable = [one for one in opened if isinstance(one, _OpenedPicture)]
+        readable = [one for one in opened if isinstance(one, _OpenedImage)]
         start_s = time.perf_counter()
         predictions = iter(self._predictions(readable))
         share_s = (time.perf_counter() - start_s) / max(1, len(readable))
         return [
-            self._finish(one, next(predictions), share_s)
-            if isinstance(one, _OpenedPicture)
-            else one
+            self._finish(one, next(predictions), share_s) if isinstance(one, _OpenedImage) else one
             for one in opened
         ]
 
-    def _open(self, task: PictureTask) -> _OpenedPicture | Result:
+    def _open(self, task: ImageTask) -> _OpenedImage | BatchResult:
         start_s = time.perf_counter()
         sha256 = None
         try:
-            data = read_input(task.input)
+            data = read_bytes(task.input.readable_path())
             sha256 = hashlib.sha256(data).hexdigest()
             points = self.options.points_for(
                 task.input, task.outputs.values(), shares_stem=task.shares_stem
             )
-            row = task.reusable_row(self.out, sha256, self.origin, points)
+            row = task.reusable_row(self.out, sha256, self.key, points)
             if row is not None:
-                return Result(row, is_kept=True)
+                return BatchResult(row, is_kept=True)
             guard = task.guard(overwrite=self.options.overwrite)
-            if task.is_suspect:
-                check_picture(task.input.path, data)
             frame = read_image(
                 path_of(task.input.path),
                 data,
@@ -100,18 +95,18 @@ class PictureWorker:
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, sha256)
         seconds = time.perf_counter() - start_s
-        return _OpenedPicture(task, frame, guard, points, sha256, seconds)
+        return _OpenedImage(task, frame, guard, points, sha256, seconds)
 
-    def _predictions(self, opened: Sequence[_OpenedPicture]) -> list[Prediction | Exception]:
+    def _predictions(self, opened: Sequence[_OpenedImage]) -> list[Prediction | Exception]:
         return self.pipeline.predict_many(
             [one.frame for one in opened],
-            [self.options.camera.of_image(one.task.lens) for one in opened],
+            [self.options.camera.of_image(one.task.intrinsics) for one in opened],
             [one.points for one in opened],
         )
 
     def _finish(
-        self, opened: _OpenedPicture, found: Prediction | Exception, share_s: float
-    ) -> Result:
+        self, opened: _OpenedImage, found: Prediction | Exception, share_s: float
+    ) -> BatchResult:
         task = opened.task
         start_s = time.perf_counter() - opened.seconds - share_s
         if isinstance(found, Exception):
@@ -128,10 +123,10 @@ class PictureWorker:
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return self._failed(task, error, start_s, opened.sha256)
-        row = Row(
+        row = ManifestRow(
             input=task.input.name,
             status=OK,
-            origin=task.origin(self.origin),
+            key=task.key(self.key),
             outputs=files,
             seconds=time.perf_counter() - start_s,
             input_sha256=opened.sha256,
@@ -140,14 +135,14 @@ class PictureWorker:
             camera=camera_text(displayed_depth(depth, frame.windows)),
             anchors=anchor_entry(depth, points),
         )
-        return Result(row)
+        return BatchResult(row)
 
     def _failed(
-        self, task: PictureTask, error: Exception, start_s: float, sha256: str | None
-    ) -> Result:
+        self, task: ImageTask, error: Exception, start_s: float, sha256: str | None
+    ) -> BatchResult:
         if isinstance(error, UsageError):
             raise error
-        return task.failed_result(error, self.origin, start_s, sha256)
+        return task.failed_result(error, self.key, start_s, sha256)
 
 
 def anchor_entry(depth: DepthMap, points: AnchorPoints | None) -> AnchorEntry | None:
@@ -158,27 +153,18 @@ def anchor_entry(depth: DepthMap, points: AnchorPoints | None) -> AnchorEntry | 
     return AnchorEntry(fit.given, fit.used, round(fit.residual_m, 6), points.sha256())
 
 
-def read_input(file: InputFile) -> bytes:
-    """Content of an input.
-
-    Raises:
-        InputError: it cannot be read, or is no file.
-    """
-    return read_bytes(file.readable_path())
-
-
-VideoTask: TypeAlias = Task[VideoFormat]
+VideoTask: TypeAlias = BatchTask[VideoFormat]
 
 
 @dataclass(frozen=True, slots=True)
 class VideoWorker:
     """Processes videos."""
 
-    pictures: PictureWorker  #: the worker for pictures, with the same model and options
+    images: ImageWorker  #: the worker for pictures, with the same model and options
     workers: int  #: frames processed in parallel
     progress: Progress  #: advanced for each frame
 
-    def work(self, task: VideoTask) -> Result:
+    def work(self, task: VideoTask) -> BatchResult:
         """Process one video.
 
         Raises:
@@ -187,28 +173,23 @@ class VideoWorker:
         """
         start_s = time.perf_counter()
         sha256 = None
-        origin = self.pictures.origin
+        key = self.images.key
         try:
             with local_copy(task.input.readable_path()) as source:
-                before = _file_identity(source)
-                sha256 = video_checksum(task, source, self.pictures.options)
-                row = task.reusable_row(self.pictures.out, sha256, origin)
+                sha256 = video_checksum(task, source, self.images.options)
+                row = task.reusable_row(self.images.out, sha256, key)
                 if row is not None:
-                    return Result(row, is_kept=True)
-                task.guard(overwrite=self.pictures.options.overwrite)
-                if task.is_suspect:
-                    check_video(task.input.path, source)
-                done = self._row(task, source, sha256)
-                _check_unchanged(source, before)
-                return Result(done)
+                    return BatchResult(row, is_kept=True)
+                task.guard(overwrite=self.images.options.overwrite)
+                return BatchResult(self._row(task, source, sha256))
         except UsageError:
             raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
-            check_network(error, self.pictures.pipeline.session)
-            return task.failed_result(error, origin, start_s, sha256)
+            check_network(error, self.images.pipeline.session)
+            return task.failed_result(error, key, start_s, sha256)
 
-    def _row(self, task: VideoTask, source: Path, sha256: str) -> Row:
-        options, out = self.pictures.options, self.pictures.out
+    def _row(self, task: VideoTask, source: Path, sha256: str) -> ManifestRow:
+        options, out = self.images.options, self.images.out
         name = task.input.name
         names = {which: path.name for which, path in task.outputs.items()}
         overwrite = options.overwrite or task.is_listed
@@ -216,16 +197,16 @@ class VideoWorker:
         plan = VideoPlan(name, source, folder, names, overwrite=overwrite, sha256=sha256)
         settings = VideoSettings(
             writing=options.writing,
-            camera=options.camera.of_image(task.lens),
+            camera=options.camera.of_image(task.intrinsics),
             reading=options.reading,
             detail=options.detail,
             max_pixels=options.max_pixels,
         )
-        done = write_video(plan, self.pictures.pipeline, settings, self.workers, self.progress)
-        return Row(
+        done = write_video(plan, self.images.pipeline, settings, self.workers, self.progress)
+        return ManifestRow(
             input=name,
             status=FAILED if done.problem else OK,
-            origin=task.origin(self.pictures.origin),
+            key=task.key(self.images.key),
             outputs=tuple(
                 output_entry(out, path) for path in _output_files(task.outputs, done.numbers)
             ),
@@ -236,20 +217,6 @@ class VideoWorker:
             warnings=done.warnings,
             camera=camera_text(done.depth),
         )
-
-
-def _file_identity(path: Path) -> tuple[int, int, int] | None:
-    """Inode, size and modification time of a file; None if it cannot be read."""
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_ino, status.st_size, status.st_mtime_ns
-
-
-def _check_unchanged(path: Path, before: tuple[int, int, int] | None) -> None:
-    if _file_identity(path) != before:
-        raise InputError(f"{path} changed while it was read; run the batch again")
 
 
 def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
@@ -269,12 +236,9 @@ def video_checksum(task: VideoTask, path: Path, options: BatchOptions) -> str:
         InputError: it cannot be processed, or the options do not apply to videos.
     """
     if not set(task.outputs) - {VideoFormat.JSON}:
-        raise InputError(
-            f"{path} is a video, and no format in --format holds one; add --format png16"
-        )
+        raise InputError(f"{path} is a video, which no format holds", "add {format} png16")
     if options.anchors:
-        word = "--anchor" if isinstance(options.anchors, tuple) else "--anchors"
-        raise InputError(f"{path} is a video, to which {word} does not apply")
+        raise InputError(f"{path} is a video, to which anchors do not apply")
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")
     try:
@@ -295,7 +259,7 @@ class WorkerSpec:
     options: BatchOptions  #: how each input is processed
     out: Path  #: the output folder
 
-    def build(self, session: Session | None = None) -> PictureWorker:
+    def build(self, session: Session | None = None) -> ImageWorker:
         """Build the worker in this process.
 
         Args:
@@ -309,12 +273,13 @@ class WorkerSpec:
         if session.model.sha256 != self.model_sha256:
             raise ModelError(
                 f"{session.model.path} is not the model that this batch began with "
-                f"(sha256 {self.model_sha256}); copy that one here"
+                f"(sha256 {self.model_sha256})",
+                "copy that one here",
             )
         pipeline = Pipeline(session, self.options.detail)
-        return PictureWorker(self.options, self.out, self.origin(session), pipeline)
+        return ImageWorker(self.options, self.out, self.key(session), pipeline)
 
-    def origin(self, session: Session) -> Origin:
+    def key(self, session: Session) -> CacheKey:
         """Fingerprint of the options, model and version that outputs are made with."""
         loaded, options = session.model, self.options
         # Providers differ in the last digits; threads, workers and batch sizes do not. The card
@@ -329,4 +294,4 @@ class WorkerSpec:
             self.model.provider_options,
             (loaded.card.input, loaded.card.output, loaded.card.camera),
         )
-        return Origin(checksum, loaded.card.name, loaded.sha256, __version__)
+        return CacheKey(checksum, loaded.card.name, loaded.sha256, __version__)

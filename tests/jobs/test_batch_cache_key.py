@@ -17,22 +17,22 @@ from depthcli.jobs.batch.workers import WorkerSpec
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.io.manifest.row import Origin
+    from depthcli.io.manifest.row import CacheKey
 
 WRITING = WriterOptions()
 OPTIONS = BatchOptions()
 SETTINGS = {"a": "1", "b": "2"}
 
 
-def origin(
+def cache_key(
     folder: Path,
     options: BatchOptions = OPTIONS,
     settings: dict[str, str] = SETTINGS,
     **card: object,
-) -> Origin:
+) -> CacheKey:
     session = SessionLoader(write_model(folder / "model", **card)).load()
     loader = SessionLoader(provider_options=settings)
-    return WorkerSpec(loader, session.model.sha256, options, folder).origin(session)
+    return WorkerSpec(loader, session.model.sha256, options, folder).key(session)
 
 
 @pytest.mark.parametrize(
@@ -47,16 +47,16 @@ def origin(
     ],
 )
 def test_every_option_of_the_outputs_counts(tmp_path: Path, changed: BatchOptions) -> None:
-    assert origin(tmp_path, changed).options_sha256 != origin(tmp_path).options_sha256
+    assert cache_key(tmp_path, changed).options_sha256 != cache_key(tmp_path).options_sha256
 
 
 @pytest.mark.parametrize("changed", [{"a": "1"}, {"a": "1", "b": "3"}])
 def test_options_of_the_provider_count(tmp_path: Path, changed: dict[str, str]) -> None:
-    assert origin(tmp_path, settings=changed) != origin(tmp_path)
+    assert cache_key(tmp_path, settings=changed) != cache_key(tmp_path)
 
 
 def test_the_order_of_the_provider_s_options_does_not(tmp_path: Path) -> None:
-    assert origin(tmp_path, settings={"b": "2", "a": "1"}) == origin(tmp_path)
+    assert cache_key(tmp_path, settings={"b": "2", "a": "1"}) == cache_key(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -64,6 +64,6 @@ def test_the_order_of_the_provider_s_options_does_not(tmp_path: Path) -> None:
     [{"output__shift": 6.0}, {"input__mean": [0.4]}, {"camera": {"hfov_deg": 60.0}}],
 )
 def test_a_model_is_more_than_its_weights(tmp_path: Path, card: dict[str, object]) -> None:
-    before, after = origin(tmp_path), origin(tmp_path, **card)
+    before, after = cache_key(tmp_path), cache_key(tmp_path, **card)
     assert before.model_sha256 == after.model_sha256
     assert before != after
