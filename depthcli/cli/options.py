@@ -10,8 +10,7 @@ import typer
 from depthcli.cli import completion
 from depthcli.cli.groups import OPTION, USUAL, group
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
-from depthcli.core.options import EXPOSURE, MAX_PIXELS, Colormap, Near, Upsampling, Weights
-from depthcli.core.validation import Rule
+from depthcli.core.options import EXPOSURE, MAX_PIXELS, Colormap, Near, Rule, Upsampling, Weights
 
 _LARGEST_M = 1e9
 MAX_THREADS = 1024

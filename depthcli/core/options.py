@@ -1,11 +1,23 @@
 """Choices for options of depth maps and models; free of numpy, so that help texts can list them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from depthcli.core.validation import Rule
 from depthcli.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class Rule(NamedTuple):
+    """A constraint on a value besides its type."""
+
+    what: str  #: what the value has to be, for messages
+    holds: Callable[[Any], object]  #: whether a value satisfies it
+    is_finite: bool = True  #: whether not-a-number and infinity are refused before
 
 
 class Upsampling(StrEnum):

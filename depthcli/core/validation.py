@@ -17,7 +17,6 @@ from typing import (
     Annotated,
     Any,
     Literal,
-    NamedTuple,
     TypeAlias,
     TypeVar,
     Union,
@@ -27,6 +26,7 @@ from typing import (
     get_type_hints,
 )
 
+from depthcli.core.options import Rule
 from depthcli.core.text import short_repr
 
 _T = TypeVar("_T")
@@ -57,14 +57,6 @@ class FieldError(ValueError):
         """The same error in a field of this name, which may be untrusted."""
         word = name if isinstance(name, str) and name.isidentifier() else short_repr(name)
         return FieldError(self.problem, f"{word[:_MAX_CHARS]}.{self.path}".rstrip("."))
-
-
-class Rule(NamedTuple):
-    """A constraint on a value besides its type."""
-
-    what: str  #: what the value has to be, for messages
-    holds: Callable[[Any], object]  #: whether a value satisfies it
-    is_finite: bool = True  #: whether not-a-number and infinity are refused before
 
 
 def parsed_json(text: str | bytes) -> object:

@@ -9,9 +9,10 @@ from typing import Annotated, Any, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG
 from depthcli.core.codec import DepthCodec, Transform
+from depthcli.core.options import Rule
 from depthcli.core.text import short_repr
 from depthcli.core.types import DepthKind
-from depthcli.core.validation import FieldError, Rule, parsed_json, validated
+from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError
 
 MAX_INPUT_PIXELS = 2**24

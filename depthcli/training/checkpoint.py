@@ -12,8 +12,8 @@ from typing import Annotated, Any, Self, TypeAlias
 import torch
 from torch import nn
 
-from depthcli.core.options import Weights
-from depthcli.core.validation import FieldError, Rule, merged, validated
+from depthcli.core.options import Rule, Weights
+from depthcli.core.validation import FieldError, merged, validated
 from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageError
 from depthcli.io.storage.temporary import temporary_beside
 from depthcli.training.config import Amount, Count, TrainConfig, check_config

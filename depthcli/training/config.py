@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal, TypeAlias, TypeVar
 
 from depthcli.core.codec import DepthCodec
-from depthcli.core.validation import FieldError, Rule, merged
+from depthcli.core.options import Rule
+from depthcli.core.validation import FieldError, merged
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import MILLIMETRES
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG
-from depthcli.core.validation import Rule
+from depthcli.core.options import Rule
 from depthcli.datasets import base as id_ranges
 from depthcli.datasets.base import (
     NYU,

@@ -14,10 +14,7 @@ if TYPE_CHECKING:
 def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:
     tree(inside, "a.png", "hall/b.png")
     (inside.folder / "in" / "bad\tname.png").touch()
-    codes = [
-        inside("batch", "in", "-o", "out", "--shard", f"{n}/2").returncode
-        for n in (1, 2)
-    ]
+    codes = [inside("batch", "in", "-o", "out", "--shard", f"{n}/2").returncode for n in (1, 2)]
     assert sorted(codes) == [0, 1]
     said = inside("manifest", "summary", "out").stdout.decode().splitlines()
     assert said[0] == "3 inputs: 2 ok, 1 failed"

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from depthcli.core.validation import FieldError, Rule, merged, parsed_json, validated
+from depthcli.core.options import Rule
+from depthcli.core.validation import FieldError, merged, parsed_json, validated
 
 
 class Colour(StrEnum):

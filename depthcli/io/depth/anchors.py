@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from depthcli.core.camera import DEPTH_M
-from depthcli.core.validation import Rule
+from depthcli.core.options import Rule
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import READABLE_SUFFIXES
 from depthcli.io.storage.atomic import is_same_file

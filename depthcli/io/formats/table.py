@@ -15,7 +15,6 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from depthcli.core.options import Colormap, Near
-from depthcli.io.storage.paths import read_regular
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -220,6 +219,8 @@ def read_head(path: Path) -> bytes:
     Raises:
         OSError: it cannot be read, or is not a regular file.
     """
+    from depthcli.io.storage.paths import read_regular  # noqa: PLC0415 - help needs none
+
     return read_regular(path, sys.maxsize, first=_HEAD_BYTES)
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from depthcli.core.validation import FieldError, Rule, parsed_json, validated
+from depthcli.core.options import Rule
+from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import OutputError
 from depthcli.io.storage.paths import RemotePath, regular_size
 
