@@ -112,13 +112,13 @@ def test_a_card_holds_the_codec() -> None:
         ({"input.width": 30_000, "input.height": 30_000}, "at most 16,777,216 pixels"),
         (
             {"input.width": 10**30},
-            "input.width has to be a whole number from 1 to 32768, not a number of more than",
+            "input.width has to be a whole number from 1 to 32768, not 1000",
         ),
         (
             {"input.multiple_of": 2**40},
             "input.multiple_of has to be a whole number from 1 to 32768",
         ),
-        ({"output.scale": 10**400}, "from -1e9 to 1e9, not a number of more than"),
+        ({"output.scale": 10**400}, "from -1e9 to 1e9, not 1000"),
         ({"output.scale": 0}, "output.scale has to be a number other than 0, from -1e9 to 1e9"),
         ({"output.scale": -1e300}, "output.scale has to be a number other than 0, from"),
         ({"output.shift": 1e38}, "output.shift has to be a number from -1e9 to 1e9"),
@@ -133,7 +133,7 @@ def test_a_card_holds_the_codec() -> None:
         ),
         (
             {"onnx.opset": 2**64},
-            "onnx.opset has to be a whole number from 1 up, not a number of more than",
+            "onnx.opset has to be a whole number from 1 up, not",
         ),
         ({"summary": "\x1b]0;title\x07 depth"}, r"summary has to be at most 1000 printable"),
         (
