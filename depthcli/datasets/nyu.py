@@ -117,6 +117,8 @@ def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no t
             f"{path} holds images {images} and depths {depths}: "
             f"expected (N, 3, W, H) and (N, W, H) as in {MAT_NAME}"
         )
+    if file["scenes"].size != depths[0]:
+        raise DatasetError(f"{path} names {file['scenes'].size} scenes for {depths[0]} pairs")
     return int(depths[0])
 
 

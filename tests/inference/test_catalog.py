@@ -92,7 +92,7 @@ def test_the_list_names_each_model_once(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_a_uri_is_no_folder_of_models(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DEPTHCLI_MODELS", "s3://bucket/models")
-    with pytest.raises(ModelError, match="at a URI is given with --model"):
+    with pytest.raises(ModelError, match="at a URI is given with"):
         catalog.find_model("default")
 
 
@@ -211,5 +211,5 @@ def test_a_card_that_names_no_file_is_refused(tmp_path: Path) -> None:
 
 def test_the_name_of_a_ready_card_says_how_its_weights_are_added(shelf: Path) -> None:
     assert not list(shelf.iterdir())
-    with pytest.raises(ModelError, match="models add FILE --card fastdepth"):
+    with pytest.raises(ModelError, match="card fastdepth"):
         catalog.find_model("fastdepth")
