@@ -25,6 +25,7 @@ from helpers.videos import encode, flat_frames
 from PIL import Image
 from pyarrow import parquet
 
+from depthcli.cli.profiles import read_profiles
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance, Window, Windows
 from depthcli.datasets.folders import read_depth_m, read_image_rgb
 from depthcli.datasets.nyu import PLAUSIBLE, open_mat, read_index
@@ -45,15 +46,13 @@ from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
-from depthcli.io.manifest.files import TableRows, write_rows
-from depthcli.io.manifest.row import parse_row
 from depthcli.io.parquet import column_texts
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import FrameJournal
 from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
-from depthcli.training import callbacks as metrics_log
+from depthcli.training.callbacks import truncate_log
 from depthcli.training.checkpoint import Checkpoint, TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.settings import apply_overrides
@@ -402,14 +401,6 @@ def manifests() -> list[bytes]:
     return ["".join(f"{line}\n" for line in lines).encode()]
 
 
-def tables() -> list[bytes]:
-    """Manifests in Parquet."""
-    rows = [row for line in manifests()[0].splitlines() if (row := parse_row(line))]
-    with TemporaryDirectory() as folder:
-        write_rows(Path(folder) / "a", rows)
-        return [path.read_bytes() for path in Path(folder).glob("a/*.parquet")]
-
-
 def _path_tables() -> list[bytes]:
     """Lists of paths in Parquet, in other codings, too."""
     made = []
@@ -419,15 +410,6 @@ def _path_tables() -> list[bytes]:
         parquet.write_table(pa.table({"path": names}), file, **options)
         made.append(file.getvalue())
     return made
-
-
-def _read_table(path: Path) -> None:
-    rows = TableRows(path.parent)
-    try:
-        for _, position in rows.rows():
-            rows.row(position)
-    finally:
-        rows.close()
 
 
 class UnexpectedError(Exception):
@@ -536,8 +518,9 @@ TARGETS: dict[str, Target] = {
     "metrics": Target(
         "metrics.jsonl",
         lambda: [b'{"epoch": 1, "step": 10, "scores": {"a": 1}}\n{"epoch": 2, "step": 20}\n'],
-        lambda path: metrics_log.truncate(path, 10),
+        lambda path: truncate_log(path, 10),
     ),
+    "profile": Target("a.toml", lambda: [b'[fast]\nformat = ["exr"]\n'], read_profiles),
     "configuration": Target(
         "a.toml",
         lambda: [b"seed = 3\n[data]\nwidth = 64\nzoom = 1.5\n[optim]\nlearning_rate = 1e-4\n"],
@@ -546,7 +529,6 @@ TARGETS: dict[str, Target] = {
     "setting": Target("a.txt", lambda: [b"optim.epochs_decay=3", b"data.width=64"], _read_setting),
     "manifest": Target("manifest.jsonl", manifests, _batch, 0.7),
     "frame-journal": Target(".a.depthcli-frames", lambda: [b'"tiny"\n0\n1\n2\n'], _read_journal),
-    "parquet-manifest": Target("a.parquet", tables, _read_table, 2),
     "parquet-list": Target("a.parquet", _path_tables, lambda path: [*column_texts(path, None)], 2),
     "list": Target("a.txt", lambda: [b"a.png\nb/c.png\n", b"a.png\0b\nc.png\0"], _read_list),
 }

@@ -281,7 +281,7 @@ class ConversionScreen:
             plan: of a folder; None for a video.
         """
         failures: list[FailedInput] = []
-        totals = _Totals()
+        totals, of_frames = _Totals(), list[str]()  # the first warning of each frame of a video
         if plan and not self.quiet:
             console.warn_all(
                 f"{loop} is a link to a folder above it; skipped" for loop in plan.loops
@@ -296,7 +296,8 @@ class ConversionScreen:
                         print_failed(result, as_json=True)
                 else:
                     totals.add(result)
-                    self._print(result)
+                    of_frames += result.warnings[:1] if plan is None else ()
+                    self._print(result, warns=plan is not None)
                 stage(1)
         if not self.as_json:
             for failed in failures:
@@ -307,12 +308,15 @@ class ConversionScreen:
             of = f" of {len(plan.inputs)}" if plan else ""
             counts = ", ".join([f"{totals.converted}{of} {unit} converted", *rest])
             (console.note if self.as_json else console.report)(f"{counts}{totals.text()}")
+        if of_frames and not (self.quiet or self.as_json):
+            first = console.worded(of_frames[0])
+            console.warn(f"{len(of_frames)} {unit} have warnings, the first: {first}")
         return len(failures)
 
-    def _print(self, result: ConvertResult) -> None:
+    def _print(self, result: ConvertResult, *, warns: bool) -> None:
         if self.as_json:
             console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
-        elif not self.quiet:
+        elif warns and not self.quiet:
             console.warn_all(result.warnings, name=result.source)
 
 
