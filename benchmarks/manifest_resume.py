@@ -3,7 +3,7 @@
 Each step is a process of its own, which tells its time and its peak memory; the first is a process
 that only imports. Lookups are those of a resumed batch, in the order of names, and random ones.
 ``--no-rewrite`` leaves out the steps that read and write every row.
-Run: ``python benchmarks/manifest_resume.py [--rows 10000000] [--format parquet] [--no-rewrite]``
+Run: ``python benchmarks/manifest_resume.py [--rows 10000000] [--no-rewrite]``
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest.files import WHOLE, Shard, manifest_name, write_manifest
+from depthcli.io.manifest.files import WHOLE, Shard, write_manifest
 from depthcli.io.manifest.journal import Journal, known_rows
-from depthcli.io.manifest.row import OK, CacheKey, ManifestFormat, ManifestRow, OutputFile
-from depthcli.io.parquet import write_table
+from depthcli.io.manifest.row import OK, CacheKey, ManifestRow, OutputFile
 from depthcli.jobs.batch.manifests import read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files
 
@@ -48,9 +47,9 @@ def row(number: int) -> ManifestRow:
     return ManifestRow(name(number), OK, ORIGIN, files, 0.02, first, camera=camera, input_path=path)
 
 
-def write(folder: Path, rows: int, form: ManifestFormat) -> None:
+def write(folder: Path, rows: int) -> None:
     """The manifest."""
-    write_manifest(folder / manifest_name(WHOLE, form), map(row, range(rows)))
+    write_manifest(folder / WHOLE.manifest_name, map(row, range(rows)))
 
 
 def resume(folder: Path, rows: int) -> None:
@@ -84,12 +83,14 @@ def sum_up(folder: Path, rows: int) -> None:
 
 def write_list(folder: Path, rows: int) -> None:
     """A list of the same names."""
-    write_table(folder, {"path": str}, ({"path": name(number)} for number in range(rows)))
+    (folder / "list.txt").write_text("".join(f"{name(number)}\n" for number in range(rows)))
 
 
 def plan(folder: Path, shard: Shard) -> None:
     """The plan of a shard from that list."""
-    found = plan_files(read_list(str(folder)), "list", ".", str(folder / "out"), shard=shard)
+    found = plan_files(
+        read_list(str(folder / "list.txt")), "list", ".", str(folder / "out"), shard=shard
+    )
     print(f"  inputs             {len(found.inputs):8}")
 
 
@@ -128,26 +129,25 @@ def steps(folder: Path, rows: int, *, rewrite: bool) -> Iterator[tuple[str, Call
     if rewrite:
         yield "finish", partial(finish, folder / "out", rows)
         yield "summary", partial(sum_up, folder / "out", rows)
-    yield "plan of 1/100", partial(plan, folder / "list.parquet", Shard(1, 100))
-    yield "plan of all", partial(plan, folder / "list.parquet", WHOLE)
+    yield "plan of 1/100", partial(plan, folder / "list", Shard(1, 100))
+    yield "plan of all", partial(plan, folder / "list", WHOLE)
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=int, default=10_000_000)
-    parser.add_argument("--format", type=ManifestFormat, default=ManifestFormat.PARQUET)
     parser.add_argument("--no-rewrite", action="store_true")
     options = parser.parse_args()
-    print(f"{options.rows:,} rows, {options.format}")
+    print(f"{options.rows:,} rows")
     with tempfile.TemporaryDirectory() as where:
         folder = Path(where)
-        (folder / "list.parquet").mkdir()
+        (folder / "list").mkdir()
         (folder / "out").mkdir()
         measured("imports", lambda: None)
-        measured("write", partial(write, folder / "out", options.rows, options.format))
+        measured("write", partial(write, folder / "out", options.rows))
         print(f"  size               {sizes(folder / 'out'):>8}")
-        measured("write the list", partial(write_list, folder / "list.parquet", options.rows))
+        measured("write the list", partial(write_list, folder / "list", options.rows))
         for what, action in steps(folder, options.rows, rewrite=not options.no_rewrite):
             measured(what, action)
 

@@ -89,7 +89,7 @@ def select_column(columns: Sequence[str], column: str | None, path: Path) -> str
     wanted = column or (columns[0] if len(columns) == 1 else _DEFAULT_COLUMN)
     if wanted not in columns:
         there = f"its columns are {', '.join(columns)}" if columns else "it has no columns"
-        raise UsageError(f"{path} has no column {wanted!r}; {there}: name one with --column")
+        raise UsageError(f"{path} has no column {wanted!r}; {there}", "name one with {column}")
     return wanted
 
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from depthcli.api.depth_map import _write as write_depth
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.by_suffix import write_depth
 from depthcli.io.formats.table import (
     FORMATS,
     Format,

@@ -102,7 +102,7 @@ def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path)
             None,
             "line 3: .* limit",
         ),
-        (lambda f: csv(f / "l.txt", "a.png\n"), "c", "--column is for lists in Parquet and CSV"),
+        (lambda f: csv(f / "l.txt", "a.png\n"), "c", "no list in Parquet or CSV"),
         (
             lambda f: csv(f / "l.csv", "path\na.png\n", "utf-16"),
             None,

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
-from depthcli.io.formats.by_suffix import write_depth
 from helpers.command_line import unmeasured
 from helpers.file_trees import names
 from helpers.tiny import write_picture
 
+from depthcli.api.depth_map import _write as write_depth
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.exr import ExrWriter

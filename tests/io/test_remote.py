@@ -20,10 +20,10 @@ import pytest
 from helpers.stores import KEYS, remote
 from helpers.watched import Watched
 
+from depthcli.api.depth_map import _write as write_depth
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.formats.by_suffix import write_depth
 from depthcli.io.images.decode import read_bytes
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.storage import objects

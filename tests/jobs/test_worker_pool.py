@@ -332,5 +332,5 @@ def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -
     spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
     with pytest.raises(EngineError, match=r"has depthcli .*; install 0\.0\.1 there"):
         RemoteWorker(spec, ".", 1).start("0.0.1")
-    with pytest.raises(EngineError, match=r"cannot see .*; put inputs and --out where all"):
+    with pytest.raises(EngineError, match="cannot see"):
         RemoteWorker(spec, ".", 1).start(__version__)

@@ -74,7 +74,7 @@ def exr_hint(skipped: Sequence[Skipped]) -> str | None:
     """What reads the EXR files that a batch skips; None if there are none."""
     if all(file.reason != ".exr" for file in skipped):
         return None
-    return "'depthcli video' reads a sequence of EXR, 'predict' and 'batch --files' single ones"
+    return "'depthcli video' reads a sequence of EXR, 'predict' and a list of 'batch' single ones"
 
 
 PICTURE_SUFFIXES = (

@@ -43,7 +43,7 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
                 raise UsageError(f"the list {source} is empty; it has to name its columns")
             return _csv_texts(Path(source), column, _DELIMITERS[suffix])
         if column is not None:
-            raise UsageError(f"--column is for lists in Parquet and CSV, which {source} is not")
+            raise UsageError(f"{source} is no list in Parquet or CSV", "leave out {column}")
         return [] if is_empty else parse_list(Path(source).read_bytes())
     except csv.Error as error:
         raise UsageError(f"{source}, line 1: {error}") from error
@@ -196,7 +196,7 @@ def list_objects(
     except OSError as error:
         raise UsageError(f"{root} cannot be listed: {error.strerror}") from error
     if folder is None:
-        raise UsageError(f"{root} is not a folder; name one, or give --files with a list")
+        raise UsageError(f"{root} is not a folder", "name one, or give {files} a list")
 
 
 def walk_sort_key(name: str) -> list[tuple[bool, bytes]]:

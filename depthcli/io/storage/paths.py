@@ -100,7 +100,7 @@ def check_writable(path: Path) -> None:
         UsageError: it is behind HTTP.
     """
     if isinstance(path, RemotePath) and path.is_http:
-        raise UsageError(f"{path} is behind HTTP, where nothing is written; give another -o")
+        raise UsageError(f"{path} is behind HTTP, where nothing is written", "give another {out}")
 
 
 class RemotePath(Path, PurePosixPath):

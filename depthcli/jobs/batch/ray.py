@@ -87,7 +87,7 @@ class RemoteWorker:
         out = self._spec.out
         if not isinstance(out, RemotePath) and not out.is_dir():
             raise EngineError(
-                f"{here} cannot see {out}; put inputs and --out where all machines can"
+                f"{here} cannot see {out}", "put inputs and {out} where all machines can"
             )
         cv2.setNumThreads(self._cpus)
         self._worker = self._spec.build()
@@ -264,7 +264,7 @@ class RayEngine:
         try:
             import ray  # noqa: PLC0415 - an extra
         except ImportError:
-            raise UsageError(f"--engine ray needs Ray; {INSTALL_RAY}") from None
+            raise UsageError(f"it needs Ray; {INSTALL_RAY}", option="engine") from None
         address = address or os.environ.get("RAY_ADDRESS") or "auto"
         if address not in _SPECIAL_ADDRESSES:
             _check_reachable(address)
@@ -277,8 +277,8 @@ class RayEngine:
         if not self._workers:
             self.close()
             raise EngineError(
-                f"no machine of the Ray cluster has {cpus:g} CPUs and {gpus:g} GPUs; change "
-                "--cpus-per-worker or --gpus-per-worker, or give --workers to wait for more"
+                f"no machine of the Ray cluster has {cpus:g} CPUs and {gpus:g} GPUs",
+                "change {cpus_per_worker} or {gpus_per_worker}, or give {workers} to wait for more",
             )
 
     def close(self) -> None:
@@ -368,8 +368,9 @@ def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
         except ConnectionError as error:
             where = "on this machine" if address == "auto" else f"at {address}"
             raise EngineError(
-                f"no Ray cluster {where}; start one with 'ray start --head', name one with "
-                "--ray-address HOST:PORT, or let --ray-address local start one for this batch"
+                f"no Ray cluster {where}",
+                "start one with 'ray start --head', name one with {ray_address} HOST:PORT, or let "
+                "{ray_address} local start one for this batch",
             ) from error
         except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
             said = " ".join(str(error).split())
@@ -380,12 +381,14 @@ def _check_reachable(address: str) -> None:
     """Try to connect first; Ray itself would retry for a minute, then end the process."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdecimal():
-        raise UsageError(f"--ray-address {address} is not HOST:PORT, ray://HOST:PORT or local")
+        raise UsageError(
+            f"{address} is not HOST:PORT, ray://HOST:PORT or local", option="ray_address"
+        )
     try:
         socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT_S).close()
     except (OSError, OverflowError) as error:
         raise EngineError(
-            f"no Ray cluster at {address}: {error}; see --ray-address, and 'ray status' there"
+            f"no Ray cluster at {address}: {error}", "see {ray_address}, and 'ray status' there"
         ) from error
 
 
