@@ -128,16 +128,6 @@ def test_a_focal_length_that_scales_nothing_is_a_warning(tmp_path: Path) -> None
     plain.predict(PIXELS, focal_px=80, anchors=[(3, 4, 2.0)])
 
 
-@pytest.mark.parametrize(
-    ("mode", "value", "depth_m"),
-    [("L", 255, 9), ("1", 1, 9), ("I;16", 65535, 9), ("P", 0, 1), ("LA", (255, 0), 9), ("F", 1, 9)],
-)
-def test_pil_pictures_of_each_mode(
-    mode: str, value: Any, depth_m: float, model: depthcli.DepthModel
-) -> None:
-    assert model.predict(Image.new(mode, (16, 12), value)).values == pytest.approx(depth_m)
-
-
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_a_pil_picture_as_opened_is_turned_like_its_file(
     orientation: int, model: depthcli.DepthModel

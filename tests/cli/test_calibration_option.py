@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from helpers.folders import rows
 from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_video
 
@@ -106,29 +105,6 @@ def test_rectified_pictures_have_the_camera_of_the_projection_matrix(
     assert found[0][1] == found[1][1] == [33.5, 22.25]
 
 
-def test_a_batch_notices_a_changed_calibration(inside: Cli, folder: Path) -> None:
-    write_picture(folder / "in" / "a.png", synthetic_picture())
-    write_picture(folder / "in" / "wide.png", synthetic_picture(36, 64))
-    batch = ("batch", "in", "--out", "out", "--format", "png16", "--format", "ply")
-    done = inside(*batch, "--calibration", "cam.yaml")
-    assert done.returncode == 1
-    found = rows(inside, "out")
-    assert "has another aspect ratio" in found["wide.png"]["error"]
-    assert found["a.png"]["camera"] == "hfov 43.6° (given)"
-    (folder / "in" / "wide.png").unlink()
-    assert inside("predict", "in/a.png", "-o", "alone/", *batch[4:], *GIVEN).returncode == 0
-    for name in ("a.depth.png", "a.ply"):
-        assert (folder / "out" / name).read_bytes() == (folder / "alone" / name).read_bytes()
-
-    def kept() -> bool:
-        done = inside(*batch, "--calibration", "cam.yaml", "--json")
-        return bool(json.loads(done.stdout)["kept"])
-
-    assert kept()
-    (folder / "cam.yaml").write_text(CALIBRATION.replace("25.25", "25.5"))
-    assert [kept(), kept()] == [False, True]
-
-
 def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     write_video(folder / "clip.avi", flat_frames(range(2)))
     depths, sidecars = [], []
@@ -157,22 +133,3 @@ def test_the_calibration_is_not_replaced(inside: Cli, folder: Path) -> None:
     words = ("predict", "room.png", "-o", "./cam.json", "--format", "json")
     assert inside(*words, "--calibration", "cam.json").returncode == 1
     assert (folder / "cam.json").read_text() == CALIBRATION
-
-
-def test_calibration_of_a_profile_gives_way_to_the_command_line(inside: Cli, folder: Path) -> None:
-    (folder / "cam.yaml").write_text(DISTORTED + PROJECTION)
-    (folder / "depthcli.toml").write_text(
-        "[head]\ncalibration = 'cam.yaml'\n[rectified]\ncalibration = 'cam.yaml'\n"
-        "rectified = true\n"
-    )
-    predict = ("predict", "room.png", "-o", "a.npy", "--json", "--profile", "rectified")
-    assert json.loads(inside(*predict).stdout)["centre_px"] == [33.5, 22.25]
-    for name in ("head", "rectified"):
-        for own in (("--focal-px", "90"), ("--hfov", "50"), ("--centre-px", "1,2")):
-            done = inside("predict", "room.png", "-o", "a.png", "--profile", name, *own)
-            assert (done.returncode, done.stderr) == (0, b"")
-    (folder / "in").mkdir()
-    (folder / "room.png").rename(folder / "in" / "room.png")
-    (folder / "cameras.csv").write_text("id,focal_px\nroom,90\n")
-    batch = ("batch", "in", "--out", "out", "--profile", "head", "--cameras", "cameras.csv")
-    assert inside(*batch).returncode == 0

@@ -12,7 +12,6 @@ import pytest
 from helpers.tiny import write_model
 
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
-from depthcli.core.options import Detail
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.types import Frame, Provenance
 from depthcli.inference.camera import focal_warnings
@@ -183,18 +182,6 @@ def test_exif_is_known_to_clouds_of_models_that_learned_no_camera(tmp_path: Path
     assert pipeline.predict(black(40, 30)).depth.provenance == replace(
         depth.provenance, focal_px=None, camera_source=None
     )
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_tiles_have_the_metres_of_the_whole_picture(tmp_path: Path, shape: tuple[int, int]) -> None:
-    session = model(tmp_path, input__fit="keep-aspect").session
-    whole, tiled = (
-        Pipeline(session, Detail(tile_px=tile))
-        .predict(black(*shape), Intrinsics(focal_px=50))
-        .depth
-        for tile in (None, max(1, shape[0] // 2))
-    )
-    np.testing.assert_allclose(tiled.values, whole.values, rtol=1e-5)
 
 
 def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:

@@ -102,24 +102,6 @@ def test_relative_tiles_are_fitted_by_scale_and_shift(kind: str) -> None:
     np.testing.assert_allclose(joined, fine, atol=0.01)
 
 
-def test_a_tile_that_contradicts_the_whole_adds_no_detail() -> None:
-    """Upside down its detail would look right, and all the rest would still be wrong."""
-    frame = ramp()
-    checks = (np.indices(COARSE).sum(axis=0) % 2).astype(np.float32)
-
-    def agreeing(part: Frame) -> np.ndarray:
-        return seen(part) + checks
-
-    def contradicting(part: Frame) -> np.ndarray:
-        return 10 - agreeing(part)
-
-    fine, smooth = (
-        refine(RELATIVE, seen(frame), frame, 150, network) for network in (agreeing, contradicting)
-    )
-    assert np.abs(np.diff(fine, 2, axis=1)).max() > 0.5
-    assert np.abs(np.diff(smooth, 2, axis=1)).max() < 0.05
-
-
 def test_a_map_with_holes_is_left_as_it_is() -> None:
     overall = np.full(COARSE, np.nan, np.float32)
     assert refine(RELATIVE, overall, ramp(), 100, seen) is overall
