@@ -33,7 +33,7 @@ _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, without loading OpenCV
 
 
 class ExitCode(IntEnum):
-    """What the process returns to the shell."""
+    """Exit codes of the process."""
 
     OK = 0
     SOME_FAILED = 1

@@ -98,7 +98,7 @@ class DepthMap(types.DepthMap):
 
     @property
     def anchor_fit(self) -> types.AnchorFit | None:
-        """How well the metres fit known points; None if they were not fitted."""
+        """Residual of the fit to known points; None if there was none."""
         return self.provenance.anchor_fit if self.provenance else None
 
     def fit_anchors(self, anchors: Anchors) -> Self:

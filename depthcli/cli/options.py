@@ -277,7 +277,7 @@ QuietOption = Annotated[
 
 @group
 class ScreenOptions:
-    """What is printed."""
+    """Screen."""
 
     as_json: bool = usual(
         False, "--json", help="Print JSON to stdout: an object per input, or one for the whole run."

@@ -119,7 +119,7 @@ def camera(options: CameraOptions) -> Intrinsics:
 
 
 def reading(options: groups.ReadOptions) -> ReadOptions:
-    """How images are read."""
+    """Options of reading images."""
     return ReadOptions(options.white_level, options.exposure, options.layer)
 
 

@@ -116,7 +116,7 @@ class Intrinsics:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """How it differs from a pinhole camera, one line each."""
+        """Differences from a pinhole camera, one line each."""
         distorted = Message(
             "the camera has lens distortion, which is not removed",
             "rectify the pictures, and then add {rectified}",

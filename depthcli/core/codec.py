@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 
 class Transform(StrEnum):
-    """How depth follows from ``t = scale * raw + shift``."""
+    """Function from ``t = scale * raw + shift`` to depth."""
 
     LINEAR = "linear"
     """depth = t"""

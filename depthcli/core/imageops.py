@@ -97,7 +97,7 @@ def shrink_bands(
     width: int,
     height: int,
 ) -> npt.NDArray[np.float32]:
-    """What ``resize_area(plane(pixels), width, height)`` returns, up to rounding.
+    """Equal ``resize_area(plane(pixels), width, height)`` up to rounding.
 
     Args:
         pixels: (H, W) or (H, W, 3), of a frame.

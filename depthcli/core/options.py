@@ -21,7 +21,7 @@ class Rule(NamedTuple):
 
 
 class Upsampling(StrEnum):
-    """How depth is upsampled from the network's size to the picture's."""
+    """Upsampling of depth from the network's size to the image's."""
 
     GUIDED = "guided"
     """Edges follow those of the picture."""
@@ -59,7 +59,7 @@ class Near(StrEnum):
 
 
 class Sensor(StrEnum):
-    """How depth of rendered rooms is measured."""
+    """Sensor that measures the depth of rendered rooms."""
 
     NONE = "none"
     """It is exact."""
@@ -95,7 +95,7 @@ MAX_PIXELS = 250_000_000
 
 @dataclass(frozen=True, slots=True)
 class Detail:
-    """How the depth of a full-size picture is made from a network's output.
+    """Upsampling and tiling from a network's output to a full-size image.
 
     Attributes:
         upsampling: how depth is upsampled to the picture's size.
@@ -143,7 +143,7 @@ EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 
 
 
 class ReadOptions(NamedTuple):
-    """What the files of images do not state."""
+    """Facts that the files of images do not state."""
 
     #: value of white in 16-bit integers; None for 65535, or what the file states
     white_level: int | None = None

@@ -95,7 +95,7 @@ class Window(NamedTuple):
         return not (self.width and self.height)
 
     def moved(self, columns: int, rows: int) -> "Window":
-        """The same rectangle elsewhere."""
+        """Move the rectangle."""
         left, top = self.left + columns, self.top + rows
         return Window(left, top, self.right + columns, self.bottom + rows)
 
@@ -283,7 +283,7 @@ class Frame:
 
 
 class AnchorFit(NamedTuple):
-    """How well metres fit known points."""
+    """Residual of the fit of metres to known points."""
 
     used: int  #: points that the metres were fitted to; the others contradict them
     given: int  #: all points
@@ -382,7 +382,7 @@ class DepthMap:
 
 
 def masked_to_data_window(depth: DepthMap, windows: Windows | None) -> DepthMap:
-    """The same map without depth where the file of its picture has no pixels.
+    """Remove depth where the file of the image has no pixels.
 
     Args:
         depth: of all pixels of the frame.

@@ -54,7 +54,7 @@ class FieldError(ValueError):
         return cls(f"has to be {what}, not {short_repr(value)}")
 
     def within(self, name: object) -> "FieldError":
-        """The same error in a field of this name, which may be untrusted."""
+        """Name the field of the error; the name may be untrusted."""
         word = name if isinstance(name, str) and name.isidentifier() else short_repr(name)
         return FieldError(self.problem, f"{word[:_MAX_CHARS]}.{self.path}".rstrip("."))
 

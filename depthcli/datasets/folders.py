@@ -190,7 +190,7 @@ class PairedFolder:
         return read_depth_m(self.depths[i], self.units_per_metre / scale)
 
     def for_camera(self, hfov_deg: float, aspect: float) -> "PairedFolder":
-        """The same pairs, with depth scaled for training a network for one camera.
+        """Scale depth for training a network for one camera.
 
         A network cannot see the focal length: with twice of it, objects look half as far away. So
         depth is divided by the ratio of focal lengths; predictions are multiplied by it again

@@ -59,7 +59,7 @@ def open_run(folder: Path) -> TrainedRun:
 
 
 def _settings(config: TrainConfig, data: DataProvenance) -> str:
-    """What seeds of one experiment have in common, as JSON."""
+    """Settings that seeds of one experiment have in common, as JSON."""
     settings = dataclasses.asdict(dataclasses.replace(config, seed=0))
     labels = [data.pseudo_labels, data.pseudo_label_ids, data.pseudo_label_fingerprint]
     sources = [data.data, data.train_ids, labels, data.init_weights]

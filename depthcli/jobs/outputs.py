@@ -25,7 +25,7 @@ FormatT = TypeVar("FormatT", Format, VideoFormat)
 
 
 class Kind(StrEnum):
-    """What ``-o/--out`` names."""
+    """Kinds of destinations that ``-o/--out`` names."""
 
     BESIDE = "beside"
     """Nothing: outputs stand beside their inputs."""
@@ -39,7 +39,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FormatRules(Generic[FormatT]):
-    """How a command chooses the formats of its outputs."""
+    """Rules by which a command chooses the formats of its outputs."""
 
     defaults: tuple[FormatT, ...]  #: in a folder, and beside the inputs
     of_name: Callable[[str], FormatT | None]  #: the format that the name of a file chooses

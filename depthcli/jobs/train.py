@@ -45,7 +45,7 @@ def weights_file(source: Path) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class TrainRequest:
-    """What to train, and how."""
+    """Request to train."""
 
     config: TrainConfig  #: of the run; see :func:`depthcli.training.settings.resolve_config`
     #: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it
@@ -66,7 +66,7 @@ class TrainRequest:
 
 @dataclass(frozen=True, slots=True)
 class TrainResult:
-    """How a training session ended."""
+    """End of a training session."""
 
     state: TrainState  #: how far the run has come
     signal_number: int | None  #: the signal that ended it, or None

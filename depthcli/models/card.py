@@ -67,7 +67,7 @@ class Colour(StrEnum):
 
 
 class Fit(StrEnum):
-    """How a picture is fitted to the network's size."""
+    """Fitting of an image to the network's size."""
 
     STRETCH = "stretch"
     """To width x height, without keeping the aspect."""
@@ -83,7 +83,7 @@ class Fit(StrEnum):
 
 
 class Resize(StrEnum):
-    """How a picture is resized to the network's input."""
+    """Resizing of an image to the network's input."""
 
     AREA = "area"
     """Mean over each output pixel's area when shrinking, bilinear when enlarging."""
@@ -304,7 +304,7 @@ _ALIGN = {
 
 @dataclass(frozen=True, slots=True)
 class PreprocessingCheck:
-    """How a card's size, colours, mean and deviation were verified."""
+    """Verification of a card's size, colours, mean and deviation."""
 
     #: whether the real weights were run with them on pictures of known depth
     run_with_weights: bool

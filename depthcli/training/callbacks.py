@@ -1,4 +1,4 @@
-"""What happens during a run beside its steps: callbacks, metrics log, validation, sample images."""
+"""Callbacks of a run: metrics log, validation, sample images."""
 
 import json
 import math

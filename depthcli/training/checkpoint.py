@@ -27,7 +27,7 @@ _Score: TypeAlias = Annotated[float, Rule("a number", lambda _: True, is_finite=
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class TrainState:
-    """How far a run has come."""
+    """Progress of a run."""
 
     step: Count = 0  #: optimization steps done
     epoch: Count = 0  #: whole epochs done

@@ -68,7 +68,7 @@ class GeneratorConfig:
 
 @dataclass(frozen=True, slots=True)
 class OutputConfig:
-    """How depth is encoded for the networks."""
+    """Coding of depth for the networks."""
 
     #: ``linear`` maps [0, max_m] to [-1, 1] (the paper), ``log`` maps [min_m, max_m]
     coding: Literal["linear", "log"] = "linear"

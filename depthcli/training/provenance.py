@@ -124,7 +124,7 @@ def ids_of_card(card: ModelCard) -> PairIds:
 def common_ids(
     data: TrainingData, ids: Iterable[str], seen: Mapping[str, Sequence[str]]
 ) -> set[str]:
-    """Those of some pairs of a data set that are also in a record of pairs by data set."""
+    """Ids of a data set's pairs that are also in a record of pairs by data set."""
     name = data_set(data.title)
     own = set(map(label_id, ids)) if name == NYU else set(ids)
     return own.intersection(seen.get(name, ()))

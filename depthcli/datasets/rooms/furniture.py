@@ -140,7 +140,7 @@ class Piece(NamedTuple):
 def left_and_right(
     x: float, half: float, y: tuple[float, float], z: tuple[float, float], material: Material
 ) -> list[Part]:
-    """The same box at the left and at the right."""
+    """Repeat a box at the left and at the right."""
     return [centred_box(half, y, z, material).moved((side, 0, 0)) for side in (-x, x)]
 
 

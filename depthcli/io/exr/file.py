@@ -129,7 +129,7 @@ class ExrPart(NamedTuple):
 
     @classmethod
     def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
-        """What a header states, as OpenEXR reads it.
+        """Read a header of OpenEXR.
 
         A part that states no rate, no time code or no primaries has those of the first part.
         """

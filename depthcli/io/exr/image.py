@@ -192,7 +192,7 @@ def read_exr_data(
     max_pixels: int = MAX_PIXELS,
     options: ReadOptions = AS_STATED,
 ) -> Frame:
-    """What :func:`read_exr_image` returns, of the content of a file; without a path.
+    """Read an image as :func:`read_exr_image` does, from the content of a file.
 
     ``name`` is what messages call it.
 

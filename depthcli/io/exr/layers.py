@@ -35,7 +35,7 @@ def is_of_vectors(name: str, names: Collection[str]) -> bool:
 
 
 def layer_of(name: str) -> str:
-    """What precedes the last part of a channel's name: ``depth.`` of ``depth.Z``, or ""."""
+    """Prefix of a channel's name: ``depth.`` of ``depth.Z``, or ""."""
     return name.removesuffix(last_part(name))
 
 
@@ -129,7 +129,7 @@ def _channels_of(
 
 
 def _picture_rank(layer: str) -> int:
-    """How likely a layer holds the image by its name; 0 is the likeliest."""
+    """Rank of a layer by its name; 0 is the likeliest to hold the image."""
     name = last_part(layer.removesuffix(".")).lower()
     if name in _PICTURES:
         return _PICTURES.index(name)

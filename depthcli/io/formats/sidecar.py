@@ -63,7 +63,7 @@ class SidecarWriter:
 
 
 class FileMetadata(NamedTuple):
-    """What a depth file and the sidecar beside it state."""
+    """Facts that a depth file and the sidecar beside it state."""
 
     texts: Mapping[str, str]  #: by name
     warnings: tuple[str, ...] = ()  #: about the sidecar, one line each
@@ -190,7 +190,7 @@ def _is_close(stated: float, found: float) -> bool:
 
 
 def _shared_texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[str, str]:
-    """What a sidecar states for the files beside it, as texts."""
+    """Facts that a sidecar states for the files beside it, as texts."""
     texts = {name: _text(fields[name]) for name in _SHARED if fields.get(name) is not None}
     if "software" in own:  # without a principal point, the file has that of its middle
         texts.pop("centre_px", None)
@@ -198,7 +198,7 @@ def _shared_texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[
 
 
 def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
-    """What a sidecar states of the integers in the 16-bit PNG beside it."""
+    """Facts that a sidecar states of the integers in the 16-bit PNG beside it."""
     scale = fields.get("png16_scale", fields.get("scale"))  # of a picture, of a video
     if scale is not None:
         return {"scale": _text(scale)}

@@ -23,7 +23,7 @@ _ALPHA = {2: 1, 4: 3}
 
 
 class ArrayLike(Protocol):
-    """What NumPy converts to an array, such as a tensor in CPU memory."""
+    """Objects that NumPy converts to an array, such as a tensor in CPU memory."""
 
     def __array__(self) -> npt.NDArray[Any]:
         """The pixels."""

@@ -1,4 +1,4 @@
-"""What headers of image files state, and the headers of WebP, GIF, BMP and Netpbm."""
+"""Headers of image files; those of WebP, GIF, BMP and Netpbm."""
 
 from __future__ import annotations
 

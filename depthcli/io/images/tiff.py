@@ -110,7 +110,7 @@ def _first_directory(data: bytes) -> dict[int, int]:
 
 
 def _not_for_opencv(tags: Mapping[int, int]) -> str | None:
-    """What OpenCV would decode to wrong pixels, without an error; None if there is nothing."""
+    """Reason why OpenCV would decode wrong pixels without an error; None if it does not."""
     coding, channels = tags.get(_COMPRESSION, 1), tags.get(_SAMPLES, 1)
     if coding not in _COMPRESSIONS_OF_OPENCV:
         return f"has the TIFF compression {coding}"

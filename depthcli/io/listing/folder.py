@@ -47,7 +47,7 @@ def is_installed(package: str) -> bool:
 
 
 def skip_summary(skipped: Sequence[Skipped]) -> str:
-    """How many files, and why: ``3 files skipped (2 .txt, 1 hidden)``."""
+    """Number of skipped files and reasons: ``3 files skipped (2 .txt, 1 hidden)``."""
     counts = Counter(file.reason for file in skipped).most_common()
     shown = [f"{count} {reason}" for reason, count in counts[:_MAX_REASONS]]
     if len(counts) > _MAX_REASONS:
@@ -71,7 +71,7 @@ def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
 
 
 def exr_hint(skipped: Sequence[Skipped]) -> str | None:
-    """What reads the EXR files that a batch skips; None if there are none."""
+    """Advice for EXR files that a batch skips; None if there are none."""
     if all(file.reason != ".exr" for file in skipped):
         return None
     return "'depthcli video' reads a sequence of EXR, 'predict' and a list of 'batch' single ones"
@@ -257,7 +257,7 @@ class RealPaths:
         return os.path.join(self._real_folder(folder), name)  # noqa: PTH118
 
     def all_of(self, path: str | Path) -> set[str]:
-        """The same, and the target if the file is a link."""
+        """Names of the file, and of the target if it is a link."""
         own = self.of(path)
         return {own, os.path.realpath(own)} if os.path.islink(own) else {own}  # noqa: PTH114
 

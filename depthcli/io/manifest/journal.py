@@ -226,7 +226,7 @@ class Journal(Rows):
                     path.unlink(missing_ok=True)
 
     def _rows(self, names: Iterable[str] | None, *, keep_failed: bool) -> Iterator[ManifestRow]:
-        """Those of the names, in their order and each once, then the others that still hold."""
+        """Rows of the names in their order, each once, then the others that still hold."""
         for name in names or ():
             row = self.row(name)
             if row is not None:

@@ -87,7 +87,7 @@ class Guard:
 
 
 def _identity(path: Path) -> _Identity:
-    """What tells files apart, whatever their names and the links that lead to them."""
+    """Identity of a file, whatever its names and the links that lead to it."""
     if isinstance(path, RemotePath):
         return str(path)
     place = os.path.realpath(path)  # also through folders that do not exist yet

@@ -190,7 +190,7 @@ def _with_retries(address: Address, request: Callable[[], Any]) -> Any:  # noqa:
 
 
 def _retries() -> int:
-    """How often a request is retried."""
+    """Number of retries of a request."""
     word = os.environ.get(RETRIES_VARIABLE, "10")
     if not word.isdecimal():
         raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number such as 10")

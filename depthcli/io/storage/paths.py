@@ -197,11 +197,11 @@ class RemotePath(Path, PurePosixPath):
         return self == path_of(other_path)
 
     def absolute(self) -> RemotePath:
-        """The same."""
+        """Return the path itself."""
         return self
 
     def resolve(self, *_: Any, **__: Any) -> RemotePath:  # noqa: ANN401
-        """The same."""
+        """Return the path itself."""
         return self
 
     def mkdir(self, *_: Any, **__: Any) -> None:  # noqa: ANN401

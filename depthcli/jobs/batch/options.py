@@ -108,7 +108,7 @@ class FailureBudget:
 
 @dataclass(frozen=True, slots=True)
 class BatchOptions:
-    """How each input is processed."""
+    """Options of processing an input."""
 
     formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats

@@ -120,7 +120,7 @@ class CameraTable:
         return self._cameras[row_id]
 
     def warnings(self, inputs: int, unmatched: int) -> Iterator[str]:
-        """What did not match, one line each.
+        """Patterns that did not match, one line each.
 
         Args:
             inputs: number of inputs of the batch.

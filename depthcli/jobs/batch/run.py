@@ -154,7 +154,7 @@ class Batch(Iterator[BatchResult]):
 
 @dataclass(frozen=True, slots=True)
 class DryRunResult:
-    """What would be done for an input."""
+    """Plan for an input of a dry run."""
 
     input: str  #: its name
     would: Literal["do", "keep", "fail"]  #: process it, keep its valid outputs, or fail
@@ -163,7 +163,7 @@ class DryRunResult:
 
 
 def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
-    """What would be done for each input, in order; inputs are read and checked.
+    """Yield the plan for each input, in order; inputs are read and checked.
 
     Args:
         request: the batch.

@@ -252,7 +252,7 @@ def video_checksum(task: VideoTask, path: Path, options: BatchOptions) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WorkerSpec:
-    """What a worker is built from: plain values that can be pickled."""
+    """Plain values, which can be pickled, that a worker is built from."""
 
     model: SessionLoader  #: model, provider and threads
     model_sha256: str  #: checksum of the model's file, 64 hex digits; another one is refused

@@ -50,7 +50,7 @@ class Method(nn.Module):
         """The networks that a phase optimizes; none if the phase has nothing to do."""
 
     def heads(self) -> list[nn.Module]:
-        """Those of the networks that use ``head_learning_rate``, if that is set."""
+        """Networks that use ``head_learning_rate``, if that is set."""
         return []
 
     @abstractmethod
