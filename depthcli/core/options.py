@@ -1,4 +1,4 @@
-"""Choices for options of depth maps and models; free of numpy, so that help texts can list them."""
+"""Choices for options of depth maps, models and metrics; free of numpy, for the help texts."""
 
 from __future__ import annotations
 
@@ -36,6 +36,28 @@ class Weights(StrEnum):
     """Their moving average (``optim.ema``); those of the last step if there is no average."""
     RAW = "raw"
     """Those of the last step."""
+
+
+class Averaging(StrEnum):
+    """Averaging of metrics."""
+
+    IMAGE = "image"
+    """Each metric is computed per image, then averaged: every image has the same weight."""
+    POOLED = "pooled"
+    """Each metric is computed over the pixels of all images."""
+
+
+class Alignment(StrEnum):
+    """Fit of a prediction to the ground truth, per image, over the valid pixels."""
+
+    NONE = "none"
+    """Nothing: metres are compared as predicted."""
+    MEDIAN = "median"
+    """One factor: the ratio of the medians."""
+    DEPTH = "depth"
+    """Scale and shift of depth, least squares in depth."""
+    DISPARITY = "disparity"
+    """Scale and shift of 1/depth, least squares in 1/depth."""
 
 
 class Colormap(StrEnum):

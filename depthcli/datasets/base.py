@@ -13,7 +13,8 @@ from enum import StrEnum
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Protocol, TypeAlias, runtime_checkable
 
 from depthcli.core import fingerprint
 from depthcli.errors import DatasetError
@@ -337,3 +338,21 @@ def data_fingerprint(dataset: DepthDataset) -> str:
         files = map(dataset.files, range(len(dataset)))
         sizes = [[file.stat().st_size for file in pair] for pair in files]
     return fingerprint.fingerprint(list(dataset.ids), list(focal_px), sizes)
+
+
+Opener: TypeAlias = Callable[[Path], DepthDataset]
+
+LAYOUTS = {
+    "nyu_depth_v2_labeled.mat": "nyu:open_nyu",
+    "index.csv": "nyu:open_nyu",
+}
+"""Name of a file -> ``module:function`` that opens a folder with it; the first match is used."""
+
+
+def opener_of(folder: Path) -> Opener | None:
+    """The function that opens a folder; None if no file is recognized."""
+    for name, entry in LAYOUTS.items():
+        if (folder / name).is_file():
+            found: Opener = resolve_name(f"depthcli.datasets.{entry}")
+            return found
+    return None

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from depthcli.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, HasCamera, Subset
+from depthcli.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, HasCamera, Subset, opener_of
 from depthcli.datasets.folders import (
     CAMERAS_NAME,
     DEPTH_SUFFIXES,
@@ -19,7 +19,6 @@ from depthcli.datasets.folders import (
     read_image_rgb,
     stated_focal_px,
 )
-from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
 from depthcli.errors import DatasetError
 from depthcli.io.formats.table import MILLIMETRES
@@ -93,7 +92,7 @@ def open_training_data(
     Args:
         path: NYU Depth v2, as :func:`~depthcli.datasets.nyu.open_nyu` takes it, of which only the
             training part is used; another folder of
-            :data:`~depthcli.datasets.layouts.LAYOUTS`; or a folder of ``rgb/`` and ``depth/`` with
+            :data:`~depthcli.datasets.base.LAYOUTS`; or a folder of ``rgb/`` and ``depth/`` with
             other names than NYU's numbers, whose subfolders are the scenes if it has no index.csv.
         paired: whether each picture needs its depth. If not, and names or sizes in the two folders
             differ, they are opened as unpaired.

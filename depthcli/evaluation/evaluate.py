@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.options import Mask
+from depthcli.core.options import Alignment, Averaging, Mask
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset, HasRawDepth, SplitName
@@ -40,7 +40,6 @@ from depthcli.evaluation.report import (
 from depthcli.evaluation.task import EvalTask, group_by_seed, train_overlap
 from depthcli.metrics.alignment import SUITABLE
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
-from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import Accumulator, PixelSums, Scores
 from depthcli.training.provenance import TrainedRun
 

@@ -6,12 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.imageops import resize_bilinear
-from depthcli.core.options import AUTO_TILE, Crop, Mask, Upsampling
+from depthcli.core.options import AUTO_TILE, Alignment, Averaging, Crop, Mask, Upsampling
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.metrics.alignment import align, is_reversed
 from depthcli.metrics.boundary import BoundaryScores, boundary_scores
-from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
 
 EIGEN_ROWS = slice(45, 471)

@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+from depthcli.core.options import Alignment
 from depthcli.datasets.base import ALL_PAIRS, SplitName
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
-from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS, Scores
 
 PUBLISHED_COUNT = 449

@@ -8,9 +8,8 @@ from pathlib import Path
 from depthcli.core.options import Detail, Mask, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind
-from depthcli.datasets.base import DepthDataset, HasRawDepth, SplitName
+from depthcli.datasets.base import DepthDataset, HasRawDepth, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
-from depthcli.datasets.layouts import opener_of
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.evaluation.evaluate import (

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.metrics.choices import Averaging
+from depthcli.core.options import Averaging
 from depthcli.metrics.pixels import DepthPixels
 
 _MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
 
+from depthcli.core.options import Alignment, Averaging
 from depthcli.datasets.base import SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.evaluate import (
@@ -24,7 +25,6 @@ from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.report import ImageScores, ReportRow, Source
 from depthcli.evaluation.task import plan_nyu, plan_pairs
 from depthcli.evaluation.text import report_page
-from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import METRICS, Scores
 
 PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))

@@ -15,7 +15,7 @@ from helpers.small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_se
 from helpers.tiny import write_model
 from helpers.watched import Watched
 
-from depthcli.core.options import Mask
+from depthcli.core.options import Alignment, Averaging, Mask
 from depthcli.core.types import DepthKind
 from depthcli.datasets.base import ALL_PAIRS, Split, SplitName
 from depthcli.errors import DatasetError, UsageError
@@ -26,7 +26,6 @@ from depthcli.evaluation.report import PUBLISHED, Source
 from depthcli.evaluation.task import plan_nyu, plan_pairs
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.boundary import boundary_scores, mean_boundary_scores
-from depthcli.metrics.choices import Alignment, Averaging
 
 if TYPE_CHECKING:
     from pathlib import Path

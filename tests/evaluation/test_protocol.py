@@ -5,11 +5,10 @@ import pytest
 from helpers import plain_evaluator as plain
 from helpers.small_set import HEIGHT, WIDTH, noisy, small_set
 
-from depthcli.core.options import AUTO_TILE, Crop, Mask, Upsampling
+from depthcli.core.options import AUTO_TILE, Alignment, Averaging, Crop, Mask, Upsampling
 from depthcli.core.types import DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.metrics.choices import Alignment, Averaging
 from depthcli.metrics.depth import PixelSums
 
 SMALL = (WIDTH, HEIGHT)

@@ -9,12 +9,12 @@ from dataclasses import replace
 import pytest
 
 from depthcli._version import __version__
+from depthcli.core.options import Alignment
 from depthcli.datasets.base import ALL_PAIRS
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.report import EvalReport, ImageScores, ReportRow, Source
 from depthcli.evaluation.text import report_page
 from depthcli.metrics.boundary import BoundaryScores
-from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import Scores
 
 SCORES = Scores((0.125, 0.0625, 0.5, 0.25, 0.1, 0.75, 0.875, 1.0, 12.345))

@@ -14,6 +14,7 @@ import pytest
 from helpers.small_set import HEIGHT, WIDTH, small_set
 from helpers.tiny import write_model
 
+from depthcli.core.options import Alignment
 from depthcli.datasets.base import Split, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import EvalOptions, entry_for, evaluate, score
@@ -23,7 +24,6 @@ from depthcli.evaluation.report import PUBLISHED
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_runs
 from depthcli.evaluation.text import report_page
 from depthcli.inference.loading import SessionLoader
-from depthcli.metrics.choices import Alignment
 from depthcli.metrics.depth import METRICS
 from depthcli.training.provenance import TrainedRun
 

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from depthcli.core.options import Averaging
 from depthcli.metrics import depth as accumulate
-from depthcli.metrics.choices import Averaging
 from depthcli.metrics.depth import METRICS, Accumulator, PixelSums, Scores
 from depthcli.metrics.pixels import DepthPixels
 

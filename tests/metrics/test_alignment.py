@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from depthcli.core.options import Alignment
 from depthcli.core.types import DepthKind
 from depthcli.metrics.alignment import SUITABLE, align, is_reversed
-from depthcli.metrics.choices import Alignment
 
 TRUTH = np.random.default_rng(2).uniform(0.5, 9.5, 300)
 SCALES = st.floats(0.01, 100)

@@ -20,11 +20,10 @@ from depthcli.cli.options import (
     usual,
 )
 from depthcli.cli.screen import console
-from depthcli.core.options import Crop, Mask, Upsampling, Weights
+from depthcli.core.options import Alignment, Averaging, Crop, Mask, Upsampling, Weights
 from depthcli.core.text import INSTALL_TRAIN
 from depthcli.datasets.base import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
-from depthcli.metrics.choices import Alignment, Averaging
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthKind
