@@ -1,4 +1,4 @@
-"""Label photographs with the mean of several models, as pairs to train on (``train --extra``).
+"""Label photographs with the mean of several models, as pairs for ``train --pseudo-labels``.
 
 Each model sees a photograph and its mirror at each width; the mean is of log depth. Rooms of
 ``depthcli render rooms`` may be added whose focal length is near the models' own.

@@ -46,7 +46,7 @@ def rooms(
 ) -> int:
     """Render images of furnished rooms with exact depth.
 
-    'depthcli train' reads them with --data or --extra.
+    'depthcli train' reads them with --data or --pseudo-labels.
 
     The same seed and options give the same files, independent of --count and --workers. Run the
     same command again to resume.
