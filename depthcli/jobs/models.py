@@ -10,26 +10,17 @@ from typing import Any, NamedTuple
 
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import DepthcliError, InputError, ModelError, OutputError, UsageError
+from depthcli.errors import DepthcliError, InputError, ModelError, UsageError
 from depthcli.inference.measure import try_other_size, try_session
 from depthcli.inference.session import Session
 from depthcli.io.storage.atomic import replace_folder, workspace
 from depthcli.io.storage.paths import check_home, path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.models import catalog, onnx_file
-from depthcli.models import catalog as locations
-from depthcli.models.card import METADATA_KEY, ModelCard
-from depthcli.models.catalog import (
-    Model,
-    ModelLocation,
-    file_of_card,
-    find_model,
-    list_locations,
-    ready_fields,
-)
-from depthcli.models.graph_fit import fit_to_graph
+from depthcli.models.card import METADATA_KEY, ModelCard, fit_to_graph
+from depthcli.models.catalog import Model, ModelLocation, file_of_card, find_model, location_at
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_NAME = re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _ADDED_FILE = re.compile(r"model-[0-9a-f]{12}\.onnx")
 _LITTER = (".DS_Store", "._", ".depthcli-")  # of file managers, and of runs that were killed
 
@@ -40,10 +31,9 @@ def valid_name(name: str) -> str:
     Raises:
         UsageError: it cannot be the name of a folder, or would be taken for a path.
     """
-    if not _NAME.fullmatch(name) or name.endswith(".onnx"):
+    if not _NAME.fullmatch(name):
         raise UsageError(
-            f"{name!r} is not a valid model name; use letters, digits, '.', '_' and "
-            "'-', beginning with a letter or digit"
+            f"{name!r} is not a valid model name; use letters, digits, '.', '_' and '-'"
         )
     return name
 
@@ -54,11 +44,10 @@ def folder_to_add(name: str, *, force: bool) -> Path:
     Raises:
         UsageError: a model has the name and ``force`` is not given, the folder is a link, or it
             holds other files than those of a model.
-        OutputError: the folder cannot be read.
     """
-    target = locations.user_root() / name
+    target = catalog.user_root() / name
     check_home(target)
-    taken = next((p for n, p in locations.list_locations() if n == name), None)
+    taken = next((p for n, p in catalog.list_locations() if n == name), None)
     if taken is not None and not force:
         raise UsageError(
             f"a model named {name!r} already exists ({taken.path})",
@@ -77,13 +66,11 @@ def added_model(name: str) -> tuple[Path, ModelLocation]:
     Raises:
         UsageError: it is not in the user's folder, or its folder holds other files, too.
     """
-    folder = locations.user_root() / valid_name(name)
-    location = locations.location_at(folder) or locations.location_at(
-        folder.with_name(f"{folder.name}.onnx")
-    )
+    folder = catalog.user_root() / valid_name(name)
+    location = location_at(folder) or location_at(folder.with_name(f"{folder.name}.onnx"))
     if location is None:
         raise UsageError(
-            f"{name!r} is not among the models in {locations.user_root()}; only those are removed"
+            f"{name!r} is not among the models in {catalog.user_root()}; only those are removed"
         )
     if location.onnx is None and not folder.is_symlink():
         _check_only_model(folder, "move them away, or delete the folder yourself")
@@ -93,41 +80,30 @@ def added_model(name: str) -> tuple[Path, ModelLocation]:
 def remove_model(name: str) -> Path:
     """Delete a model that was added.
 
-    Args:
-        name: as in the list of models.
-
     Returns:
         The path that was removed.
 
     Raises:
         UsageError: it is not in the user's folder, or its folder holds other files, too.
-        OutputError: it cannot be deleted.
     """
     folder, location = added_model(name)
-    try:
-        if location.onnx is not None:  # a file, beside which a folder may have the same name
-            for file in filter(None, location):
-                file.unlink()
-        elif folder.is_symlink():
-            folder.unlink()
-        else:
-            with workspace(folder.parent) as work:
-                folder.rename(work / folder.name)
-    except OSError as error:
-        raise OutputError(f"cannot remove {folder}: {error.strerror}") from error
+    if location.onnx is not None:  # a file, beside which a folder may have the same name
+        for file in filter(None, location):
+            file.unlink()
+    elif folder.is_symlink():
+        folder.unlink()
+    else:
+        with workspace(folder.parent) as work:
+            folder.rename(work / folder.name)
     return location.onnx or folder
 
 
 def _check_only_model(folder: Path, advice: str) -> None:
     """Check that replacing or removing a folder loses nothing but a model, such as a checkpoint."""
-    of_model = {locations.CARD_NAME, file_of_card(folder / locations.CARD_NAME)}
-    try:
-        names = sorted(path.name for path in folder.iterdir())
-    except OSError as error:
-        raise OutputError(f"cannot read {folder}: {error.strerror}") from error
+    of_model = {catalog.CARD_NAME, file_of_card(folder / catalog.CARD_NAME)}
     others = [
         name
-        for name in names
+        for name in sorted(path.name for path in folder.iterdir())
         if not (name in of_model or _ADDED_FILE.fullmatch(name) or name.startswith(_LITTER))
     ]
     if others:
@@ -135,7 +111,6 @@ def _check_only_model(folder: Path, advice: str) -> None:
 
 
 _FILE_NAME = "model.onnx"
-_SHA256 = re.compile(r"[0-9a-fA-F]{64}")
 
 
 class CardDraft(NamedTuple):
@@ -175,8 +150,6 @@ def add_model(
         ModelError: the file is not a model that matches the card, or fails to run.
         OutputError: the folder cannot be written.
     """
-    if sha256 is not None and not _SHA256.fullmatch(sha256):
-        raise UsageError(f"{sha256!r} is not a SHA-256 checksum (64 hex digits)")
     if name is not None:
         folder_to_add(valid_name(name), force=force)  # before anything is downloaded
     try:
@@ -202,8 +175,8 @@ def _install(
         temporary = work / target.name
         temporary.mkdir()
         (temporary / (complete.file or _FILE_NAME)).write_bytes(data)
-        (temporary / locations.CARD_NAME).write_text(complete.to_json(), "utf-8")
-        model = replace(catalog.find_model(temporary), path=path)  # the name in messages
+        (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
+        model = replace(find_model(temporary), path=path)  # the name in messages
         session = Session(model, provider="cpu")
         fitted = fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
         session.model = replace(model, card=fitted)
@@ -217,33 +190,28 @@ def _install(
             fitted = fit_to_graph(fitted, only, path, adapt=True)
             session.model = replace(model, card=fitted)
             try_session(session)
-        (temporary / locations.CARD_NAME).write_text(fitted.to_json(), "utf-8")
-        replace_folder(temporary, target, last=locations.CARD_NAME)
-    return catalog.find_model(target)
+        (temporary / catalog.CARD_NAME).write_text(fitted.to_json(), "utf-8")
+        replace_folder(temporary, target, last=catalog.CARD_NAME)
+    return find_model(target)
 
 
 def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
     if card is None:
-        location = locations.location_at(path)
+        location = location_at(path)
         card = str(location.card) if location and location.card else None
     if card is None:
         embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
-        beside = path.with_name(locations.CARD_NAME)
-        if embedded is None and catalog.file_of_card(beside) == path.name:
-            return _card_draft(path, data, str(beside))
         if embedded is None:
             raise UsageError(
                 f"{path} has no card inside or beside it",
                 "give {card}, and see 'depthcli models cards' for ready ones",
             )
-        return CardDraft(
-            _json_object(embedded, f"card inside {path}"), f"card inside {path}", False
-        )
+        where = f"card inside {path}"
+        return CardDraft(_json_object(embedded, where), where, is_ready=False)
     if card.endswith(".json") or path_of(card).is_file():
-        return CardDraft(
-            _json_object(catalog.read_card(path_of(card)), safe_name(card)), card, False
-        )
-    return CardDraft(ready_fields(card), f"card {card}", True)
+        fields = _json_object(catalog.read_card(path_of(card)), safe_name(card))
+        return CardDraft(fields, card, is_ready=False)
+    return CardDraft(catalog.ready_fields(card), f"card {card}", is_ready=True)
 
 
 def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
@@ -256,7 +224,6 @@ def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
 def _complete_card(
     draft: CardDraft, path: Path, data: bytes, sha256: str, name: str | None
 ) -> ModelCard:
-    """The card, completed with name, size, checksum and versions of the file."""
     opset, ir = onnx_file.versions(data, str(path))
     stated = draft.fields.get("onnx")
     output = {"output": stated["output"]} if isinstance(stated, dict) and "output" in stated else {}
@@ -283,7 +250,7 @@ def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:
     Args:
         names: names or paths; all models that have a name, if empty.
     """
-    for name in names or [name for name, _ in list_locations()]:
+    for name in names or [name for name, _ in catalog.list_locations()]:
         try:
             model = find_model(name)
             session = Session(model)

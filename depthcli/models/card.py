@@ -3,8 +3,9 @@
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG
@@ -21,34 +22,12 @@ _MAX_SIDE = 2**15
 _Side: TypeAlias = Annotated[
     int, Rule(f"a whole number from 1 to {_MAX_SIDE}", lambda px: 1 <= px <= _MAX_SIDE)
 ]
-_MAX_TEXT = 1000
 Text: TypeAlias = Annotated[
-    str,
-    Rule(
-        f"at most {_MAX_TEXT} printable characters, and not empty",
-        lambda text: text.isprintable() and bool(text.strip()) and len(text) <= _MAX_TEXT,
-    ),
+    str, Rule("printable text", lambda text: text.isprintable() and bool(text.strip()))
 ]
 Count: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda number: number >= 1)]
-# With larger numbers, sums of 32-bit floats would be constant or not finite.
-_LARGEST = 1e9
-_Number: TypeAlias = Annotated[
-    float, Rule("a number from -1e9 to 1e9", lambda number: abs(number) <= _LARGEST)
-]
-_Factor: TypeAlias = Annotated[
-    float,
-    Rule(
-        "a number other than 0, from -1e9 to 1e9",
-        lambda number: 1 / _LARGEST <= abs(number) <= _LARGEST,
-    ),
-]
-_Ratio: TypeAlias = Annotated[
-    float,
-    Rule("a number above 0, up to 1e9", lambda number: 1 / _LARGEST <= number <= _LARGEST),
-]
-_Aspect: TypeAlias = Annotated[
-    float, Rule("a number from 0.01 to 100", lambda number: 0.01 <= number <= 100)  # noqa: PLR2004
-]
+_Factor: TypeAlias = Annotated[float, Rule("a number other than 0", bool)]
+_Ratio: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
 
 
 class Colour(StrEnum):
@@ -112,13 +91,13 @@ class InputSpec:
     dynamic: bool  #: whether any multiple of ``multiple_of`` is a valid width and height
     multiple_of: _Side  #: granularity of a dynamic size, in pixels
     fit: Fit  #: how the picture is fitted to this size
-    mean: tuple[_Number, ...]  #: one number a channel, or one for all
+    mean: tuple[float, ...]  #: one number a channel, or one for all
     std: tuple[_Ratio, ...]  #: one number a channel, or one for all
     resize: Resize = Resize.AREA  #: how the picture is resized
     layout: TensorLayout = TensorLayout.NCHW  #: order of the axes
     #: width over height of the network's pixels as it learned them, in pixels of the picture: 4/3
     #: if it learned pictures of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
-    pixel_aspect: _Aspect = 1.0
+    pixel_aspect: _Ratio = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +107,7 @@ class OutputSpec:
     kind: DepthKind  #: metric, relative or inverse
     transform: Transform  #: how depth follows from ``scale * raw + shift``
     scale: _Factor  #: factor on the raw output
-    shift: _Number  #: added after the factor
+    shift: float  #: added after the factor
     min_m: float | None = None  #: least depth in metres; None if the kind is not metric
     max_m: _Ratio | None = None  #: largest depth in metres; None if the kind is not metric
 
@@ -266,23 +245,17 @@ def _check_schema(schema: object) -> None:
 
 def _check_input(spec: InputSpec) -> None:
     """Check fields that depend on each other."""
-    lengths = sorted({1, spec.colour.channels})
     for name, numbers in (("mean", spec.mean), ("std", spec.std)):
-        if len(numbers) not in lengths:
-            many = " or ".join(map(str, lengths))
-            raise FieldError(f"has to be a list of {many} numbers", f"input.{name}")
+        if len(numbers) not in {1, spec.colour.channels}:
+            raise FieldError("has to be one number, or one a channel", f"input.{name}")
     if spec.width * spec.height > MAX_INPUT_PIXELS:
-        most = f"times height has to be at most {MAX_INPUT_PIXELS:,} pixels"
-        raise FieldError(most, "input.width")
+        raise FieldError(f"times height is more than {MAX_INPUT_PIXELS:,} pixels", "input.width")
     if spec.dynamic and spec.multiple_of > min(spec.width, spec.height):
-        least = "has to be at most input.width and input.height"
-        raise FieldError(least, "input.multiple_of")
+        raise FieldError("is more than input.width or input.height", "input.multiple_of")
     if spec.fit in _BOUNDS and not spec.dynamic:
-        fixed = f"is {spec.fit}, which a network of one fixed size cannot have"
-        raise FieldError(fixed, "input.fit")
+        raise FieldError(f"is {spec.fit}, which needs a dynamic size", "input.fit")
     if spec.fit in _BOUNDS and spec.pixel_aspect != 1:
-        stretched = f"has to be 1, or left out, with a fit of {spec.fit}"
-        raise FieldError(stretched, "input.pixel_aspect")
+        raise FieldError(f"has to be 1 with a fit of {spec.fit}", "input.pixel_aspect")
 
 
 def _check_output(spec: OutputSpec) -> None:
@@ -294,7 +267,6 @@ def _check_output(spec: OutputSpec) -> None:
         raise FieldError("has to be at least 0 and below max_m", "output.min_m")
 
 
-_KEY = "preprocessing"
 _ALIGN = {
     DepthKind.METRIC: "",
     DepthKind.RELATIVE: " --align depth",
@@ -313,13 +285,10 @@ class PreprocessingCheck:
 
 def preprocessing_check(card: ModelCard) -> PreprocessingCheck | None:
     """The check that a card states under ``training``; None if it states none."""
-    stated = card.training.get(_KEY)
-    if not isinstance(stated, Mapping):
+    try:
+        return validated(PreprocessingCheck, card.training.get("preprocessing"))
+    except FieldError:
         return None
-    ran, verified = stated.get("run_with_weights"), stated.get("verified")
-    if not isinstance(ran, bool) or not isinstance(verified, str):
-        return None
-    return PreprocessingCheck(ran, verified)
 
 
 def check_command(card: ModelCard) -> str:
@@ -327,4 +296,41 @@ def check_command(card: ModelCard) -> str:
     return (
         f"depthcli eval nyu --data NYU --split val --limit 20 --model {card.name}"
         + (_ALIGN[card.output.kind])
+    )
+
+
+def fit_to_graph(
+    card: ModelCard, fixed_size: tuple[int | None, int | None], path: Path, *, adapt: bool
+) -> ModelCard:
+    """Compare a card with the input's (height, width) in the graph; None where that is dynamic.
+
+    With ``adapt`` the graph's size replaces the card's, for networks that are exported at several
+    sizes. Pictures are then stretched to it if the card has a dynamic size.
+
+    Raises:
+        ModelError: the card states another size.
+    """
+    spec = card.input
+    height, width = fixed_size[0] or spec.height, fixed_size[1] or spec.width
+    same = (height, width) == (spec.height, spec.width)
+    if fixed_size == (None, None) or (same and (not spec.dynamic or spec.fit is Fit.STRETCH)):
+        return card
+    if not adapt:
+        raise ModelError(
+            f"{path} takes pictures of {width} x {height} pixels only; set input.width to {width}, "
+            f"input.height to {height} and input.dynamic to false in the card"
+        )
+    pixel_aspect = spec.pixel_aspect
+    if spec.fit is Fit.STRETCH:  # the aspect of the training pictures is the same
+        pixel_aspect *= (spec.width * height) / (spec.height * width)
+    return replace(
+        card,
+        input=replace(
+            spec,
+            width=width,
+            height=height,
+            dynamic=False,
+            fit=Fit.STRETCH if spec.fit in _BOUNDS else spec.fit,
+            pixel_aspect=pixel_aspect,
+        ),
     )

@@ -5,7 +5,6 @@ import json
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from errno import ENOENT
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -77,27 +76,17 @@ def find_location(name_or_path: str | os.PathLike[str] | None = None) -> ModelLo
     Raises:
         ModelError: there is no such model, or the search failed.
     """
+    name = os.fspath(DEFAULT_MODEL if name_or_path is None else name_or_path)
+    is_path = _is_path(name)
+    folders = () if is_path else roots()
+    candidates = [root / file for root in folders for file in (name, name + _ONNX_SUFFIX)]
     try:
-        return _find(name_or_path)
+        found = next(filter(None, map(location_at, [*candidates, path_of(name)])), None)
     except OSError as error:  # a name that is too long, a host that cannot be reached
-        name = safe_name(os.fspath(name_or_path or ""))
-        raise ModelError(f"no model at {short_repr(name)}: {error.strerror}") from error
-
-
-def _find(name_or_path: str | os.PathLike[str] | None) -> ModelLocation:
-    path = path_of(DEFAULT_MODEL if name_or_path is None else name_or_path)
-    name = DEFAULT_MODEL if name_or_path is None else os.fspath(name_or_path)
-    if not name:
-        raise ModelError("the model's name is empty; see 'depthcli models list'")
-    if not _is_path(name):
-        for root in roots():
-            location = location_at(root / name) or location_at(root / f"{name}{_ONNX_SUFFIX}")
-            if location:
-                return location
-    location = location_at(path)
-    if location:
-        return location
-    if _is_path(name):
+        raise ModelError(f"no model at {short_repr(safe_name(name))}: {error.strerror}") from error
+    if found:
+        return found
+    if is_path:
         raise ModelError(
             f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
         )
@@ -131,23 +120,25 @@ def list_locations() -> Iterator[tuple[str, ModelLocation]]:
 
 
 def location_at(path: Path) -> ModelLocation | None:
-    """The model at a path, a folder with a card or an ONNX file; None if there is none."""
+    """Files of the model at a path, a folder with a card or an ONNX file; None if there is none.
+
+    A ``card.json`` beside an ONNX file is its card if it names the file.
+    """
     if (path / CARD_NAME).is_file():
         return ModelLocation(onnx=None, card=path / CARD_NAME)
     if path.suffix == _ONNX_SUFFIX and path.is_file():
         beside = path.with_name(path.stem + CARD_SUFFIX)
-        return ModelLocation(onnx=path, card=beside if beside.is_file() else None)
+        if beside.is_file():
+            return ModelLocation(onnx=path, card=beside)
+        shared = path.with_name(CARD_NAME)
+        is_own = shared.is_file() and file_of_card(shared) == path.name
+        return ModelLocation(onnx=path, card=shared if is_own else None)
     return None
 
 
 def _variable_roots() -> list[Path]:
-    folders = os.environ.get(MODELS_VARIABLE, "")
-    if "://" in folders:
-        raise ModelError(
-            f"{MODELS_VARIABLE} is {short_repr(folders)}, and takes folders of this machine only",
-            "a model at a URI is given with {model}",
-        )
-    return [Path(folder) for folder in folders.split(os.pathsep) if folder]
+    folders = os.environ.get(MODELS_VARIABLE, "").split(os.pathsep)
+    return [Path(folder) for folder in folders if folder]
 
 
 def _advice(name: str) -> str:
@@ -214,12 +205,6 @@ def read_model(location: ModelLocation) -> Model:
         onnx_file.refuse_external_data(data, str(path))
     if card is None:
         embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
-        beside = path.with_name(CARD_NAME)
-        if embedded is None and beside.is_file():
-            card = ModelCard.from_json(read_card(beside), where=str(beside))
-            if card.file == path.name:
-                check_file(card, path, len(data), sha256)
-                return Model(path, card, sha256, data)
         if embedded is None:
             raise ModelError(
                 f"{path} has no card; put {path.stem}{CARD_SUFFIX} beside it, "
@@ -274,14 +259,11 @@ def _read_limited(path: Path, max_bytes: int) -> bytes:
     try:
         if isinstance(path, RemotePath):
             return path.read_some(max_bytes)
-        size = path.stat().st_size
-        if not 0 < size <= max_bytes:
-            state = "empty" if size == 0 else f"too large ({size} bytes)"
-            raise ModelError(f"{path} is {state}; download or export the model again")
+        if path.stat().st_size > max_bytes:
+            raise ModelError(f"{path} is larger than a model or card can be")
         return path.read_bytes()
     except OSError as error:
-        what = "check its name and its folder" if error.errno == ENOENT else "restore the model"
-        raise ModelError(f"cannot read {path}: {error.strerror}; {what}") from error
+        raise ModelError(f"cannot read {path}: {error.strerror}") from error
 
 
 def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:

@@ -6,6 +6,7 @@ find the embedded card and to detect a truncated file; tensors are skipped by th
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 from depthcli.errors import ModelError
 
@@ -38,18 +39,14 @@ def metadata(data: bytes, where: str) -> dict[str, str]:
     """
     entries: dict[str, str] = {}
     has_graph = False
-    try:
+    with _damage_refused(where):
         for number, start, end in _message_fields(data, 0, len(data)):
             has_graph = has_graph or number == _GRAPH
             if number == _METADATA:
                 parts = {field: data[a:b] for field, a, b in _message_fields(data, start, end)}
                 entries[parts.get(1, b"").decode()] = parts.get(2, b"").decode()
-    except (IndexError, ValueError) as error:
-        raise ModelError(
-            f"{where} is damaged or not an ONNX file; download or export it again"
-        ) from error
-    if not has_graph:
-        raise ModelError(f"{where} is not an ONNX model; give a .onnx file or a model's folder")
+        if not has_graph:
+            raise ValueError
     return entries
 
 
@@ -60,7 +57,7 @@ def versions(data: bytes, where: str) -> tuple[int, int]:
         ModelError: the bytes are not a complete ONNX file, or it states neither.
     """
     opset = ir = 0
-    try:
+    with _damage_refused(where):
         for number, start, end in _message_fields(data, 0, len(data)):
             if number == _IR_VERSION:
                 ir = _varint(data, start)[0]
@@ -69,10 +66,8 @@ def versions(data: bytes, where: str) -> tuple[int, int]:
                 domain = data[slice(*parts.get(_OPSET_DOMAIN, (0, 0)))]
                 if domain in _ONNX_DOMAINS and _OPSET_VERSION in parts:
                     opset = _varint(data, parts[_OPSET_VERSION][0])[0]
-    except (IndexError, ValueError):
-        opset = 0
-    if not (opset and ir):
-        raise ModelError(f"{where} is damaged or not an ONNX file; download or export it again")
+        if not (opset and ir):
+            raise ValueError
     return opset, ir
 
 
@@ -82,17 +77,23 @@ def refuse_external_data(data: bytes, where: str) -> None:
     Raises:
         ModelError: some tensor is stored elsewhere, or the bytes are damaged.
     """
-    try:
+    with _damage_refused(where):
         elsewhere = _has_external_tensor(data)
-    except (IndexError, ValueError) as error:
-        raise ModelError(
-            f"{where} is damaged or not an ONNX file; download or export it again"
-        ) from error
     if elsewhere:
         raise ModelError(
             f"{where} keeps weights in a second file, which no checksum covers; save it as one, "
             "with onnx.save(onnx.load('IN.onnx'), 'OUT.onnx') in Python, for example"
         )
+
+
+@contextmanager
+def _damage_refused(where: str) -> Iterator[None]:
+    try:
+        yield
+    except (IndexError, ValueError) as error:
+        raise ModelError(
+            f"{where} is damaged or not an ONNX file; download or export it again"
+        ) from error
 
 
 def _has_external_tensor(data: bytes) -> bool:
