@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from itertools import pairwise
+from itertools import groupby
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Protocol, TypeAlias, runtime_checkable
@@ -102,8 +102,7 @@ ALL_PAIRS = "all"
 """Name of the split of a data set without one: all of its pairs are test pairs."""
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000
-OFFICIAL_TRAIN_COUNT = 795
-VAL_TRAIN_COUNT = 866
+_COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
 
 
 class SplitName(StrEnum):
@@ -146,8 +145,7 @@ def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
     Raises:
         DatasetError: an id is not a label number, or the split has no test pair here.
     """
-    labels = [_label(dataset_id) for dataset_id in dataset.ids]
-    split = _SPLITTERS[name](dataset, labels)
+    split = _divide(dataset, name)
     if not split.test:
         raise DatasetError(
             f"no pair here belongs to the test part of the {name} split",
@@ -162,7 +160,7 @@ def train_positions(dataset: DepthDataset, name: SplitName) -> tuple[int, ...]:
     Raises:
         DatasetError: an id is not a label number, or the official split of a pair is not known.
     """
-    return _SPLITTERS[name](dataset, [_label(dataset_id) for dataset_id in dataset.ids]).train
+    return _divide(dataset, name).train
 
 
 def is_label(dataset_id: str) -> bool:
@@ -188,43 +186,31 @@ def _label(dataset_id: str) -> int:
     return int(dataset_id)
 
 
-def _paper(dataset: DepthDataset, labels: Sequence[int]) -> Split:
-    del dataset
-    train = tuple(i for i, label in enumerate(labels) if label < PAPER_TRAIN_COUNT)
-    test = tuple(i for i, label in enumerate(labels) if label >= PAPER_TRAIN_COUNT)
-    test_count = LABELLED_COUNT - PAPER_TRAIN_COUNT
-    return Split(SplitName.PAPER, train, test, PAPER_TRAIN_COUNT, test_count)
-
-
-def _official(dataset: DepthDataset, labels: Sequence[int]) -> Split:
-    named = dataset.official_split
-    unknown = [dataset.ids[i] for i in range(len(labels)) if named[i] not in {"train", "test"}]
-    if unknown:
-        raise DatasetError(
-            f"the official split of {len(unknown)} pairs (first: {unknown[0]}) is not known: "
-            "give index.csv (id,scene,official_split) with train or test for every pair"
-        )
-    train = tuple(i for i, part in enumerate(named) if part == "train")
-    test = tuple(i for i, part in enumerate(named) if part == "test")
-    test_count = LABELLED_COUNT - OFFICIAL_TRAIN_COUNT
-    return Split(SplitName.OFFICIAL, train, test, OFFICIAL_TRAIN_COUNT, test_count)
-
-
-def _val(dataset: DepthDataset, labels: Sequence[int]) -> Split:
-    candidates = [i for i, label in enumerate(labels) if label < PAPER_TRAIN_COUNT]
-    held_out = held_out_scenes([dataset.scenes[i] for i in candidates])
-    train = tuple(i for i in candidates if dataset.scenes[i] not in held_out)
-    test = tuple(i for i in candidates if dataset.scenes[i] in held_out)
-    is_whole = len(candidates) == PAPER_TRAIN_COUNT
-    train_count = len(train) if is_whole else VAL_TRAIN_COUNT
-    return Split(SplitName.VAL, train, test, train_count, PAPER_TRAIN_COUNT - train_count)
-
-
-_SPLITTERS: dict[SplitName, Callable[[DepthDataset, Sequence[int]], Split]] = {
-    SplitName.PAPER: _paper,
-    SplitName.OFFICIAL: _official,
-    SplitName.VAL: _val,
-}
+def _divide(dataset: DepthDataset, name: SplitName) -> Split:
+    labels = [_label(dataset_id) for dataset_id in dataset.ids]
+    counts = _COUNTS[name]
+    match name:
+        case SplitName.PAPER:
+            parts = ["train" if label < PAPER_TRAIN_COUNT else "test" for label in labels]
+        case SplitName.OFFICIAL:
+            parts = list(dataset.official_split)
+            if not {"train", "test"}.issuperset(parts):
+                raise DatasetError(
+                    "the official split of some pairs is not known: "
+                    "give index.csv (id,scene,official_split) with train or test for every pair"
+                )
+        case SplitName.VAL:
+            seen = [s for s, x in zip(dataset.scenes, labels, strict=True) if x < PAPER_TRAIN_COUNT]
+            held_out = held_out_scenes(seen)
+            parts = [
+                "" if label >= PAPER_TRAIN_COUNT else "test" if scene in held_out else "train"
+                for scene, label in zip(dataset.scenes, labels, strict=True)
+            ]
+            if len(seen) == PAPER_TRAIN_COUNT:
+                counts = parts.count("train"), parts.count("test")
+    train = tuple(i for i, part in enumerate(parts) if part == "train")
+    test = tuple(i for i, part in enumerate(parts) if part == "test")
+    return Split(name, train, test, *counts)
 
 
 @dataclass(frozen=True)
@@ -285,27 +271,18 @@ class Subset:
         return self.whole.depth_m(self.positions[i])
 
 
-_DIGITS = 4
-
-
 def compact(ids: Iterable[str]) -> str:
     """Format ids, whole numbers as in NYU Depth v2, as ranges.
 
     >>> compact(["0001", "0000", "0002", "0007"])
     '0000-0002,0007'
     """
-    numbers = sorted({int(name) for name in ids})
-    if not numbers:
-        return ""
-    breaks = [(a, b) for a, b in pairwise(numbers) if b != a + 1]
-    firsts = [numbers[0], *(b for _, b in breaks)]
-    lasts = [*(a for a, _ in breaks), numbers[-1]]
-    return ",".join(_range_text(a, b) for a, b in zip(firsts, lasts, strict=True))
-
-
-def _range_text(first: int, last: int) -> str:
-    start = f"{first:0{_DIGITS}d}"
-    return start if first == last else f"{start}-{last:0{_DIGITS}d}"
+    numbers = enumerate(sorted({int(name) for name in ids}))
+    ranges = []
+    for _, run in groupby(numbers, lambda entry: entry[1] - entry[0]):
+        first, *rest = (f"{number:04d}" for _, number in run)
+        ranges.append(f"{first}-{rest[-1]}" if rest else first)
+    return ",".join(ranges)
 
 
 def parse(text: str) -> frozenset[int]:

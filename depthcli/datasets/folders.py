@@ -23,11 +23,10 @@ from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.read import read_metadata
 from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.images.decode import MAX_FILE_BYTES, decode, read_bytes
+from depthcli.io.images.decode import decode, read_bytes
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.own_outputs import is_own_output
-from depthcli.io.storage.paths import read_regular
 from depthcli.io.tables import read_lenses
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
@@ -43,17 +42,12 @@ def depth_shape(path: Path) -> tuple[int, int]:
     Raises:
         DatasetError: it is missing, not a PNG, has 8 bits, or has colour.
     """
-    try:
-        head = read_regular(path, MAX_FILE_BYTES, first=26)
-    except OSError as error:
-        raise DatasetError(f"cannot read {path}: {error.strerror}") from error
-    if len(head) < 26 or not head.startswith(SIGNATURE):  # noqa: PLR2004
-        raise DatasetError(f"{path} is not a PNG: depth is stored as 16-bit gray PNG")
-    width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
-    if bits != _PNG_DEPTH_BITS or colour != _PNG_GRAY:
-        kind = "gray" if colour == _PNG_GRAY else "colour"
+    with as_dataset_error():
+        head = read_bytes(path, first=26)
+    width, height, bits, colour = struct.unpack(">IIBB", head[16:26].ljust(10, b"\0"))
+    if not head.startswith(SIGNATURE) or (bits, colour) != (_PNG_DEPTH_BITS, _PNG_GRAY):
         raise DatasetError(
-            f"{path} is {bits}-bit {kind}: depth is stored as 16-bit gray PNG in millimetres"
+            f"{path} is not a 16-bit gray PNG, in which depth is stored in millimetres"
         )
     return height, width
 
@@ -65,7 +59,7 @@ def read_depth_m(path: Path, units_per_metre: float) -> npt.NDArray[np.float32]:
         DatasetError: the file is missing, truncated, or of another format.
     """
     depth_shape(path)
-    with _as_dataset_error():
+    with as_dataset_error():
         stored = decode(read_bytes(path), str(path))
     # Division in float64 gives the float32 nearest to 2.718 for 2718 mm.
     depth_m: npt.NDArray[np.float32] = (stored / units_per_metre).astype(np.float32)
@@ -78,7 +72,7 @@ def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
     Raises:
         DatasetError: the file is missing, truncated, or not an image.
     """
-    with _as_dataset_error():
+    with as_dataset_error():
         pixels: npt.NDArray[Any] = read_image(path).pixels
     if pixels.dtype == np.uint16:
         pixels = (pixels >> 8).astype(np.uint8)
@@ -88,7 +82,8 @@ def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
 
 
 @contextmanager
-def _as_dataset_error() -> Iterator[None]:
+def as_dataset_error() -> Iterator[None]:
+    """Raise errors of files as errors of the data set."""
     try:
         yield
     except InputError as error:
@@ -252,7 +247,7 @@ def open_paired_folder(
         units_per_metre=units_per_metre,
         focal_px=_focal_lengths(path / CAMERAS_NAME, ids),
     )
-    check_samples(dataset, plausible)
+    _check_samples(dataset, plausible)
     return dataset
 
 
@@ -260,10 +255,8 @@ def _focal_lengths(path: Path, ids: tuple[str, ...]) -> tuple[float, ...]:
     """Focal length of each pair, in pixels; empty if there is no such file."""
     if not path.exists():
         return ()
-    try:
+    with as_dataset_error():
         lenses = read_lenses(path)
-    except InputError as error:
-        raise DatasetError(str(error)) from error
     found = [lenses.get(pair_id, UNKNOWN_CAMERA).focal_px for pair_id in ids]
     if None in found:
         missing = ids[found.index(None)]
@@ -280,12 +273,11 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
         DatasetError: the folder is missing, holds nothing usable, or two files share a name.
     """
     folder = root / kind
-    if not root.is_dir():
-        raise DatasetError(f"{root} is not a folder: name one with rgb/ and depth/")
     if not folder.is_dir():
         raise DatasetError(f"{folder} is missing: the data set needs rgb/ and depth/ side by side")
     found: dict[str, Path] = {}
-    for file in _files_below(folder):
+    walked = os.walk(folder, followlinks=True)
+    for file in sorted(Path(parent, name) for parent, _, names in walked for name in names):
         if file.name.startswith(".") or file.suffix.lower() not in suffixes or not file.is_file():
             continue
         name = file.relative_to(folder).with_suffix("").as_posix()
@@ -299,17 +291,6 @@ def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Pa
     return found
 
 
-def _files_below(folder: Path) -> list[Path]:
-    """All files below a folder, sorted; links are followed, loops are not."""
-    found, entered = [], set()
-    for parent, folders, names in os.walk(folder, followlinks=True):
-        entered.add(os.path.realpath(parent))
-        # Sorted, so that the same links are left out in rgb/ and depth/.
-        folders[:] = sorted(f for f in folders if os.path.realpath(Path(parent, f)) not in entered)
-        found += [Path(parent, name) for name in names]
-    return sorted(found)
-
-
 def _check_pairs(root: Path, images: dict[str, Path], depths: dict[str, Path]) -> None:
     unpaired = sorted(set(images) ^ set(depths))
     if unpaired:
@@ -319,12 +300,8 @@ def _check_pairs(root: Path, images: dict[str, Path], depths: dict[str, Path]) -
         )
 
 
-def check_samples(dataset: PairedFolder, plausible: PlausibleDepth) -> None:
-    """Check the format of every depth image, and the size and unit of a few pairs.
-
-    Raises:
-        DatasetError: as :func:`open_paired_folder`.
-    """
+def _check_samples(dataset: PairedFolder, plausible: PlausibleDepth) -> None:
+    """Check the format of every depth image, and the size and unit of a few pairs."""
     for file in dataset.depths:
         depth_shape(file)
     samples = sample_positions(len(dataset))
@@ -464,10 +441,8 @@ def stated_focal_px(depths: Sequence[Path]) -> tuple[float, ...]:
     Raises:
         DatasetError: some state it and others do not, or a file cannot be read.
     """
-    try:
+    with as_dataset_error():
         found = {path: positive_number(read_metadata(path).get("focal_px")) for path in depths}
-    except InputError as error:
-        raise DatasetError(str(error)) from error
     silent = [path for path, focal_px in found.items() if focal_px is None]
     if 0 < len(silent) < len(found):
         raise DatasetError(

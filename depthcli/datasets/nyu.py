@@ -12,9 +12,8 @@ Layout: ``images`` (N, 3, W, H) uint8, ``depths`` and ``rawDepths`` (N, W, H) fl
 ``scenes`` object references to arrays of uint16 character codes.
 """
 
-import csv
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from depthcli.datasets.folders import PLAUSIBLE as OWN_PLAUSIBLE
 from depthcli.datasets.folders import (
     PairedFolder,
     PlausibleDepth,
+    as_dataset_error,
     check_plausible,
     median_m,
     open_paired_folder,
@@ -34,6 +34,8 @@ from depthcli.datasets.folders import (
 )
 from depthcli.errors import DatasetError
 from depthcli.io.formats.table import MILLIMETRES
+from depthcli.io.images.decode import read_bytes
+from depthcli.io.tables import CsvTable
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
 _DAMAGED = (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError)
@@ -63,15 +65,13 @@ class NyuMat:
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Measured depth: (H, W) float32 metres, 0 where nothing was measured."""
-        if "rawDepths" not in self.file:
-            raise DatasetError(f"{self.path} has no rawDepths: use the complete official file")
         return np.ascontiguousarray(self._read("rawDepths", i).T, dtype=np.float32)
 
     def _read(self, name: str, i: int) -> npt.NDArray[Any]:
         try:
             return np.asarray(self.file[name][i])
         except _DAMAGED as error:
-            raise DatasetError(f"{self.path} is damaged at pair {i}: fetch it again") from error
+            raise DatasetError(f"{self.path} is damaged in {name}[{i}]: fetch it again") from error
 
 
 def open_mat(path: Path, plausible: PlausibleDepth) -> NyuMat:
@@ -91,7 +91,7 @@ def open_mat(path: Path, plausible: PlausibleDepth) -> NyuMat:
         scenes = tuple("".join(map(chr, np.ravel(file[one][()]))) for one in references)
     except _DAMAGED as error:
         raise DatasetError(
-            f"{path} is not a complete MATLAB v7.3 file: fetch it again if it was cut short"
+            f"{path} is not a complete {MAT_NAME}: fetch it again if it was cut short"
         ) from error
     dataset = NyuMat(
         path=path,
@@ -108,17 +108,12 @@ def open_mat(path: Path, plausible: PlausibleDepth) -> NyuMat:
 
 def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no types
     """Number of pairs, after checking that images and depth agree."""
-    missing = [name for name in ("images", "depths", "scenes") if name not in file]
-    if missing:
-        raise DatasetError(f"{path} has no {missing[0]}: this is not {MAT_NAME}")
     images, depths = file["images"].shape, file["depths"].shape
-    if len(depths) != 3 or images != (depths[0], 3, *depths[1:]) or not depths[0]:  # noqa: PLR2004
+    if len(depths) != 3 or images != (depths[0], 3, *depths[1:]):  # noqa: PLR2004
         raise DatasetError(
             f"{path} holds images {images} and depths {depths}: "
             f"expected (N, 3, W, H) and (N, W, H) as in {MAT_NAME}"
         )
-    if file["scenes"].size != depths[0]:
-        raise DatasetError(f"{path} names {file['scenes'].size} scenes for {depths[0]} pairs")
     return int(depths[0])
 
 
@@ -209,30 +204,22 @@ def read_index(path: Path) -> dict[str, IndexRow]:
     Raises:
         DatasetError: the file is missing, lacks a column or repeats an id.
     """
-    try:
-        text = path.read_text("utf-8-sig")
-        reader = csv.DictReader(StringIO(text, newline=""))
-        missing = [name for name in _COLUMNS if name not in (reader.fieldnames or ())]
-        rows = list(reader)
-    except OSError as error:
-        raise DatasetError(
-            f"cannot read {path}: {error.strerror}; it needs the columns {', '.join(_COLUMNS)}",
-            "evaluate pairs of your own with 'depthcli eval pairs'",
-        ) from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise DatasetError(f"{path} is not CSV in UTF-8: {error}") from error
+    with as_dataset_error():
+        table = CsvTable(read_bytes(path), str(path))
+        rows = [row.cells for row in table]
+    missing = [name for name in _COLUMNS if name not in table.columns]
     if missing:
         raise DatasetError(f"{path} lacks the column {missing[0]}: needs {', '.join(_COLUMNS)}")
-    index = {row["id"] or "": _index_row(path, row) for row in rows}
+    index = {row["id"]: _index_row(path, row) for row in rows}
     if len(index) != len(rows):
         raise DatasetError(f"{path} names {len(rows) - len(index)} ids more than once")
     return index
 
 
-def _index_row(path: Path, row: dict[str, str | None]) -> IndexRow:
-    scene, part = row["scene"] or "", row["official_split"] or ""
+def _index_row(path: Path, row: Mapping[str, str]) -> IndexRow:
+    part = row["official_split"]
     if part not in {"train", "test", ""}:
         raise DatasetError(
             f"{path} has the official split {short_repr(part)}: it is train, test or empty"
         )
-    return IndexRow(scene, part)
+    return IndexRow(row["scene"], part)

@@ -27,8 +27,6 @@ NYU_HFOV_DEG = 63.3
 """Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""
 NYU_ASPECT = 4 / 3
 """Width over height of NYU Depth v2's pictures."""
-_NYU_WIDTH_PX = 640
-_ASPECT_TOLERANCE = 0.05  # of copies that were scaled down to a few pixels
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
@@ -109,13 +107,8 @@ def open_training_data(
         indexed = opener is not None
         return _own_folder(path, indexed, paired, depth, split, units_per_metre)
     if units_per_metre != MILLIMETRES:
-        raise DatasetError(
-            f"{path} is a data set whose unit is known: remove data.units_per_metre, and store "
-            "the depth of a copy in millimetres"
-        )
+        raise DatasetError(f"{path} is a data set whose unit is known: remove data.units_per_metre")
     whole = opener(path)
-    if isinstance(whole, PairedFolder) and opener is open_nyu:
-        _check_nyu_shape(whole)
     if opener is open_nyu:
         if (path / CAMERAS_NAME).is_file():
             raise DatasetError(
@@ -127,19 +120,6 @@ def open_training_data(
     return TrainingData(_own_part(whole, split), own_pairs_title(path), hfov_deg)
 
 
-def _check_nyu_shape(folder: PairedFolder) -> None:
-    """Refuse numbered pairs of one's own, as far as their shape shows that they are not NYU's."""
-    height, width = depth_shape(folder.depths[0])
-    # Copies that were scaled down serve for training, too.
-    if width <= _NYU_WIDTH_PX and abs(width / height - NYU_ASPECT) <= _ASPECT_TOLERANCE:
-        return
-    raise DatasetError(
-        f"{folder.root} has the ids of NYU Depth v2, whose pairs are 640×480 or scaled down, but "
-        f"{folder.ids[0]} is {width}×{height}: if the pairs are your own, rename those in rgb/, "
-        f"depth/ and index.csv, for example to a{folder.ids[0]}"
-    )
-
-
 def _own_folder(
     path: Path, indexed: bool, paired: bool, depth: bool, split: str, units_per_metre: float
 ) -> TrainingData:
@@ -149,12 +129,6 @@ def _own_folder(
         pictures = _own_part(open_picture_folder(path), split)
         return TrainingData(pictures, f"{OWN_PICTURES}{title})", None)
     if not (paired or indexed or _are_matching(path)):
-        if (path / CAMERAS_NAME).exists():
-            raise DatasetError(
-                f"{path / CAMERAS_NAME} is of no use here, as rgb/ and depth/ have different names "
-                "or sizes and are not pairs: give pairs, or scale the depth images to one camera "
-                "and remove the file"
-            )
         lists = _own_part(open_unpaired_folder(path, units_per_metre=units_per_metre), split)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
     opener = open_indexed_folder if indexed else open_paired_folder

@@ -19,10 +19,7 @@ SUITABLE: dict[DepthKind, tuple[Alignment, ...]] = {
     DepthKind.RELATIVE: (Alignment.DEPTH,),
     DepthKind.INVERSE: (Alignment.DISPARITY,),
 }
-"""The alignments that are defined for each kind of prediction.
-
-A depth known up to scale and shift has no reciprocal, so each relative kind has exactly one.
-"""
+"""Alignments of each kind of prediction; depth known up to scale and shift has no reciprocal."""
 
 
 def align(
@@ -65,10 +62,7 @@ def is_reversed(
     alignment: Alignment,
     kind: DepthKind = DepthKind.METRIC,
 ) -> bool:
-    """Whether the least-squares fit of :func:`align` exchanges near and far.
-
-    The arguments are those of :func:`align`.
-    """
+    """Whether the least-squares fit of :func:`align` exchanges near and far."""
     if alignment is Alignment.DEPTH:
         return _slope(predicted, truth_m) < 0
     if alignment is Alignment.DISPARITY:
@@ -82,9 +76,7 @@ def _scale_median(
     usable = np.isfinite(predicted) & (predicted > 0)
     if not usable.any():
         return predicted
-    factor = float(np.median(truth_m[usable]) / np.median(predicted[usable]))
-    scaled: npt.NDArray[np.float64] = predicted * factor
-    return scaled
+    return predicted * (np.median(truth_m[usable]) / np.median(predicted[usable]))
 
 
 def _fit_line(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -95,12 +87,11 @@ def _fit_line(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDA
     mean_x, mean_y, slope = x[usable].mean(), y[usable].mean(), _slope(x, y)
     if slope == 0:
         return np.where(np.isnan(x), np.nan, mean_y)
-    fitted: npt.NDArray[np.float64] = slope * (x - mean_x) + mean_y
-    return fitted
+    return np.asarray(slope * (x - mean_x) + mean_y)
 
 
 def _slope(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float:
-    """The s of :func:`_fit_line`; 0 where x is constant or nowhere finite."""
+    """Slope s of :func:`_fit_line`; 0 where x is constant or nowhere finite."""
     usable = np.isfinite(x)
     if not usable.any():
         return 0.0
@@ -114,12 +105,10 @@ def _slope(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float:
 
 
 def _disparity(predicted: npt.NDArray[np.float64], kind: DepthKind) -> npt.NDArray[np.float64]:
-    return predicted if kind is DepthKind.INVERSE else _reciprocal(predicted)
-
-
-def _reciprocal(depth_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """1/depth; zero for infinity, NaN where depth is not positive."""
-    return np.divide(1.0, depth_m, out=np.full_like(depth_m, np.nan), where=depth_m > 0)
+    """1/depth: zero for infinity, NaN where depth is not positive."""
+    if kind is DepthKind.INVERSE:
+        return predicted
+    return np.divide(1.0, predicted, out=np.full_like(predicted, np.nan), where=predicted > 0)
 
 
 def _depth_of_disparity(disparity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

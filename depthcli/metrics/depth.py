@@ -178,7 +178,7 @@ class Accumulator:
     >>> from depthcli.metrics.pixels import DepthPixels
     >>> truth = np.array([1.0, 2.0, 4.0])
     >>> total = Accumulator()
-    >>> total.update(DepthPixels.of(truth, truth * 1.1))["d1"]
+    >>> total.add(PixelSums.of(DepthPixels.of(truth, truth * 1.1)))["d1"]
     1.0
     >>> round(total.compute()["abs_rel"], 6)
     0.1
@@ -190,10 +190,6 @@ class Accumulator:
         self.empty_count = 0
         self._pixels: PixelSums | None = None
         self._image_sums = (0.0,) * len(METRICS)
-
-    def update(self, pixels: DepthPixels) -> Scores:
-        """Add one image and return its own scores; see :meth:`add`."""
-        return self.add(PixelSums.of(pixels))
 
     def add(self, sums: PixelSums) -> Scores:
         """Add the sums of one image and return its own scores.

@@ -19,7 +19,7 @@ from depthcli.datasets.base import DepthDataset, HasScales
 from depthcli.errors import TrainingError
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.metrics.depth import Accumulator, Scores
+from depthcli.metrics.depth import Accumulator, PixelSums, Scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.checkpoint import TrainState, write_errors
 from depthcli.training.config import TrainConfig
@@ -192,7 +192,8 @@ class Validation:
                 depth_m = torch.from_numpy(codec.decode(raw.numpy()))
                 grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
                 predicted_m = grown_m[0, 0].numpy() / scale
-                total.update(DepthPixels.of(truth_m, predicted_m, max_m=farthest_m))
+                pixels = DepthPixels.of(truth_m, predicted_m, max_m=farthest_m)
+                total.add(PixelSums.of(pixels))
         return total.compute()
 
 

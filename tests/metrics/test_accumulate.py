@@ -30,7 +30,7 @@ def _at_once(name: str, pixels: DepthPixels) -> float:
 @pytest.mark.parametrize("name", METRICS)
 def test_per_image_average_counts_every_image_the_same(name: str) -> None:
     total = Accumulator(Averaging.IMAGE)
-    own = [total.update(image)[name] for image in _images()]
+    own = [total.add(PixelSums.of(image))[name] for image in _images()]
     assert own == pytest.approx([_at_once(name, image) for image in _images()], rel=1e-9)
     assert total.compute()[name] == pytest.approx(sum(own) / 3, rel=1e-12)
 
@@ -39,7 +39,7 @@ def test_per_image_average_counts_every_image_the_same(name: str) -> None:
 def test_pooled_average_counts_every_pixel_the_same(name: str) -> None:
     total = Accumulator(Averaging.POOLED)
     for image in _images():
-        total.update(image)
+        total.add(PixelSums.of(image))
     together = DepthPixels.of(
         np.concatenate([image.truth_m for image in _images()]),
         np.concatenate([image.predicted_m for image in _images()]),
@@ -52,15 +52,15 @@ def test_the_two_averages_differ() -> None:
     for averaging in Averaging:
         total = Accumulator(averaging)
         for image in _images():
-            total.update(image)
+            total.add(PixelSums.of(image))
         scores.append(total.compute()["rmse"])
     assert abs(scores[0] - scores[1]) > 0.01
 
 
 def test_image_without_valid_pixel_is_counted_and_left_out() -> None:
     total = Accumulator()
-    total.update(DepthPixels.of(np.array([2.0]), np.array([3.0])))
-    nothing = total.update(DepthPixels.of(np.array([0.0]), np.array([3.0])))
+    total.add(PixelSums.of(DepthPixels.of(np.array([2.0]), np.array([3.0]))))
+    nothing = total.add(PixelSums.of(DepthPixels.of(np.array([0.0]), np.array([3.0]))))
     assert math.isnan(nothing["abs_rel"])
     assert (total.image_count, total.empty_count) == (1, 1)
     assert total.compute()["abs_rel"] == 0.5
