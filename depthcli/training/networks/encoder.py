@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
@@ -75,8 +76,52 @@ class EncoderGenerator(DecodingGenerator):
         self.encoder.load_state_dict(network.state_dict())
 
 
+class SamePaddedConv2d(nn.Conv2d):
+    """TensorFlow's "same" padding of inputs whose size is a multiple of the stride, for any size.
+
+    That of timm depends on the size, which would be frozen in an exported graph.
+    """
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) to (B, out_channels, ceil(H/stride), ceil(W/stride))."""
+        if torch.onnx.is_in_onnx_export():
+            exported: Tensor = _PaddedConvolution.apply(x, self.weight, self.bias, self)  # type: ignore[no-untyped-call]
+            return exported
+        return self.padded(x)
+
+    def padded(self, x: Tensor) -> Tensor:
+        """Convolution of the padded input."""
+        above, left, below, right = self.zeros
+        x = F.pad(x, (left, right, above, below))
+        return F.conv2d(x, self.weight, self.bias, self.stride, 0, self.dilation, self.groups)
+
+    @property
+    def zeros(self) -> tuple[int, ...]:
+        """Rows and columns of padding above, left, below and right."""
+        whole = [
+            (size - 1) * step for size, step in zip(self.kernel_size, self.dilation, strict=True)
+        ]
+        before = [max(0, n + 1 - step) // 2 for n, step in zip(whole, self.stride, strict=True)]
+        return (*before, *(n - first for n, first in zip(whole, before, strict=True)))
+
+
+class _PaddedConvolution(torch.autograd.Function):
+    """One operator in the exported graph, which int8 needs, in place of padding and convolution."""
+
+    @staticmethod
+    def forward(_: Any, x: Tensor, *arguments: Any) -> Tensor:  # noqa: ANN401
+        conv: SamePaddedConv2d = arguments[-1]
+        return conv.padded(x)
+
+    @staticmethod
+    def symbolic(graph: Any, x: Any, weight: Any, bias: Any, conv: SamePaddedConv2d) -> Any:  # noqa: ANN401
+        inputs = [x, weight] if bias is None else [x, weight, bias]
+        sizes = {"strides_i": conv.stride, "pads_i": conv.zeros, "dilations_i": conv.dilation}
+        return graph.op("Conv", *inputs, group_i=conv.groups, **sizes)
+
+
 def timm_features(name: str, channels: int, *, pretrained: bool = False) -> Any:  # noqa: ANN401
-    """Feature maps of a model of timm, newly initialized; convolutions pad symmetrically.
+    """Feature maps of a model of timm, newly initialized.
 
     Raises:
         UsageError: timm lacks such a model, or cannot make an encoder of it.
@@ -91,13 +136,8 @@ def timm_features(name: str, channels: int, *, pretrained: bool = False) -> Any:
     except (RuntimeError, AttributeError, OSError) as error:
         raise UsageError(f"timm cannot make an encoder of {name}: {error}") from error
     for conv in network.modules():
-        # Python numbers of "same" padding would be frozen in the exported graph.
         if type(conv).__name__ == "Conv2dSame":
-            conv.__class__ = nn.Conv2d
-            conv.padding = tuple(
-                (size - 1) // 2 * step
-                for size, step in zip(conv.kernel_size, conv.dilation, strict=True)
-            )
+            conv.__class__ = SamePaddedConv2d
     return network
 
 

@@ -11,10 +11,16 @@ import torch
 from helpers.supervised_runs import SUPERVISED, train_two_steps
 
 from depthcli.errors import CheckpointError, UsageError
+from depthcli.export.graph import build_graph, check_parity
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.training.checkpoint import CHECKPOINT, load_generator
 from depthcli.training.config import GeneratorConfig
-from depthcli.training.networks.encoder import EncoderGenerator, folded_norms, timm_features
+from depthcli.training.networks.encoder import (
+    EncoderGenerator,
+    SamePaddedConv2d,
+    folded_norms,
+    timm_features,
+)
 from depthcli.training.settings import apply_overrides
 
 if TYPE_CHECKING:
@@ -148,6 +154,22 @@ def test_folding_keeps_what_the_network_computes() -> None:
     assert not any(isinstance(part, torch.nn.BatchNorm2d) for part in folded.modules())
     for found, before in zip(folded(picture), wanted, strict=True):
         torch.testing.assert_close(found, before, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("size", "bias"), [(3, True), (5, False)])
+def test_same_padding_is_part_of_the_exported_convolution(*, size: int, bias: bool) -> None:
+    timm_features(FAMILIES[0], 1)  # imports timm
+    from timm.layers.padding import pad_same  # noqa: PLC0415
+
+    torch.manual_seed(0)
+    conv = torch.nn.Conv2d(1, 4, size, 2, bias=bias)
+    x = torch.rand(1, 1, 64, 96)
+    reference = conv(pad_same(x, (size, size), (2, 2)))
+    conv.__class__ = SamePaddedConv2d
+    torch.testing.assert_close(conv(x), reference)
+    model = build_graph(conv)
+    assert [node.op_type for node in model.graph.node] == ["Conv"]
+    check_parity(conv, model.SerializeToString(), ((1, 64, 96), (2, 33, 47)))
 
 
 @pytest.mark.parametrize("name", ["test_vit", "no_such_model"])
