@@ -14,7 +14,7 @@ from depthcli.errors import DepthcliError, InputError, ModelError, UsageError
 from depthcli.inference.measure import try_other_size, try_session
 from depthcli.inference.session import Session
 from depthcli.io.storage.atomic import replace_folder, workspace
-from depthcli.io.storage.paths import check_home, path_of, safe_name
+from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
 from depthcli.models import catalog, onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard, fit_to_graph
@@ -46,7 +46,6 @@ def folder_to_add(name: str, *, force: bool) -> Path:
             holds other files than those of a model.
     """
     target = catalog.user_root() / name
-    check_home(target)
     taken = next((p for n, p in catalog.list_locations() if n == name), None)
     if taken is not None and not force:
         raise UsageError(

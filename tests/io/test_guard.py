@@ -78,5 +78,5 @@ def test_a_file_that_may_not_be_read_is_not_replaced(tmp_path: Path) -> None:
     guard = Guard.of(refuse, ())  # root may read everything
     guard.check(tmp_path / "a.png")
     (tmp_path / "a.png").write_bytes(b"secret")
-    with pytest.raises(OutputError, match="may not be read"):
+    with pytest.raises(OutputError, match="was not written by depthcli"):
         guard.check(tmp_path / "a.png")

@@ -13,14 +13,12 @@ from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import RemotePath
 from depthcli.io.storage.temporary import folder_lock, temporary_beside
 
+_ADVICE = "choose another {out}"
+
 
 @contextmanager
 def atomic_path(
-    path: Path,
-    *,
-    guard: Guard | None = None,
-    inputs: Iterable[Path] = (),
-    advice: str = "choose another {out}",
+    path: Path, *, guard: Guard | None = None, inputs: Iterable[Path] = ()
 ) -> Iterator[Path]:
     """A temporary path in the same folder that takes ``path``'s place when the block succeeds.
 
@@ -28,7 +26,6 @@ def atomic_path(
         path: the output; missing folders are created.
         guard: of existing files; None to replace any file.
         inputs: files that must not be replaced, without a guard.
-        advice: what to do if the path cannot be written, for the message.
 
     Yields:
         Where to write; it has ``path``'s suffix.
@@ -38,35 +35,24 @@ def atomic_path(
             input, a file that the guard protects, a device or a pipe. Nothing is left behind.
     """
     if any(is_same_file(path, source) for source in inputs):
-        raise OutputError(f"{path} is an input and is not replaced", "choose another {out}")
+        raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
     if guard is not None:
         guard.check(path)
-    if isinstance(path, RemotePath):
-        with _uploaded(path) as temporary:
-            yield temporary
-        return
-    _check_name(path, advice)
     if is_special(path):
-        raise OutputError(f"{path} is a device or a pipe and is not replaced", advice)
+        raise OutputError(f"{path} is a device or a pipe and is not replaced", _ADVICE)
     try:
+        if isinstance(path, RemotePath):
+            from depthcli.io.storage.transfer import uploaded  # noqa: PLC0415 - slow, seldom used
+
+            with uploaded(path) as temporary:
+                yield temporary
+            return
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary_beside(path) as temporary:
             yield temporary
             os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"cannot write {path}: {reason}", advice) from error
-
-
-@contextmanager
-def _uploaded(path: RemotePath) -> Iterator[Path]:
-    from depthcli.io.storage.transfer import uploaded  # noqa: PLC0415 - for those who need it
-
-    try:
-        with uploaded(path) as temporary:
-            yield temporary
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+        raise OutputError(f"cannot write {path}: {error.strerror or error}", _ADVICE) from error
 
 
 def write_text(text: str, path: Path) -> None:
@@ -107,16 +93,10 @@ def is_same_file(path: Path, source: Path) -> bool:
         return os.path.realpath(path) == os.path.realpath(source)
 
 
-def _check_name(path: Path, advice: str) -> None:
-    try:
-        with suppress(OSError):
-            path.lstat()
-    except ValueError as error:  # a NUL byte, or a surrogate
-        raise OutputError(f"no file has such a name as {str(path)!r} ({error})", advice) from error
-
-
 def is_special(path: Path) -> bool:
     """Whether a path exists, or is a link to something, that is neither a file nor a folder."""
+    if isinstance(path, RemotePath):
+        return False
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):
@@ -124,7 +104,7 @@ def is_special(path: Path) -> bool:
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
-_WORK, _NEW, _OLD = ".depthcli-work", ".depthcli-new-", ".depthcli-old-"
+_WORK = ".depthcli-work"
 
 
 @contextmanager
@@ -154,45 +134,8 @@ def workspace(root: Path) -> Iterator[Path]:
         raise OutputError(f"cannot write {root}: {error.strerror or error}") from error
 
 
-@contextmanager
-def atomic_folder(target: Path) -> Iterator[Path]:
-    """A temporary folder that takes the target's place when the block succeeds.
-
-    For one process at a time, which calls :func:`restore_folder` before it looks for the target.
-
-    Raises:
-        OutputError: the folder cannot be created or replaced; the old one stays.
-    """
-    temporary = target.with_name(f"{_NEW}{target.name}")
-    try:
-        _remove_folder(temporary)
-        temporary.mkdir(parents=True)
-        yield temporary
-        if target.exists():
-            target.rename(_old(target))
-        temporary.rename(target)
-    except OSError as error:
-        raise OutputError(f"cannot write {target}: {error.strerror or error}") from error
-    finally:
-        restore_folder(target)
-        _remove_folder(temporary)
-
-
-def restore_folder(target: Path) -> None:
-    """Finish an interrupted replacement: move the old folder back, or remove it if not needed."""
-    if target.exists():
-        _remove_folder(_old(target))
-        return
-    with suppress(OSError):  # there is no old folder, or the next process restores it
-        _old(target).rename(target)
-
-
 def _remove_folder(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
-
-
-def _old(target: Path) -> Path:
-    return target.with_name(f"{_OLD}{target.name}")
 
 
 def replace_folder(made: Path, target: Path, last: str) -> None:

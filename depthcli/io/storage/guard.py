@@ -1,17 +1,13 @@
 """The guard of existing files, which every output passes before it takes a path's place."""
 
-from __future__ import annotations
-
 import os
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self, TypeAlias
+from pathlib import Path
+from typing import Self, TypeAlias
 
-from depthcli.errors import Message, OutputError
+from depthcli.errors import OutputError
 from depthcli.io.storage.paths import RemotePath
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-    from pathlib import Path
 
 _Identity: TypeAlias = tuple[int, int] | str
 _ADVICE = "choose another {out}, or replace it with {overwrite}"
@@ -72,18 +68,13 @@ class Guard:
             return not is_remote or path.exists()  # a name may have told without a request
         except FileNotFoundError:
             return False
-        except PermissionError as error:
+        except PermissionError:
             # Without the right to list, S3 answers 403 for missing objects.
-            if is_remote or not os.path.isfile(path):  # noqa: PTH113 - never raises
-                return False
-            problem = Message(f"{path} may not be read, so it may be another program's", _ADVICE)
-            raise OutputError(problem) from error
+            return not is_remote and os.path.isfile(path)  # noqa: PTH113 - never raises
         except (OSError, ValueError) as error:
             if not is_remote:
                 return False  # a folder or an impossible name: writing it tells why
-            raise OutputError(
-                f"cannot write {path}: {getattr(error, 'strerror', error)}"
-            ) from error
+            raise OutputError(f"cannot write {path}: {error}") from error
 
 
 def _identity(path: Path) -> _Identity:

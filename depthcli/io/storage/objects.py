@@ -51,10 +51,6 @@ _REASONS = {
     "status code: 401": (errno.EACCES, "access denied; check the credentials"),
     "status code: 403": (errno.EACCES, "access denied; check the credentials and their rights"),
     "status code: 404": (errno.ENOENT, "no such object"),
-    "status code: 405": (errno.ENOTSUP, "the server cannot do this"),
-    "status code: 429": (errno.EBUSY, "too many requests; try again, with less at once"),
-    "status code: 501": (errno.ENOTSUP, "the server cannot do this"),
-    "status code: 507": (errno.ENOSPC, "the store is full"),
     "status code: 5": (errno.EIO, "the store answers with errors; try again later"),
     "status code: 416": (errno.ERANGE, "the range is beyond its end"),
     "Range request not supported": (errno.ENOTSUP, "the server does not support range requests"),
@@ -65,7 +61,6 @@ _REASONS = {
     "timed out": (errno.ETIMEDOUT, "no answer came in time; check the network"),
     "error sending request": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
     "Error parsing Path": (errno.EINVAL, "a name with an empty, '.' or '..' part cannot be read"),
-    "empty path segment": (errno.EINVAL, "a name with an empty, '.' or '..' part cannot be read"),
 }
 
 

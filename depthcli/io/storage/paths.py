@@ -8,16 +8,13 @@ import os
 import re
 import stat
 import sys
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from depthcli.errors import OutputError, UsageError
+from depthcli.errors import UsageError
 from depthcli.io.storage import objects
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 
 SCHEMES = ("s3", "gs", "az", "http", "https")
 _HTTP = ("http", "https")
@@ -192,10 +189,6 @@ class RemotePath(Path, PurePosixPath):
         """No: stores have no links."""
         return False
 
-    def samefile(self, other_path: str | os.PathLike[str]) -> bool:
-        """Whether both are one object."""
-        return self == path_of(other_path)
-
     def absolute(self) -> RemotePath:
         """Return the path itself."""
         return self
@@ -266,21 +259,16 @@ def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
     """Content of a regular file, or its ``first`` bytes.
 
     Raises:
-        OSError: it cannot be read, is not a regular file, is larger than ``max_bytes``, or grows.
+        OSError: it cannot be read, is not a regular file, or is larger than ``max_bytes``.
     """
     if isinstance(path, RemotePath):
         return path.read_some(max_bytes, first=first)
     size = regular_size(path)
     if size > max_bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
-    if not size:
-        return b""
     # Python allocates as many bytes as are requested, so ``max_bytes`` are not.
     with path.open("rb") as file:
-        content = file.read(size + 1 if first < 0 else min(first, size))
-    if len(content) > size:
-        raise OSError(errno.EAGAIN, "it grew while it was read; try again", path)
-    return content
+        return file.read(size if first < 0 else min(first, size))
 
 
 def regular_size(path: Path) -> int:
@@ -331,13 +319,3 @@ def _base_folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
     if sys.platform == "darwin":
         return home / "Library" / "Application Support" / _PROGRAM
     return home / elsewhere / _PROGRAM
-
-
-def check_home(path: Path) -> None:
-    """Check, before a file is written, that it is not below a missing home folder.
-
-    Raises:
-        OutputError: it is.
-    """
-    if path.is_relative_to(_NO_HOME):
-        raise OutputError("there is no home folder to write to; set HOME")

@@ -3,11 +3,9 @@
 A process locks its own, so that another one can tell stale files from those that are being written.
 """
 
-import errno
 import hashlib
 import os
 import re
-import stat
 import sys
 import threading
 import time
@@ -100,29 +98,16 @@ def open_locked(path: Path) -> int | None:
     """Open or create a file to read and append to, and lock it; None if it is locked already.
 
     Raises:
-        OSError: it cannot be opened, or is a link, a pipe, a device or a folder.
+        OSError: it cannot be opened, or is a link or a folder.
     """
     while True:
-        handle = _opened(path)
+        handle = os.open(path, _FLAGS, 0o666)
         is_ours = lock(handle)
         if is_ours and _is_at(path, handle):
             return handle
         os.close(handle)
         if not is_ours:
             return None  # else the process that had it replaced or removed it: try again
-
-
-def _opened(path: Path) -> int:
-    try:
-        handle = os.open(path, _FLAGS, 0o666)
-    except OSError as error:
-        if error.errno == errno.ELOOP:
-            raise OSError(errno.ELOOP, "it is a link; remove it", path) from error
-        raise
-    if stat.S_ISREG(os.fstat(handle).st_mode):
-        return handle
-    os.close(handle)
-    raise OSError(errno.EINVAL, "it is a pipe or a device; remove it", path)
 
 
 def _is_at(path: Path, handle: int) -> bool:
