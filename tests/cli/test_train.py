@@ -183,17 +183,17 @@ def test_without_scenes_nothing_is_validated_and_a_warning_says_so(folder: Path)
 
 def test_warnings_say_what_initial_weights_have_seen_and_lose(folder: Path) -> None:
     every = ("--set", "data.holdout_every=0", "--max-minutes", "0")
-    assert _train(folder, *every, "--out", "first").returncode == 0
-    narrow = ("--set", "generator.decoder=[8,8,8,4]", "--json")
-    done = _train(folder, "--init", "first/last.ckpt", *narrow)
+    wide = ("--set", "generator.decoder=[8,8,8,16]")
+    assert _train(folder, *every, *wide, "--out", "first").returncode == 0
+    done = _train(folder, "--init", "first/last.ckpt", "--json")
     seen, narrowed = done.stderr.splitlines()
     assert seen == (
         "depthcli: warning: the init weights were trained on 1 of the held-out pairs, so the "
         "scores are not those of new pictures"
     )
     assert narrowed == (
-        "depthcli: warning: the decoder of the init weights, [8,8,8,8], is narrowed to "
-        "[8,8,8,4]; --set generator.decoder=[8,8,8,8] keeps it"
+        "depthcli: warning: the decoder of the init weights, [8,8,8,16], is narrowed to "
+        "[8,8,8,8]; --set generator.decoder=[8,8,8,16] keeps it"
     )
     epoch = json.loads(done.stdout.splitlines()[0])
     assert not [name for name in epoch if "ids" in name or "pairs" in name]

@@ -103,17 +103,17 @@ def test_pictures_of_held_out_pairs_in_an_earlier_training_are_counted(tmp_path:
 
 @pytest.mark.parametrize(
     ("decoder", "narrowed"),
-    [((8, 8, 8, 8), None), ((8, 8, 8, 4), ((8, 8, 8, 8), (8, 8, 8, 4)))],
+    [((8, 8, 8, 8), None), ((8, 8, 8, 16), ((8, 8, 8, 16), (8, 8, 8, 8)))],
 )
 def test_a_decoder_that_is_narrowed_is_told_with_both_widths(
     tmp_path: Path, decoder: tuple[int, ...], narrowed: object
 ) -> None:
     write_rooms(tmp_path / "data")
     request, notes = _request(tmp_path, minutes=0), Notes()
-    first = replace(request, out=tmp_path / "first")
-    train(first, notes)
     config = replace(request.config, generator=replace(EFFICIENT.generator, decoder=decoder))
-    train(replace(request, config=config, init_weights=(first.out / "last.ckpt",)), notes)
+    first = replace(request, config=config, out=tmp_path / "first")
+    train(first, notes)
+    train(replace(request, init_weights=(first.out / "last.ckpt",)), notes)
     assert [start.narrowed_decoder for start in notes.starts] == [None, narrowed]
 
 

@@ -1,7 +1,5 @@
 """Augmentation: the same geometry for picture and depth, and metres that stay true."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -67,21 +65,6 @@ def test_zoom_by_s_magnifies_by_s_and_divides_depth_by_s() -> None:
     slope = float((whole[..., 1:] - whole[..., :-1])[0, 0, 12, 16])
     torch.testing.assert_close(slope / across, zoom, rtol=1e-3, atol=0)
     assert float(zoom.max()) > 1.5
-
-
-def test_plane_seen_through_the_zoom_is_the_plane_a_longer_lens_would_see() -> None:
-    """A wall of true size: its picture grows by s exactly as its depth shrinks by s."""
-    wall_m, side_px, focal_px = 4.0, 16, 64.0
-    rgb = torch.zeros(30, 3, 48, 64)
-    rgb[:, :, 16:32, 24:40] = 1  # a square of side_px in the middle: 1 m at 4 m
-    depth_m = torch.full((30, 1, 48, 64), wall_m)
-    data = replace(PLAIN, width=64, height=48, zoom=1.25)
-    gray, seen_m, _ = augment(rgb, depth_m, data, seeded(3))
-    true_m = side_px * wall_m / focal_px
-    for i in range(30):
-        area_px = float(((gray[i] + 1) / 2).sum())
-        size_m = math.sqrt(area_px) * float(seen_m[i].mean()) / focal_px
-        assert size_m == pytest.approx(true_m, rel=0.02)
 
 
 def test_rotation_turns_pixels_by_degrees_at_any_aspect() -> None:

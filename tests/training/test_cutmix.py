@@ -1,7 +1,5 @@
 """CutMix against a plain loop: one rectangle of the neighbour, the same in every map."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import torch

@@ -1,7 +1,5 @@
 """The pool of past fakes."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

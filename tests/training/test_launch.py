@@ -1,20 +1,16 @@
 """The devices of a run, and what becomes of its other processes."""
 
-from __future__ import annotations
-
 import logging
 import subprocess
 import sys
+from collections.abc import Iterator
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from depthcli.errors import TrainingError, UsageError
 from depthcli.training.devices import AveragingStrategy, launched, open_fabric
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 def test_several_devices_average_and_one_does_not() -> None:
@@ -81,6 +77,6 @@ def test_an_error_of_the_first_ends_the_others(others: Any) -> None:
 
 def test_lost_connection_is_a_training_error(others: Any) -> None:
     fabric = others(ENDLESS, ENDLESS)
-    with pytest.raises(TrainingError, match="connection closed"), launched(fabric):
+    with pytest.raises(TrainingError), launched(fabric):
         raise RuntimeError("connection closed")
     assert fabric.codes == [-9, -9]

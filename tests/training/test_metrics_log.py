@@ -1,11 +1,9 @@
 """The metrics log: each epoch once, whatever happened in between."""
 
-from __future__ import annotations
-
 import json
 import math
 import resource
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.rooms import EFFICIENT, room_data
@@ -17,9 +15,6 @@ from depthcli.training.callbacks import Callback, append_log, truncate_log
 from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, TrainState
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def _steps(path: Path) -> list[int]:

@@ -1,7 +1,5 @@
 """The accelerator's generator of random numbers is continued, on CUDA and on MPS."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from helpers.rooms import EFFICIENT

@@ -1,9 +1,7 @@
 """Provenance: runs are compared by their data, and every pair ever trained on is recorded."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import onnx
 import pytest
@@ -20,9 +18,6 @@ from depthcli.training.init_weights import seen_by_files
 from depthcli.training.methods.registry import default_config
 from depthcli.training.provenance import DataProvenance, config_differences, data_differences
 from depthcli.training.settings import resolve_config
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 ALL = replace(SUPERVISED, data=replace(SUPERVISED.data, holdout_every=0))
 SIX = tuple(f"{i:04d}" for i in range(6))
@@ -70,7 +65,7 @@ def test_folder_keeps_the_configuration_of_its_run(tmp_path: Path) -> None:
     for settings in ((), ("seed=3", "optim.ema=0.9")):
         assert resolve_config("proposed", None, (), settings, tmp_path) == SUPERVISED
     for method, settings in (("proposed", ["seed=9"]), ("cut", [])):
-        with pytest.raises(CheckpointError, match="another run"):
+        with pytest.raises(CheckpointError):
             resolve_config(method, None, (), settings, tmp_path)
 
 

@@ -1,10 +1,9 @@
 """One run's state: right gradients, whatever the batch."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -14,15 +13,10 @@ from lightning_fabric.plugins.precision.amp import MixedPrecision
 
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
-from depthcli.training.config import OptimConfig, updated
+from depthcli.training.config import OptimConfig, TrainConfig, updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.loop import Limits, fit
 from depthcli.training.run import Run, lr_factor
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.training.config import TrainConfig
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
 """Nothing is drawn by chance."""

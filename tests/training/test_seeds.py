@@ -4,8 +4,6 @@ The stored values were computed when this test was written. Only a change that i
 seeds train otherwise may replace them: ``python tests/training/test_seeds.py``.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -1,18 +1,14 @@
 """``depthcli train --tensorboard``, read back by TensorBoard itself."""
 
-from __future__ import annotations
-
 import json
+import subprocess
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.rooms import write_rooms
 from helpers.runs import inside
-
-if TYPE_CHECKING:
-    import subprocess
-    from pathlib import Path
 
 SETTINGS = (
     "generator.name=efficient",

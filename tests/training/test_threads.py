@@ -1,10 +1,9 @@
 """The number of threads of a run that names none."""
 
-from __future__ import annotations
-
 import time
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 import torch
@@ -24,10 +23,6 @@ from depthcli.training.devices import (
     set_threads,
 )
 from depthcli.training.run import Run
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 SMALL = TrainConfig(
     generator=GeneratorConfig(width=4, blocks=1),

@@ -1,9 +1,8 @@
 """Held-out pairs: their scores, by the protocol of the evaluation, and what is drawn of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,9 +20,6 @@ from depthcli.metrics.pixels import DepthPixels
 from depthcli.training.callbacks import Validation, sample_path, write_samples
 from depthcli.training.config import OutputConfig
 from depthcli.training.networks.build import build_generator
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 CPU = torch.device("cpu")
 

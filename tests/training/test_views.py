@@ -1,7 +1,5 @@
 """Views against the pinhole camera, ray by ray, in plain loops."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

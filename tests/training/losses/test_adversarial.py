@@ -1,7 +1,5 @@
 """The adversarial terms against plain loops, and what they say of known discriminators."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Multi-scale gradient matching against plain loops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Patch-wise contrast against plain loops, its chance levels and its gradients."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

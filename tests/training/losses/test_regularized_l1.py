@@ -1,7 +1,5 @@
 """Regularized L1 against plain loops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Semantic relation consistency against plain loops."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Similarity of domains against plain loops."""
 
-from __future__ import annotations
-
 import pytest
 from helpers.vectors import unit_vectors
 

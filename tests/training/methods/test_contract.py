@@ -1,9 +1,7 @@
 """What every registered method must do: step, save, resume, and give a generator."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,14 +13,10 @@ from lightning_fabric import Fabric
 from depthcli.errors import UsageError
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
+from depthcli.training.config import TrainConfig
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.registry import build_method
 from depthcli.training.methods.table import METHODS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.training.config import TrainConfig
 
 
 def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:

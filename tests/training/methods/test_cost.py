@@ -1,7 +1,5 @@
 """What a step at paper size computes, counted without computing it."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from torch._subclasses.fake_tensor import FakeTensorMode

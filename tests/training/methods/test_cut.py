@@ -1,22 +1,17 @@
 """CUT, FastCUT and HnegSRC term by term, against the networks and losses they are made of."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import torch
 from helpers.tiny_methods import batch, coded, tiny, tiny_method
 from lightning_fabric import Fabric
+from torch import Tensor
 
 from depthcli.training.losses import hdce, patch_nce, semantic_relation
 from depthcli.training.run import Run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from torch import Tensor
 
 
 def phases(method: Any, seed: int = 5) -> dict[str, Tensor]:

@@ -1,15 +1,11 @@
 """CycleGAN term by term, against the networks and losses it is made of."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import torch
 from helpers.tiny_methods import batch, coded, tiny_method
-
-if TYPE_CHECKING:
-    from torch import Tensor
+from torch import Tensor
 
 
 @pytest.fixture

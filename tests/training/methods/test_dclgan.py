@@ -1,19 +1,15 @@
 """DCLGAN and SimDCL term by term, against the networks and losses they are made of."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import torch
 from helpers.tiny_methods import batch, coded, tiny, tiny_method
+from torch import Tensor
 
 from depthcli.training.losses import patch_nce
 from depthcli.training.methods.registry import build_method
 from depthcli.training.run import build_optimizer
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 TAPS = ("down1", "down2", "block1", "block5")
 

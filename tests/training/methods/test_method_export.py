@@ -1,8 +1,6 @@
 """Every method ends as a model that the command line runs, equal to its network in torch."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -21,9 +19,6 @@ from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, load_generator
 from depthcli.training.loop import Limits, fit
 from depthcli.training.methods.table import METHODS
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -1,21 +1,17 @@
 """Which methods can tell which depth map belongs to a picture: the paper's own, and no other."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import torch
 from helpers.tiny_methods import batch, tiny, tiny_method
+from torch import Tensor
 
 from depthcli.errors import UsageError
 from depthcli.training.config import updated
 from depthcli.training.methods.registry import build_method, default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.settings import apply_overrides
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 UNPAIRED = sorted(set(METHODS) - {"proposed"})
 

@@ -1,7 +1,5 @@
 """Eq. 7 term by term, against the networks and losses it is made of."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -220,12 +218,6 @@ def test_backward_l1_is_of_measured_pixels_alone(config: Any) -> None:
     found = method(plain._replace(valid_mask=valid_mask), "generator")["l1_backward"]
     torch.testing.assert_close(found, 2 * error[valid_mask].mean())
     assert abs((error[valid_mask].mean() - error.mean()).item()) > 1e-3
-
-
-def test_backward_l1_needs_a_weight() -> None:
-    method = _method(l1=0.0, gradient=1.0, l1_backward=True)
-    assert method.backward_generator is None
-    assert set(method(tiny_methods.batch(), "generator")) == {"gradient"}
 
 
 def test_efficient_generator_takes_every_loss() -> None:

@@ -1,7 +1,5 @@
 """Each method is set as its authors set it, and refuses losses that it does not have."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -102,20 +100,6 @@ def test_a_loss_that_the_method_has_not_is_refused(name: str) -> None:
             continue
         with pytest.raises(UsageError, match=rf"{name} has no loss\.{term}; it has loss\.adv"):
             check_terms(config)
-
-
-OF_SOME = {
-    "optim.pool_size=7": {"cyclegan", "proposed"},
-    "optim.head_learning_rate=0.5": {"dclgan", "simdcl"},
-    "loss.flip_contrast=true": {"cut", "hnegsrc"},
-    "loss.gamma_end=3": {"hnegsrc"},
-    "loss.contrast=cfl": {"proposed"},
-    "loss.l1_backward=true": {"proposed"},
-    "loss.adversarial_backward=false": {"proposed"},
-    "loss.weight_penalty=0.5": {"proposed"},
-    "loss.pseudo_label_scale=0.7": {"proposed"},
-    "data.pseudo_label_share=0.7": {"proposed"},
-}
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -1,7 +1,5 @@
 """The efficient generator: sizes, taps, and where its outputs begin."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -11,7 +9,11 @@ from depthcli.training.config import GeneratorConfig
 from depthcli.training.networks.build import build_generator
 from depthcli.training.networks.efficient import EfficientGenerator, ResidualBlock
 
-SMALL = {"encoder": (4, 5, 6, 7, 8), "decoder": (9, 6, 5, 4), "depths": (1, 2, 1, 1)}
+SMALL = {
+    "encoder": (8, 16, 24, 32, 40),  # torch 2.13 corrupts memory where 8 divides a width not
+    "decoder": (40, 24, 16, 8),
+    "depths": (1, 2, 1, 1),
+}
 
 
 def _small(*, norm: bool = True) -> EfficientGenerator:
@@ -32,7 +34,7 @@ def test_taps_are_known_before_any_picture() -> None:
     sizes = [(32, 16), (16, 8), (8, 4), (4, 2)]
     assert [tuple(m.shape[2:]) for m in maps] == sizes
     (one,) = network.features(torch.rand(1, 1, 64, 32), ["stride8"])
-    assert one.shape[1] == network.tap_channels("stride8") == 6
+    assert one.shape[1] == network.tap_channels("stride8") == 24
 
 
 def test_starts_in_the_middle_of_the_coding() -> None:

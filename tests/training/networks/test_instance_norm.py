@@ -1,7 +1,5 @@
 """Instance norm against its formula in 64 bits, in every layout of memory."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

@@ -1,7 +1,5 @@
 """The patch heads and the similarity map."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

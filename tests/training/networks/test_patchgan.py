@@ -1,7 +1,5 @@
 """The discriminator: size, output grid, what one output sees."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812

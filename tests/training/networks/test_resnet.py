@@ -1,7 +1,5 @@
 """The paper's generator: size, cost, taps and what its norm makes it blind to."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
