@@ -40,11 +40,10 @@ from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
-from depthcli.io.images.decode import image_size
 from depthcli.io.images.exif import parse_exif
 from depthcli.io.images.png import encode_png
-from depthcli.io.images.read import read_image
-from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.images.read import image_size, read_image
+from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.listing.path_list import listed_inputs, parse_list
 from depthcli.io.parquet import column_texts
 from depthcli.io.tables import read_lenses

@@ -1,22 +1,20 @@
 """A depth map with methods to save, colour, plot and back-project it."""
 
-from __future__ import annotations
-
 import os
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core import anchors as anchor_fit
 from depthcli.core import types
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import CameraSource, Intrinsics
-from depthcli.core.options import Colormap, Near
-from depthcli.core.point_cloud import point_cloud
-from depthcli.core.text import short_repr
+from depthcli.core.camera import Anchor, CameraSource, Intrinsics
+from depthcli.core.options import Colormap, Near, short_repr
+from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats.preview import PreviewWriter, percentiles
@@ -33,18 +31,10 @@ from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import path_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any, Literal, Self
-
-    import numpy.typing as npt
     from matplotlib.axes import Axes
 
-    from depthcli.core.camera import Anchor
-    from depthcli.core.point_cloud import PointCloud
-
-
-AnchorLike: TypeAlias = "Anchor | tuple[int, int, float]"
-Anchors: TypeAlias = "Sequence[AnchorLike] | npt.NDArray[Any] | types.DepthMap"
+AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
+Anchors: TypeAlias = Sequence[AnchorLike] | npt.NDArray[Any] | types.DepthMap
 _TABLE_RANK, _COLUMNS = 2, 3
 
 
@@ -186,12 +176,12 @@ class DepthMap(types.DepthMap):
 
     def plot(
         self,
-        axes: Axes | None = None,
+        axes: "Axes | None" = None,
         *,
         colormap: str = "inferno",
         vmin: float | None = None,
         vmax: float | None = None,
-    ) -> Axes:
+    ) -> "Axes":
         """Draw the map with matplotlib, near is warm, with a colour bar in its unit.
 
         Args:
@@ -256,12 +246,21 @@ class DepthMap(types.DepthMap):
             UsageError: the suffix chooses no format, or an option is of another one.
         """
         file = path_of(path)
-        format_ = format_of(file)
+        name = format_of(file)
+        if name is None:
+            raise UsageError(
+                f"{file} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}"
+            )
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
-        if depth is not self and format_ is not None and not format_.facts.has_camera:
-            raise UsageError(f"{format_.facts.suffix} states no camera; leave it out for {file}")
+        if depth is not self and not name.facts.has_camera:
+            raise UsageError(f"{name.facts.suffix} states no camera; leave it out for {file}")
         options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
-        for message in _write(depth, file, self.frame, options, overwrite=overwrite):
+        writer = writer_class(name)(**_checked_options(name, options))
+        inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
+        guard = Guard.of(is_own, inputs, overwrite=overwrite)
+        with atomic_path(file, guard=guard) as temporary:
+            messages = writer.write(depth, temporary, self.frame)
+        for message in messages:
             warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
 
 
@@ -293,36 +292,6 @@ def _anchor_table(anchors: Sequence[AnchorLike]) -> npt.NDArray[np.float64]:
         return np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
     except (TypeError, ValueError) as error:
         raise UsageError(f"anchors are (column, row, metres), not {short_repr(anchors)}") from error
-
-
-def _write(
-    depth: types.DepthMap,
-    path: Path,
-    frame: types.Frame | None,
-    options: Mapping[str, object],
-    *,
-    overwrite: bool = False,
-) -> tuple[str, ...]:
-    """Write a map atomically; return warnings, one line each.
-
-    Missing folders are created; the file of ``frame``, the picture for formats that show it, is
-    never replaced, and a file that depthcli did not write only with ``overwrite``. Options are
-    png_scale, exr_channel and half; None for the default.
-
-    Raises:
-        OutputError: it cannot be written, or the map cannot be expressed in the format.
-        UsageError: the suffix chooses no format, or an option is of another one.
-    """
-    name = format_of(path)
-    if name is None:
-        raise UsageError(
-            f"{path} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}"
-        )
-    writer = writer_class(name)(**_checked_options(name, options))
-    inputs = () if frame is None or frame.path is None else (frame.path,)
-    guard = Guard.of(is_own, inputs, overwrite=overwrite)
-    with atomic_path(path, guard=guard) as temporary:
-        return writer.write(depth, temporary, frame)
 
 
 def _checked_options(name: Format, options: Mapping[str, object]) -> dict[str, object]:

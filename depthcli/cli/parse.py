@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from depthcli.cli import options as groups
+from depthcli.cli.groups import Given
 from depthcli.cli.options import (
     AnchorOptions,
     CameraOptions,
@@ -18,11 +19,11 @@ from depthcli.cli.options import (
     WritingOptions,
 )
 from depthcli.core.camera import DEPTH_M, HFOV_DEG, Anchor, Intrinsics
-from depthcli.core.options import AUTO_TILE, Colormap, Detail, Near, ReadOptions
-from depthcli.core.text import short_repr
+from depthcli.core.options import AUTO_TILE, Colormap, Detail, Near, ReadOptions, short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.table import WriterOptions
+from depthcli.io.formats.table import FORMATS, WriterOptions
+from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
 if TYPE_CHECKING:
@@ -246,3 +247,39 @@ def names(text: str | None) -> tuple[str, ...]:
 def listed(words: Sequence[str] | None) -> tuple[str, ...]:
     """Items of comma-separated lists, without duplicates."""
     return names(",".join(words or ()))
+
+
+FORMAT_OPTIONS: Mapping[str, Collection[str]] = {
+    str(name): facts.parameters for name, facts in FORMATS.items()
+}
+"""The options that each format uses, by parameter name."""
+INPUT_OPTIONS: Mapping[str, Collection[str]] = {
+    "EXR": ("exposure", "layer"),
+    "PNG and TIFF": ("white_level",),
+    "image sequences": ("fps",),
+}
+"""The options that each kind of input uses, by parameter name."""
+_STDIN = "-"
+
+
+def without_effect(
+    given: Given, used_by: Mapping[str, Collection[str]], kinds: Collection[str]
+) -> list[str]:
+    """Warnings about options that another kind of file uses than those in ``kinds``.
+
+    Options of a profile, which serves several runs, are left out.
+    """
+    warnings = []
+    for name, word in given.items():
+        users = [kind for kind, options in used_by.items() if name in options]
+        if users and not {*users} & {*kinds}:
+            warnings.append(f"{word} has no effect: it is for {', '.join(users)}")
+    return warnings
+
+
+def image_kinds(names: Iterable[str]) -> set[str]:
+    """The kinds of images, for :data:`INPUT_OPTIONS`."""
+    kinds = set()
+    for name in names:
+        kinds |= {*INPUT_OPTIONS} if name == _STDIN else {"EXR" if is_exr(name) else "PNG and TIFF"}
+    return kinds

@@ -21,7 +21,7 @@ from depthcli.cli.table import (
     plain_command,
     suggestion,
 )
-from depthcli.core.text import INSTALL_TRAIN
+from depthcli.core.options import INSTALL_TRAIN
 from depthcli.errors import (
     DepthcliError,
     ExitCode,

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple, Self
 
-from depthcli.core.options import Rule
-from depthcli.core.text import short_repr
+from depthcli.core.options import Rule, short_repr
 from depthcli.errors import InputError, Message, UsageError
 
 HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004

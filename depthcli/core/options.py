@@ -1,15 +1,11 @@
 """Choices for options of depth maps, models and metrics; free of numpy, for the help texts."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from depthcli.errors import InputError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 class Rule(NamedTuple):
@@ -175,3 +171,29 @@ class ReadOptions(NamedTuple):
 
 AS_STATED = ReadOptions()
 """What the files state, or the default."""
+
+
+_MAX_CHARS = 60
+
+
+def one_line(text: str) -> str:
+    """Text with everything that is not printable escaped: file names may hold any byte."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def short_repr(value: object) -> str:
+    """An untrusted value for a message: short, and of printable ASCII characters only."""
+    text = one_line(ascii(value))  # that of a tensor has lines
+    return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
+
+
+INSTALL_TRAIN = "pip install torch lightning-fabric onnx onnxscript h5py timm"
+INSTALL_TENSORBOARD = "pip install tensorboard"
+INSTALL_H5PY = "pip install h5py"
+INSTALL_RAY = "pip install ray"
+INSTALL_PYARROW = "pip install pyarrow"
+INSTALL_HEIF = "pip install pillow-heif"
+INSTALL_FORMATS = "pip install OpenImageIO"
+INSTALL_CLOUD = "pip install obstore boto3"

@@ -5,13 +5,16 @@ one line that names the field. (msgspec, which validates such types, too, ignore
 a dataclass and takes 28 ms to load.)
 """
 
+import hashlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass, replace
 from enum import Enum
+from fractions import Fraction
 from functools import cache, partial
+from pathlib import PurePath
 from types import NoneType, UnionType
 from typing import (
     Annotated,
@@ -26,8 +29,7 @@ from typing import (
     get_type_hints,
 )
 
-from depthcli.core.options import Rule
-from depthcli.core.text import short_repr
+from depthcli.core.options import Rule, short_repr
 
 _T = TypeVar("_T")
 _Read: TypeAlias = Callable[[Any], Any]
@@ -254,3 +256,29 @@ def _any_json(value: Any) -> Any:  # noqa: ANN401
     if isinstance(value, float) and not math.isfinite(value):
         raise FieldError.expected("a finite number", value)
     return value
+
+
+def fingerprint(*values: object) -> str:
+    """SHA-256 of values, in 64 hex digits.
+
+    Values are numbers, texts, enumerations, fractions and paths, and tuples, lists, mappings and
+    dataclasses of them; names of fields count.
+
+    Raises:
+        TypeError: a value of another type, whose text form may not be stable.
+    """
+    text = json.dumps(values, default=_json_value, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _json_value(value: object) -> object:
+    """A value of a type that JSON does not have, as one that it has."""
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Fraction | PurePath):
+        return str(value)
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"{type(value).__name__} has no fingerprint")

@@ -16,7 +16,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Protocol, TypeAlias, runtime_checkable
 
-from depthcli.core import fingerprint
+from depthcli.core.validation import fingerprint
 from depthcli.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -314,7 +314,7 @@ def data_fingerprint(dataset: DepthDataset) -> str:
     if isinstance(dataset, HasFiles):
         files = map(dataset.files, range(len(dataset)))
         sizes = [[file.stat().st_size for file in pair] for pair in files]
-    return fingerprint.fingerprint(list(dataset.ids), list(focal_px), sizes)
+    return fingerprint(list(dataset.ids), list(focal_px), sizes)
 
 
 Opener: TypeAlias = Callable[[Path], DepthDataset]

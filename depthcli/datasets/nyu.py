@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.text import INSTALL_H5PY, short_repr
+from depthcli.core.options import INSTALL_H5PY, short_repr
 from depthcli.datasets.base import DepthDataset, is_label
 from depthcli.datasets.folders import PLAUSIBLE as OWN_PLAUSIBLE
 from depthcli.datasets.folders import (
@@ -34,7 +34,7 @@ from depthcli.datasets.folders import (
 )
 from depthcli.errors import DatasetError
 from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.images.decode import read_bytes
+from depthcli.io.images.read import read_bytes
 from depthcli.io.tables import CsvTable
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"

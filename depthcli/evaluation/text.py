@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 from depthcli.evaluation.report import Difference, EvalReport, ReportRow, Training
 from depthcli.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.metrics.depth import METRICS

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
-from depthcli.core.text import one_line
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS, ort

@@ -9,8 +9,8 @@ import cv2
 
 from depthcli.core.camera import FOCAL_PX, Intrinsics, hfov_deg
 from depthcli.errors import InputError
-from depthcli.io.images.decode import read_bytes
 from depthcli.io.images.opencv import silent_opencv
+from depthcli.io.images.read import read_bytes
 from depthcli.io.storage.paths import path_of
 
 _WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")

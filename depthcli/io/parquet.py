@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from depthcli.core.text import INSTALL_PYARROW, one_line
+from depthcli.core.options import INSTALL_PYARROW, one_line
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:

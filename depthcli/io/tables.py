@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from depthcli.core.camera import CENTRE_PX, FOCAL_PX, HFOV_DEG, UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import Rule
-from depthcli.core.text import short_repr
+from depthcli.core.options import Rule, short_repr
 from depthcli.errors import InputError
 from depthcli.io.storage.paths import read_regular
 

@@ -33,10 +33,10 @@ from depthcli.io.listing.folder import (
     InputFile,
     NameFilter,
     Skipped,
+    is_own_picture,
     list_folder,
     skip_summary,
 )
-from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.listing.path_list import list_objects, walk_sort_key
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import (

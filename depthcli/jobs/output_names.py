@@ -12,8 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from depthcli.io.listing.folder import is_exr, is_media
-from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.listing.folder import is_exr, is_media, is_own_picture
 from depthcli.io.storage.paths import RemotePath
 
 STDIN_STEM = "stdin"

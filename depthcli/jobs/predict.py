@@ -14,7 +14,7 @@ from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail,
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FILE_SUFFIXES, Format, WriterOptions, format_of, stem_of
-from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, plan_outputs
 

@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG
-from depthcli.core.codec import DepthCodec, Transform
-from depthcli.core.options import Rule
-from depthcli.core.text import short_repr
-from depthcli.core.types import DepthKind
+from depthcli.core.options import Rule, short_repr
+from depthcli.core.types import DepthCodec, DepthKind, Transform
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError
 

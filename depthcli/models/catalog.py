@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from depthcli.core.text import short_repr
+from depthcli.core.options import short_repr
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError, UsageError
 from depthcli.io.storage.paths import RemotePath, data_folder, path_of, safe_name

@@ -13,7 +13,7 @@ import torch.nn.functional as F  # noqa: N812
 from lightning_fabric import Fabric
 from torch import Tensor, nn
 
-from depthcli.core.text import INSTALL_TENSORBOARD
+from depthcli.core.options import INSTALL_TENSORBOARD
 from depthcli.core.types import DepthMap
 from depthcli.datasets.base import DepthDataset, HasScales
 from depthcli.errors import TrainingError

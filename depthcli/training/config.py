@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal, TypeAlias, TypeVar
 
-from depthcli.core.codec import DepthCodec
 from depthcli.core.options import Rule
+from depthcli.core.types import DepthCodec
 from depthcli.core.validation import FieldError, merged
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import MILLIMETRES

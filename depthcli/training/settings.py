@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from depthcli.core.text import short_repr
+from depthcli.core.options import short_repr
 from depthcli.errors import UsageError
 from depthcli.training.checkpoint import CHECKPOINT, saved_checkpoint
 from depthcli.training.config import TrainConfig, check_config, updated

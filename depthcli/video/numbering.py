@@ -16,9 +16,9 @@ from depthcli.io.listing.folder import (
     HEIF_SUFFIXES,
     PICTURE_SUFFIXES,
     is_exr,
+    is_own_picture,
     is_picture,
 )
-from depthcli.io.listing.own_outputs import is_own_picture
 from depthcli.io.storage.paths import RemotePath, path_of
 
 SINGLE_IMAGE_ADVICE = (

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core.camera import Intrinsics, focal_px_of_35mm, focal_px_of_hfov, hfov_deg
-from depthcli.core.codec import DepthCodec, Transform
 from depthcli.core.imageops import luma, resize_area, resize_bilinear, rgb, value_channel
+from depthcli.core.types import DepthCodec, Transform
 from depthcli.errors import UsageError
 
 RANDOM = np.random.default_rng(3)

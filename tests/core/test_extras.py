@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from depthcli.core import text as extras
+from depthcli.core import options as extras
 
 ROOT = Path(__file__).parents[2]
 

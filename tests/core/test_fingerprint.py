@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from depthcli.core.fingerprint import fingerprint
 from depthcli.core.options import Detail, Upsampling
+from depthcli.core.validation import fingerprint
 
 
 @dataclass(frozen=True)

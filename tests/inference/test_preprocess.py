@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.codec import Transform
 from depthcli.core.options import Upsampling
-from depthcli.core.types import DepthKind, Frame
+from depthcli.core.types import DepthKind, Frame, Transform
 from depthcli.inference.transforms import (
     Layout,
     blends_in_log,

@@ -9,9 +9,8 @@ import onnx
 import pytest
 from helpers.tiny import tiny_onnx, write_model
 
-from depthcli.core.codec import Transform
 from depthcli.core.options import AUTO_TILE, Detail, Upsampling
-from depthcli.core.types import DepthKind, Frame
+from depthcli.core.types import DepthKind, Frame, Transform
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline, load, tile_width_px
 from depthcli.inference.tiles import TileGrid, refine

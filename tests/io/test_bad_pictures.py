@@ -19,10 +19,9 @@ from PIL import Image
 from depthcli.datasets.folders import depth_shape, read_image_rgb
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.images.decode import image_size
 from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
-from depthcli.io.images.read import read_image
-from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.images.read import image_size, read_image
+from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.paths import read_regular
 
 if TYPE_CHECKING:

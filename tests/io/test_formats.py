@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from depthcli.api.depth_map import _write as write_depth
-from depthcli.core.types import DepthMap, Frame
+from depthcli.api.depth_map import DepthMap
+from depthcli.core.types import Frame
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import (
     FORMATS,
@@ -67,17 +67,17 @@ def test_the_rest_is_the_stem(name: str, stem: str) -> None:
 
 def test_options_are_those_of_the_format_that_the_name_says(tmp_path: Path) -> None:
     depth = DepthMap(np.full((2, 3), 1.5, np.float32))
-    write_depth(depth, tmp_path / "a.png", None, {"png_scale": 5000, "half": None})
+    depth.save(tmp_path / "a.png", png_scale=5000)
     assert cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED).max() == 7500
     for name, problem in [
         ("b.png", "half is for .depth.exr, not for .depth.png"),
         ("b.gif", "has no suffix that selects a format; use .png, .exr, .npy, .ply, .json"),
     ]:
         with pytest.raises(UsageError, match=problem):
-            write_depth(depth, tmp_path / name, None, {"half": True})
+            depth.save(tmp_path / name, half=True)
     frame = Frame(np.zeros((2, 3, 3), np.uint8), tmp_path / "a.png")
     with pytest.raises(OutputError, match="is an input"):
-        write_depth(depth, tmp_path / "a.png", frame, {})
+        DepthMap.of(depth, frame).save(tmp_path / "a.png")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 

@@ -10,8 +10,7 @@ from helpers import made
 
 from depthcli.errors import InputError
 from depthcli.io.images import openimageio
-from depthcli.io.images.decode import check
-from depthcli.io.images.read import read_image
+from depthcli.io.images.read import check, read_image
 
 if TYPE_CHECKING:
     from pathlib import Path

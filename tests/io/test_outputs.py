@@ -17,14 +17,14 @@ from helpers.command_line import unmeasured
 from helpers.file_trees import names
 from helpers.tiny import write_picture
 
-from depthcli.api.depth_map import _write as write_depth
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.api.depth_map import DepthMap
+from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
 from depthcli.jobs.predict import picture_destination
@@ -70,11 +70,11 @@ def test_a_map_is_not_written_over_its_picture(tmp_path: Path) -> None:
     source = write_picture(tmp_path / "a.png")
     whole, depth = source.read_bytes(), DepthMap(np.ones((2, 3), np.float32))
     with pytest.raises(OutputError, match="input"):
-        write_depth(depth, source, Frame(np.zeros((2, 3), np.uint8), path=source), {})
+        DepthMap.of(depth, Frame(np.zeros((2, 3), np.uint8), path=source)).save(source)
     assert source.read_bytes() == whole
     with pytest.raises(OutputError):  # of memory alone, but a file of another program
-        write_depth(depth, source, None, {})
-    write_depth(depth, source, None, {}, overwrite=True)
+        depth.save(source)
+    depth.save(source, overwrite=True)
     assert source.read_bytes() != whole
 
 

@@ -20,11 +20,10 @@ import pytest
 from helpers.stores import KEYS, remote
 from helpers.watched import Watched
 
-from depthcli.api.depth_map import _write as write_depth
-from depthcli.core.types import DepthMap
+from depthcli.api.depth_map import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.images.decode import read_bytes
+from depthcli.io.images.read import read_bytes
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
@@ -163,7 +162,7 @@ def test_errors_name_the_object_and_not_its_copy(bucket: Bucket) -> None:
 def test_depth_files_are_read_from_a_store(bucket: Bucket, tmp_path: Path) -> None:
     depth = DepthMap(np.full((4, 6), 2.5, np.float32))
     for suffix in (".png", ".exr", ".npy"):
-        write_depth(depth, remote(bucket.uri(f"d{suffix}")), None, {})
+        depth.save(bucket.uri(f"d{suffix}"))
         assert float(read_stored_depth(bucket.uri(f"d{suffix}")).displayed.values.max()) == 2.5
     assert not list(tmp_path.iterdir())
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from depthcli.core.codec import DepthCodec
+from depthcli.core.types import DepthCodec
 from depthcli.errors import UsageError
 from depthcli.training.config import LossConfig, TrainConfig, updated
 from depthcli.training.methods.registry import DEFAULTS, default_config

@@ -187,7 +187,7 @@ def batch(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.checks import FORMAT_OPTIONS, without_effect
+    from depthcli.cli.parse import FORMAT_OPTIONS, without_effect
     from depthcli.cli.screen import console
     from depthcli.jobs.batch.options import BatchOptions
 

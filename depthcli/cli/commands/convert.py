@@ -125,7 +125,7 @@ def convert(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.checks import without_effect
+    from depthcli.cli.parse import without_effect
     from depthcli.cli.screen import console
     from depthcli.cli.screen.results import ConversionScreen, print_conversion
     from depthcli.core.parallel import share_cores

@@ -7,7 +7,7 @@ import typer
 from depthcli.cli import completion
 from depthcli.cli.options import JsonOption
 from depthcli.cli.screen import console
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
 
 app = typer.Typer(rich_markup_mode=None)

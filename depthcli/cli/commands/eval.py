@@ -20,8 +20,15 @@ from depthcli.cli.options import (
     usual,
 )
 from depthcli.cli.screen import console
-from depthcli.core.options import Alignment, Averaging, Crop, Mask, Upsampling, Weights
-from depthcli.core.text import INSTALL_TRAIN
+from depthcli.core.options import (
+    INSTALL_TRAIN,
+    Alignment,
+    Averaging,
+    Crop,
+    Mask,
+    Upsampling,
+    Weights,
+)
 from depthcli.datasets.base import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 

@@ -6,7 +6,7 @@ import typer
 
 from depthcli.cli.options import FileArgument, JsonOption, ScaleOption
 from depthcli.cli.screen import console
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
 
 _SCALE_SOURCES = {

@@ -10,7 +10,7 @@ import typer
 from depthcli.cli import completion
 from depthcli.cli.options import JsonOption, QuietOption
 from depthcli.cli.screen import console
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from depthcli.cli.options import (
     usual,
 )
 from depthcli.cli.screen import console
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
 
@@ -72,7 +72,7 @@ def predict(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.checks import FORMAT_OPTIONS, INPUT_OPTIONS, image_kinds, without_effect
+    from depthcli.cli.parse import FORMAT_OPTIONS, INPUT_OPTIONS, image_kinds, without_effect
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs import predict as job
     from depthcli.jobs.outputs import STDIO

@@ -23,7 +23,7 @@ from depthcli.cli.options import (
     option,
     usual,
 )
-from depthcli.core.text import short_repr
+from depthcli.core.options import short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
@@ -156,7 +156,7 @@ def video(
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.checks import INPUT_OPTIONS, without_effect
+    from depthcli.cli.parse import INPUT_OPTIONS, without_effect
     from depthcli.cli.screen import console
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import safe_name

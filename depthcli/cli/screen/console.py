@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
+from depthcli.core.options import one_line
 from depthcli.core.progress import exit_hook
-from depthcli.core.text import one_line
 from depthcli.errors import ExitCode, Message, about
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

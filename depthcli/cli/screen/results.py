@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import show_progress
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, ModelError, UsageError, about
 from depthcli.io.depth.metadata import DepthMetadata, anchor_fields, camera_text

@@ -6,7 +6,7 @@ Names follow the conventions of Blender, Nuke, Arnold, V-Ray, RenderMan, Houdini
 import re
 from collections.abc import Collection, Mapping, Sequence
 
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 from depthcli.errors import InputError, Message
 
 _DEPTHS = ("Z", "V", "Y", "R")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.text import one_line
+from depthcli.core.options import one_line
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, over_window
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts

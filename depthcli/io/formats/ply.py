@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import CameraSource, focal_px_of_hfov, hfov_deg
+from depthcli.core.options import one_line
 from depthcli.core.point_cloud import PointCloud, point_cloud
-from depthcli.core.text import one_line
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import metadata_texts

@@ -1,10 +1,74 @@
-"""The two EXIF tags that depth estimation needs: orientation and focal length."""
+"""Directories of TIFF 6.0 and BigTIFF; the two EXIF tags in them that depth estimation needs."""
 
 import struct
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from typing import NamedTuple
 
-from depthcli.io.images.tiff import TIFF_STARTS, read_tags
+_FIELD_TYPES = {1: "B", 3: "H", 4: "I", 8: "h", 9: "i", 13: "I", 16: "Q"}
+
+
+class _Layout(NamedTuple):
+    """Layout of TIFF and BigTIFF: formats of `struct`, offsets in bytes."""
+
+    order: str
+    start: int
+    number: str
+    total: str
+    entry: int
+    value: int
+
+
+LAYOUTS = {
+    b"II*\0": _Layout("<", 4, "I", "H", 12, 8),
+    b"MM\0*": _Layout(">", 4, "I", "H", 12, 8),
+    b"II+\0": _Layout("<", 8, "Q", "Q", 20, 12),
+    b"MM\0+": _Layout(">", 8, "Q", "Q", 20, 12),
+}
+TIFF_STARTS = tuple(LAYOUTS)
+
+
+def read_tags(
+    data: bytes, wanted: Collection[int], at: int | None = None
+) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """Wanted tags of a directory with their values.
+
+    Args:
+        data: it starts with one of ``TIFF_STARTS``.
+        wanted: their numbers.
+        at: position of the directory; None for the first.
+
+    Raises:
+        struct.error: the file is truncated.
+    """
+    for tag, form, position in tag_entries(data, wanted, at):
+        yield tag, unpack_at(form, data, position)
+
+
+def tag_entries(
+    data: bytes, wanted: Collection[int], at: int | None
+) -> Iterator[tuple[int, str, int]]:
+    """Wanted tags of a directory, with the format and the position of their values."""
+    layout = LAYOUTS[data[:4]]
+    order, number = layout.order, layout.order + layout.number
+    if at is None:
+        (at,) = unpack_at(number, data, layout.start)
+    (count,) = unpack_at(order + layout.total, data, at)
+    first = at + struct.calcsize(layout.total)
+    for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
+        tag, kind = unpack_at(order + "HH", data, entry)
+        if tag in wanted and kind in _FIELD_TYPES:
+            (many,) = unpack_at(number, data, entry + 4)
+            form, position = f"{order}{many}{_FIELD_TYPES[kind]}", entry + layout.value
+            if struct.calcsize(form) > struct.calcsize(number):
+                (position,) = unpack_at(number, data, position)
+            yield tag, form, position
+
+
+def unpack_at(form: str, data: bytes, at: int) -> tuple[int, ...]:
+    """Unpack as ``struct.unpack_from``, at a position of any size."""
+    return struct.unpack(form, data[at : at + struct.calcsize(form)])
+
 
 ORIENTATION, EXIF_IFD, FOCAL_35MM = 0x0112, 0x8769, 0xA405
 """Tags, the second of which is the place of the directory with the third."""

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.text import INSTALL_HEIF
+from depthcli.core.options import INSTALL_HEIF
 from depthcli.errors import InputError
-from depthcli.io.images.headers import Decoded, Header
 from depthcli.io.images.isobmff import is_cut_in_box, property_orientation
+from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.listing.folder import is_installed
 
 _EIGHT_BIT = 8

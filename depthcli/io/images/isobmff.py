@@ -4,7 +4,7 @@ import re
 import struct
 
 from depthcli.errors import InputError
-from depthcli.io.images.headers import ANIMATED, Header
+from depthcli.io.images.opencv import ANIMATED, Header
 
 _HEVC_BRANDS = frozenset((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"))
 _AVIF_BRANDS = frozenset((b"avif", b"avis"))

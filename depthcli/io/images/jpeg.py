@@ -9,8 +9,7 @@ import numpy.typing as npt
 import simplejpeg
 
 from depthcli.errors import InputError
-from depthcli.io.images.headers import Decoded, Header
-from depthcli.io.images.opencv import decode_with_opencv
+from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
 
 JPEG_START = b"\xff\xd8"
 _FRAMES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")

@@ -1,15 +1,96 @@
-"""Decoding images with OpenCV, which stays silent."""
+"""Images that OpenCV decodes, in silence; headers of WebP, GIF, BMP and Netpbm."""
 
+import re
+import struct
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from depthcli.errors import InputError
-from depthcli.io.images.headers import Decoded
+
+ANIMATED = "is animated; only the first picture is used"
+"""A warning."""
+_WEBP_ANIMATION = 0x02  # of the flags of an extended file
+_GIF_FRAME = b"\0\x21\xf9\x04"  # the end of a block, and a graphic control extension
+_BMP_OS2_BYTES = 12  # of the header of OS/2, whose colours OpenCV makes gray
+_NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"
+_NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?\s")
+"""Width, height and, except for bitmaps, the value of white."""
+_BITMAPS, _PLAIN = (b"P1", b"P4"), (b"P2", b"P3")
+_BYTE = 0xFF
+
+
+class Header(NamedTuple):
+    """Facts about the first image of a file, known before it is decoded."""
+
+    width: int
+    height: int
+    warning: str | None = None  #: about further images in the file
+    white: int | None = None  #: value of white, if the file states one
+    orientation: int | None = None  #: 1-8; None for that of its EXIF
+    is_upright: bool = False  #: whether its decoder turns it by this orientation
+    transfer: int = 0  #: code of the transfer function in ITU-T H.273; 0 for none
+
+
+class Decoded(NamedTuple):
+    """Pixels of an image, and what is known once it is decoded."""
+
+    pixels: npt.NDArray[Any]  #: gray (H, W) or RGB (H, W, 3), of the file's own type
+    exif: bytes = b""  #: the TIFF structure that EXIF is; empty without one
+    is_linear: bool = False  #: whether it is linear light and not encoded for display
+
+
+def webp_header(data: bytes) -> Header:
+    """Header of a WebP (RFC 9649)."""
+    kind = data[12:16]
+    if kind == b"VP8X":
+        width, height = (int.from_bytes(data[at : at + 3], "little") + 1 for at in (24, 27))
+        return Header(width, height, ANIMATED if data[20] & _WEBP_ANIMATION else None)
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return Header((bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1)
+    width, height = struct.unpack_from("<HH", data, 26)
+    return Header(width & 0x3FFF, height & 0x3FFF)
+
+
+def gif_header(data: bytes) -> Header:
+    """Header of a GIF; its animation is recognized by a second graphic control extension."""
+    width, height = struct.unpack_from("<HH", data, 6)
+    return Header(width, height, ANIMATED if data.count(_GIF_FRAME) > 1 else None)
+
+
+def bmp_header(data: bytes) -> Header:
+    """Header of a BMP.
+
+    Raises:
+        InputError: it is that of OS/2.
+    """
+    size, width, height = struct.unpack_from("<Iii", data, 14)
+    if size == _BMP_OS2_BYTES:
+        raise InputError("is a BMP of OS/2, which is not read", "convert it to PNG")
+    return Header(width, abs(height))
+
+
+def is_netpbm(data: bytes) -> bool:
+    """Whether a file is a PBM, PGM or PPM."""
+    return _NETPBM.match(data) is not None
+
+
+def netpbm_header(data: bytes) -> Header:
+    """Header of a PBM, PGM or PPM."""
+    found = _NETPBM.match(data)
+    if found is None:
+        raise InputError("has no header of Netpbm")
+    white = int(found[3]) if found[3] and not data.startswith(_BITMAPS) else None
+    if white is not None and white <= _BYTE and data.startswith(_PLAIN):
+        white = None  # the decoder scales these
+    return Header(int(found[1]), int(found[2]), white=white)
+
 
 IMAGE_SUFFIXES = (".jpg", ".png", ".tiff", ".webp", ".avif", ".bmp")
 """One suffix for each format that OpenCV reads and writes."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.text import INSTALL_FORMATS
+from depthcli.core.options import INSTALL_FORMATS
 from depthcli.errors import InputError
-from depthcli.io.images.headers import Decoded, Header
+from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import upright
 from depthcli.io.listing.folder import is_installed
 from depthcli.io.storage.temporary import temporary_copy

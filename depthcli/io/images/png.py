@@ -13,7 +13,7 @@ from itertools import chain, takewhile
 from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.errors import InputError, OutputError
-from depthcli.io.images.headers import ANIMATED, Header
+from depthcli.io.images.opencv import ANIMATED, Header
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

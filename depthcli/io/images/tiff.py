@@ -1,13 +1,12 @@
 """TIFF files (TIFF 6.0, and BigTIFF): the first image's size and layout; the count of others."""
 
 import struct
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import NamedTuple
 
 from depthcli.errors import InputError
-from depthcli.io.images.headers import Decoded, Header
-from depthcli.io.images.opencv import decode_with_opencv
+from depthcli.io.images.exif import LAYOUTS, read_tags, tag_entries, unpack_at
+from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
 from depthcli.io.images.openimageio import decode_with_openimageio, needs_openimageio
 
 _SUBFILE_TYPE, _REDUCED, _REDUCED_OR_MASK, _SUB_DIRECTORIES = 254, 0b1, 0b101, 330
@@ -18,33 +17,12 @@ _TAGS = (
     *(_PHOTOMETRIC, _SAMPLES, _PLANES, _FORMATS),
 )
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
-_FIELD_TYPES = {1: "B", 3: "H", 4: "I", 8: "h", 9: "i", 13: "I", 16: "Q"}
 _EIGHT, _SIXTEEN, _MAX_CHANNELS = 8, 16, 4
 # With any other, OpenCV returns a black image.
 _COMPRESSIONS_OF_OPENCV = frozenset(
     {1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677, 34887, 34925, 50000, 50001}
 )
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PLANAR, _FLOAT = 0, 1, 2, 2, 3
-
-
-class _Layout(NamedTuple):
-    """Layout of TIFF and BigTIFF: formats of `struct`, offsets in bytes."""
-
-    order: str
-    start: int
-    number: str
-    total: str
-    entry: int
-    value: int
-
-
-_LAYOUTS = {
-    b"II*\0": _Layout("<", 4, "I", "H", 12, 8),
-    b"MM\0*": _Layout(">", 4, "I", "H", 12, 8),
-    b"II+\0": _Layout("<", 8, "Q", "Q", 20, 12),
-    b"MM\0+": _Layout(">", 8, "Q", "Q", 20, 12),
-}
-TIFF_STARTS = tuple(_LAYOUTS)
 
 
 def tiff_header(data: bytes) -> Header:
@@ -86,23 +64,6 @@ def decode_tiff(data: bytes) -> Decoded:
     return Decoded(decode_with_opencv(_with_colours_as_stored(data)).pixels, data)
 
 
-def read_tags(
-    data: bytes, wanted: Collection[int], at: int | None = None
-) -> Iterator[tuple[int, tuple[int, ...]]]:
-    """Wanted tags of a directory with their values.
-
-    Args:
-        data: it starts with one of ``TIFF_STARTS``.
-        wanted: their numbers.
-        at: position of the directory; None for the first.
-
-    Raises:
-        struct.error: the file is truncated.
-    """
-    for tag, form, position in _entries(data, wanted, at):
-        yield tag, _unpack(form, data, position)
-
-
 def _first_directory(data: bytes) -> dict[int, int]:
     """The first value of each tag of the first image; of the bits, their maximum."""
     found = {tag: values for tag, values in read_tags(data, _TAGS) if values}
@@ -138,8 +99,8 @@ def _with_colours_as_stored(data: bytes) -> bytes:
     A truncated one is returned as it is.
     """
     with suppress(struct.error):
-        for _, form, position in _entries(data, (_EXTRA_SAMPLES,), None):
-            values = _unpack(form, data, position)
+        for _, form, position in tag_entries(data, (_EXTRA_SAMPLES,), None):
+            values = unpack_at(form, data, position)
             if _UNASSOCIATED in values:
                 declared = (_ASSOCIATED if value == _UNASSOCIATED else value for value in values)
                 tail = position + struct.calcsize(form)
@@ -149,40 +110,15 @@ def _with_colours_as_stored(data: bytes) -> bytes:
 
 def _image_count(data: bytes) -> int:
     """Directories in the file's chain, without reduced copies (thumbnails) and masks."""
-    layout, seen, count = _LAYOUTS[data[:4]], {0}, 0
+    layout, seen, count = LAYOUTS[data[:4]], {0}, 0
     order, number = layout.order, layout.order + layout.number
     with suppress(struct.error):  # decoders, too, pass over what follows the first image
-        (at,) = _unpack(number, data, layout.start)
+        (at,) = unpack_at(number, data, layout.start)
         while at not in seen:
             seen.add(at)
             kinds = dict(read_tags(data, (_SUBFILE_TYPE,), at)).get(_SUBFILE_TYPE) or (0,)
             count += not count or not kinds[0] & _REDUCED_OR_MASK
-            (entries,) = _unpack(order + layout.total, data, at)
+            (entries,) = unpack_at(order + layout.total, data, at)
             at += struct.calcsize(layout.total) + layout.entry * entries
-            (at,) = _unpack(number, data, at)
+            (at,) = unpack_at(number, data, at)
     return count
-
-
-def _entries(
-    data: bytes, wanted: Collection[int], at: int | None
-) -> Iterator[tuple[int, str, int]]:
-    """Wanted tags of a directory, with the format and the position of their values."""
-    layout = _LAYOUTS[data[:4]]
-    order, number = layout.order, layout.order + layout.number
-    if at is None:
-        (at,) = _unpack(number, data, layout.start)
-    (count,) = _unpack(order + layout.total, data, at)
-    first = at + struct.calcsize(layout.total)
-    for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
-        tag, kind = _unpack(order + "HH", data, entry)
-        if tag in wanted and kind in _FIELD_TYPES:
-            (many,) = _unpack(number, data, entry + 4)
-            form, position = f"{order}{many}{_FIELD_TYPES[kind]}", entry + layout.value
-            if struct.calcsize(form) > struct.calcsize(number):
-                (position,) = _unpack(number, data, position)
-            yield tag, form, position
-
-
-def _unpack(form: str, data: bytes, at: int) -> tuple[int, ...]:
-    """Unpack as ``struct.unpack_from``, at a position of any size."""
-    return struct.unpack(form, data[at : at + struct.calcsize(form)])

@@ -16,7 +16,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
-from depthcli.core.text import INSTALL_CLOUD
+from depthcli.core.options import INSTALL_CLOUD
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:

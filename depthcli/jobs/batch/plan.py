@@ -7,7 +7,7 @@ from itertools import chain
 from pathlib import Path
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.text import short_repr
+from depthcli.core.options import short_repr
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.listing.folder import (
     ANY,
@@ -21,12 +21,12 @@ from depthcli.io.listing.folder import (
     Skipped,
     conversion_hint,
     exr_hint,
+    is_own_output,
     is_video,
     list_folder,
     skip_summary,
     why_skipped,
 )
-from depthcli.io.listing.own_outputs import is_own_output
 from depthcli.io.listing.path_list import list_objects, listed_inputs, walk_sort_key
 from depthcli.io.manifest.files import WHOLE, Shard
 from depthcli.io.storage.paths import (

@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import cv2
 
 from depthcli._version import __version__
+from depthcli.core.options import INSTALL_RAY, one_line
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.core.text import INSTALL_RAY, one_line
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.manifest.row import CacheKey

@@ -16,8 +16,8 @@ from depthcli.errors import InputError, OutputError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
-from depthcli.io.images.decode import check, read_bytes
 from depthcli.io.images.opencv import silent_opencv
+from depthcli.io.images.read import check, read_bytes
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.manifest.files import rows_folder
 from depthcli.io.manifest.journal import Journal, Rows, known_rows

@@ -11,7 +11,7 @@ from typing import Generic
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
-from depthcli.core.fingerprint import fingerprint
+from depthcli.core.validation import fingerprint
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile, RealPaths, is_video

@@ -9,9 +9,9 @@ from typing import TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.fingerprint import fingerprint
 from depthcli.core.progress import Progress
 from depthcli.core.types import DepthMap, Frame, displayed_depth
+from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import check_network
@@ -19,8 +19,7 @@ from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import Session
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
-from depthcli.io.images.decode import read_bytes
-from depthcli.io.images.read import read_image
+from depthcli.io.images.read import read_bytes, read_image
 from depthcli.io.manifest.row import FAILED, OK, AnchorEntry, CacheKey, ManifestRow, output_entry
 from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import path_of

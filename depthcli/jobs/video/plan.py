@@ -15,7 +15,7 @@ from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail,
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions, format_of
-from depthcli.io.listing.own_outputs import is_own_picture
+from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.jobs.output_names import comparable, names_near, output_bases

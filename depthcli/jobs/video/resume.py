@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Self
 
 from depthcli._version import __version__
-from depthcli.core.fingerprint import fingerprint
 from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.read import read_stored_depth
