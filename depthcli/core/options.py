@@ -1,4 +1,4 @@
-"""Choices for options of depth maps, models and metrics; free of numpy, for the help texts."""
+"""Choices for options of depth maps, models and metrics; safe texts; no numpy, for the help."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
