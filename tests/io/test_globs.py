@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from contextlib import suppress
 
 import pytest
@@ -11,12 +10,9 @@ from hypothesis import strategies as st
 
 from depthcli.errors import UsageError
 from depthcli.io.listing.folder import (
-    _TOKEN,
     EXCLUDED,
     NOT_INCLUDED,
     NameFilter,
-    _compiled,
-    _expression,
 )
 
 
@@ -86,19 +82,6 @@ def test_a_name_without_special_characters_matches_itself(name: str) -> None:
 def test_no_pattern_is_an_error_of_another_kind(pattern: str, name: str) -> None:
     with suppress(UsageError):
         NameFilter.of([pattern], [pattern]).refusal(name)
-
-
-@given(st.text("ab*/?", max_size=9), st.text("ab/", max_size=9))
-def test_stars_that_take_no_time_mean_the_same(pattern: str, name: str) -> None:
-    trimmed = pattern.rstrip("/")
-    body = "".join(map(_expression, _TOKEN.findall(trimmed.removeprefix("/"))))
-    plain = ("" if "/" in trimmed else "(?:.*/)?") + body
-    assert bool(_compiled(pattern).fullmatch(name)) == bool(re.fullmatch(plain, name, re.DOTALL))
-
-
-@pytest.mark.parametrize("stars", ["*a" * 30, "**/" * 30, "*" * 100])
-def test_many_stars_take_no_time(stars: str) -> None:
-    assert NameFilter.of([stars + "b"], []).refusal("a" * 200) == NOT_INCLUDED
 
 
 @pytest.mark.parametrize("pattern", ["[]", "[z-a]"])

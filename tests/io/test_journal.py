@@ -159,17 +159,6 @@ def test_threads_lose_no_row(tmp_path: Path) -> None:
     assert (tmp_path / MANIFEST_NAME).read_bytes().count(b"\n") == 200
 
 
-def test_a_disk_that_cannot_be_read_any_more_is_one_error(tmp_path: Path) -> None:
-    journal = Journal(tmp_path)
-    journal.add(row("a"))
-    folder = os.open(tmp_path, os.O_RDONLY)
-    os.dup2(folder, journal._own._file.fileno())  # reading it fails
-    os.close(folder)
-    with pytest.raises(OutputError, match="again"):
-        journal.finish(["a"])
-    assert sorted(path.name for path in tmp_path.iterdir()) == [JOURNAL_NAME]
-
-
 def _finished(folder: Path, names: str, shard: Shard = WHOLE) -> None:
     journal = Journal(folder, shard)
     for name in names:
@@ -220,15 +209,6 @@ def test_shards_share_a_folder_with_none_but_shards(tmp_path: Path) -> None:
     one.finish([])
     other.finish([])
     Journal(tmp_path).finish([])
-
-
-def test_a_link_in_the_place_of_a_manifest_is_refused(tmp_path: Path) -> None:
-    target = tmp_path / "mine"
-    target.write_bytes(row("a.png").as_line())
-    (tmp_path / "manifest.jsonl").symlink_to(target)
-    with pytest.raises(OutputError, match=r"manifest\.jsonl: it is a link; remove it"):
-        Journal(tmp_path)
-    assert (tmp_path / "manifest.jsonl").is_symlink()
 
 
 def test_an_empty_manifest_is_replaced(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest.files import WHOLE, Shard, rows_folder
+from depthcli.io.manifest.files import WHOLE, RowsFolder, Shard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
 from depthcli.jobs.batch.options import BatchOptions, BatchRequest
@@ -301,9 +301,9 @@ def test_a_batch_that_was_killed_goes_on_elsewhere(
     killed = """
 import os, signal, sys
 from pathlib import Path
-from depthcli.io.manifest import files as rows_folder
+from depthcli.io.manifest import files
 from test_remote_jobs import Batch, batch
-rows_folder._UPLOAD_INTERVAL_S = 0
+files._UPLOAD_INTERVAL_S = 0
 job = Batch(batch(Path(sys.argv[1]), sys.argv[2], sys.argv[3]))
 for _ in range(3):
     next(job)
@@ -429,7 +429,7 @@ def test_a_batch_that_does_not_finish_leaves_no_copy_of_its_rows(
     bucket: Bucket, end: Callable[[], object]
 ) -> None:
     """Neither one that a signal ends nor one that fails."""
-    rows = [rows_folder(path_of(bucket.uri("out/")))]
+    rows = [RowsFolder(path_of(bucket.uri("out/")))]
     copy = rows[0].path
     assert copy.is_dir()
     if end is gc.collect:

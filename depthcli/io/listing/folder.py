@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple, Self, TypeAlias
 
@@ -295,7 +294,7 @@ class RealPaths:
         return {own, os.path.realpath(own)} if os.path.islink(own) else {own}  # noqa: PTH114
 
 
-_STARS = {"**/", "**", "*"}
+_WILDCARDS = {"**/": "(?:.*/)?", "**": ".*", "*": "[^/]*", "?": "[^/]"}
 _TOKEN = re.compile(r"\*\*/|\*\*|\*|\?|\[!?\]?[^\]/]*\]|.", re.DOTALL)
 
 
@@ -322,8 +321,7 @@ class NameFilter(NamedTuple):
     def refusal(self, name: str) -> str | None:
         """Why a file is not wanted, by its own name and its folders'; None if it is wanted."""
         parts = name.split("/")
-        above = ("/".join(parts[:count]) for count in range(1, len(parts)))
-        if self.excludes(name) or any(map(self.excludes, above)):
+        if any(self.excludes("/".join(parts[: at + 1])) for at in range(len(parts))):
             return EXCLUDED
         wanted = not self.include or any(p.fullmatch(name) for p in self.include)
         return None if wanted else NOT_INCLUDED
@@ -340,27 +338,16 @@ ANY = NameFilter((), (), ())
 def _compiled(pattern: str) -> re.Pattern[str]:
     trimmed = pattern.rstrip("/")
     anywhere = "" if "/" in trimmed else "(?:.*/)?"
-    found = _TOKEN.findall(trimmed.removeprefix("/").removeprefix("./"))
-    tokens = [
-        one for at, one in enumerate(found) if one not in _STARS or found[at - 1 : at] != [one]
-    ]
-    stars = [at for at, token in enumerate(tokens) if token in _STARS]
-    parts = list(map(_expression, tokens))
-    for at, after in pairwise(stars):
-        if tokens[at] == "*" and tokens[after] != "**/":
-            # An atomic group takes the first match of what follows the star; with backtracking,
-            # each star would multiply the time that a name takes.
-            parts[at], parts[after] = f"(?>{parts[at]}?", f"){parts[after]}"
+    tokens = _TOKEN.findall(trimmed.removeprefix("/").removeprefix("./"))
     try:
-        return re.compile(anywhere + "".join(parts), re.DOTALL)
+        return re.compile(anywhere + "".join(map(_expression, tokens)), re.DOTALL)
     except re.error as error:
         raise UsageError(f"{pattern!r} is not a valid pattern: {error.msg}") from error
 
 
 def _expression(token: str) -> str:
-    simple = {"**/": "(?:.*/)?", "**": ".*", "*": "[^/]*", "?": "[^/]"}
-    if token in simple:
-        return simple[token]
+    if token in _WILDCARDS:
+        return _WILDCARDS[token]
     if len(token) > 1:  # a class of characters, [a-z] or [!a-z]
         inner = token[1:-1].replace("\\", "\\\\").replace("[", "\\[")
         return f"[^{inner[1:]}/]" if inner.startswith("!") else f"[{inner}]"

@@ -31,22 +31,15 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
     """
     if is_remote(source):
         return _remote_list(source, column)
-    suffix = Path(source).suffix.lower()
+    path, suffix = Path(source), Path(source).suffix.lower()
     try:
-        if Path(source).is_char_device():  # such as /dev/zero, which never ends
-            raise UsageError(f"the list {source} is a device; '-' reads standard input")
-        is_empty = Path(source).is_file() and not Path(source).stat().st_size  # or never ends
         if suffix == ".parquet":
-            return column_texts(Path(source), column)
+            return column_texts(path, column)
         if suffix in _DELIMITERS:
-            if is_empty:
-                raise UsageError(f"the list {source} is empty; it has to name its columns")
-            return _csv_texts(Path(source), column, _DELIMITERS[suffix])
+            return _csv_texts(path, column, _DELIMITERS[suffix])
         if column is not None:
             raise UsageError(f"{source} is no list in Parquet or CSV", "leave out {column}")
-        return [] if is_empty else parse_list(Path(source).read_bytes())
-    except csv.Error as error:
-        raise UsageError(f"{source}, line 1: {error}") from error
+        return parse_list(path.read_bytes())
     except OSError as error:
         raise UsageError(f"cannot read the list {source}: {error.strerror or error}") from error
 

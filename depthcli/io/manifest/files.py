@@ -129,14 +129,15 @@ class RowFile:
             end: a second handle of it, for appending; None to read only.
 
         Raises:
-            OSError: it cannot be read, or is a pipe, a device or a folder.
+            OSError: it cannot be read.
             UsageError: it is a manifest that depthcli did not write.
         """
         self.path = path
         size = regular_size(path)
         self._file = path.open("rb")
         self._end = None if end is None else os.fdopen(end, "ab", buffering=0)
-        if self._end is None and not is_journal(path) and size and not self._has_row():
+        is_manifest = self._end is None and not is_journal(path)
+        if is_manifest and size and next(self.rows(), None) is None:
             raise UsageError(
                 f"{path} was not written by depthcli", "move it away, or choose another {out}"
             )
@@ -160,13 +161,8 @@ class RowFile:
         return parse_row(self._file.readline())
 
     def append(self, data: bytes) -> int:
-        """Append data, all or nothing; return its position in the file.
-
-        Raises:
-            OSError: it cannot be written.
-        """
-        if self._end is None:
-            raise TypeError(self._end)
+        """Append data, all or nothing; return its position in the file."""
+        assert self._end is not None  # noqa: S101 - of the journal only
         return append_whole(self._end, data)
 
     def close(self) -> None:
@@ -175,43 +171,31 @@ class RowFile:
         if self._end is not None:
             self._end.close()
 
-    def _has_row(self) -> bool:
-        return next(self.rows(), None) is not None
-
 
 class RowsFolder:
-    """The local folder of a batch's rows: the output folder itself."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def sync(self) -> None:
-        """Do nothing: the rows are on disk."""
-
-    def finish(self) -> None:
-        """Do nothing: the manifest is in place."""
-
-
-class RemoteRows(RowsFolder):
-    """A temporary local copy of the rows of a remote folder.
+    """The local folder of a batch's rows: the output folder, or a temporary copy of a remote one.
 
     Objects cannot be appended to, so new rows of the journal are uploaded every few seconds as
     separate objects; the next batch, on any machine, finds all but the last rows of a killed one.
     """
 
-    def __init__(self, out: RemotePath) -> None:
-        """Download the rows.
+    def __init__(self, out: Path) -> None:
+        """Download the rows of a remote folder.
 
         Raises:
-            OutputError: the folder cannot be read.
+            OutputError: it cannot be read.
         """
-        self._out, self._lock, self._uploaded_s = out, threading.Lock(), time.monotonic()
+        self.path = out
+        self._lock, self._uploaded_s = threading.Lock(), time.monotonic()
         self._exit_stack = ExitStack()
-        super().__init__(self._exit_stack.enter_context(temporary_folder()))
         self._objects: dict[str, list[str]] = {}  # of each file here
+        self._out = out if isinstance(out, RemotePath) else None
+        if self._out is None:
+            return
+        self.path = self._exit_stack.enter_context(temporary_folder())
         try:
-            for name in self._row_objects():
-                self._download(name)
+            for name in _row_objects(self._out):
+                self._download(self._out / name)
         except OSError as error:
             raise OutputError(f"cannot use {out}: {error.strerror or error}") from error
         self._states = {name: _file_state(self.path / name) for name in self._objects}
@@ -223,8 +207,8 @@ class RemoteRows(RowsFolder):
             OutputError: they cannot be uploaded.
         """
         with self._lock:
-            if time.monotonic() - self._uploaded_s >= _UPLOAD_INTERVAL_S:
-                self._upload_rows()
+            if self._out and time.monotonic() - self._uploaded_s >= _UPLOAD_INTERVAL_S:
+                self._upload_rows(self._out)
 
     def finish(self) -> None:
         """Upload the manifest and delete the parts of the journal, or upload the rest of it.
@@ -232,8 +216,10 @@ class RemoteRows(RowsFolder):
         Raises:
             OutputError: that failed; what was uploaded stays.
         """
+        if self._out is None:
+            return
         with self._lock:
-            self._upload_rows()
+            self._upload_rows(self._out)
             here = {file.name: file for file in self.path.iterdir()}
             for name, file in sorted(here.items()):
                 if not is_journal(file) and _file_state(file) != self._states.get(name):
@@ -241,55 +227,48 @@ class RemoteRows(RowsFolder):
                         shutil.copyfile(file, temporary)
             for name, objects in self._objects.items():
                 for one in objects if name not in here else ():
-                    self._delete(one)
+                    _delete(self._out / one)
             self._exit_stack.close()
 
-    def _row_objects(self) -> Iterator[str]:
-        for prefix in _PREFIXES:
-            for name in self._out.walk_names(prefix):
-                if not name.startswith(prefix):
-                    break
-                if _NAME.fullmatch(_PART.sub("", name)):
-                    yield name
-
-    def _download(self, name: str) -> None:
+    def _download(self, source: RemotePath) -> None:
         """Download an object; parts are joined to one file."""
-        whole, source = _PART.sub("", name), self._out / name
+        whole = _PART.sub("", source.name)
         file, part = self.path / whole, self.path / "part"
         download(source, part)
         with file.open("ab") as target, part.open("rb") as content:
             shutil.copyfileobj(content, target)
         part.unlink()
         os.utime(file, (source.stat().st_mtime,) * 2)  # the latest row of an input counts
-        self._objects.setdefault(whole, []).append(name)
+        self._objects.setdefault(whole, []).append(source.name)
 
-    def _upload_rows(self) -> None:
+    def _upload_rows(self, out: RemotePath) -> None:
         self._uploaded_s = time.monotonic()
         for file in self.path.glob(".depthcli-batch*.jsonl"):
             size, uploaded = file.stat().st_size, self._states.get(file.name, (0, 0))[0]
             if size <= uploaded:
                 continue
             part = f"{file.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
-            with atomic_path(self._out / part) as temporary, file.open("rb") as journal:
+            with atomic_path(out / part) as temporary, file.open("rb") as journal:
                 journal.seek(uploaded)
                 temporary.write_bytes(journal.read(size - uploaded))
             self._states[file.name] = size, 0
             self._objects.setdefault(file.name, []).append(part)
 
-    def _delete(self, name: str) -> None:
-        try:
-            (self._out / name).unlink()
-        except OSError as error:
-            raise OutputError(f"cannot remove {self._out / name}: {error.strerror}") from error
+
+def _row_objects(out: RemotePath) -> Iterator[str]:
+    for prefix in _PREFIXES:
+        for name in out.walk_names(prefix):
+            if not name.startswith(prefix):
+                break
+            if _NAME.fullmatch(_PART.sub("", name)):
+                yield name
 
 
-def rows_folder(out: Path) -> RowsFolder:
-    """The local folder for the journal of a batch that writes to an output folder.
-
-    Raises:
-        OutputError: a remote folder cannot be read.
-    """
-    return RemoteRows(out) if isinstance(out, RemotePath) else RowsFolder(out)
+def _delete(path: Path) -> None:
+    try:
+        path.unlink()
+    except OSError as error:
+        raise OutputError(f"cannot remove {path}: {error.strerror}") from error
 
 
 def _file_state(file: Path) -> tuple[int, int]:

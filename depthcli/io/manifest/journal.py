@@ -4,7 +4,6 @@ Rows are appended line by line to a hidden file, not kept in memory. When the ba
 being killed, they are written to the manifest atomically.
 """
 
-import errno
 import os
 import sqlite3
 import threading
@@ -20,7 +19,6 @@ from depthcli.io.manifest.files import (
     Shard,
     is_journal,
     row_files,
-    rows_folder,
     write_manifest,
 )
 from depthcli.io.manifest.row import ManifestRow
@@ -47,19 +45,11 @@ class RowIndex:
             self._database.execute(line)
 
     def add(self, rows: Iterable[tuple[str, int, int]]) -> None:
-        """Set the places of the rows of inputs, replacing earlier ones.
-
-        Raises:
-            OutputError: the disk is full.
-        """
+        """Set the places of the rows of inputs, replacing earlier ones."""
         self._insert("INSERT OR REPLACE INTO rows VALUES (?, ?, ?)", rows)
 
     def add_outputs(self, paths: Iterable[str]) -> None:
-        """Add paths of outputs.
-
-        Raises:
-            OutputError: the disk is full.
-        """
+        """Add paths of outputs."""
         self._insert("INSERT OR IGNORE INTO outputs VALUES (?)", ((path,) for path in paths))
 
     def find(self, name: str) -> tuple[int, int] | None:
@@ -83,13 +73,7 @@ class RowIndex:
         return self._database.execute(f"SELECT source, position FROM rows ORDER BY {order}")  # noqa: S608
 
     def _insert(self, query: str, rows: Iterable[tuple[str, *tuple[int, ...]]]) -> None:
-        try:
-            self._database.executemany(query, ((_key(name), *rest) for name, *rest in rows))
-        except sqlite3.Error as error:
-            raise OutputError(
-                f"cannot index the rows of earlier batches in a temporary file: {error}",
-                "set SQLITE_TMPDIR to a folder with room",
-            ) from error
+        self._database.executemany(query, ((_key(name), *rest) for name, *rest in rows))
 
 
 def _key(name: str) -> bytes:
@@ -102,15 +86,8 @@ class Rows:
     def __init__(
         self, files: Sequence[RowFile], shard: Shard = WHOLE, folder: RowsFolder | None = None
     ) -> None:
-        """Index the rows of a shard's inputs.
-
-        Args:
-            files: with the rows.
-            shard: the shard whose rows are indexed.
-            folder: that has them, to be kept while they are in use.
-        """
-        self._files = files
-        self._folder = folder
+        """Index the rows of a shard's inputs, and keep the folder while they are in use."""
+        self._files, self._folder = files, folder
         self._lock = threading.Lock()
         self._index = RowIndex()
         for source, file in enumerate(files):
@@ -135,13 +112,7 @@ class Rows:
 
     def _at(self, place: tuple[int, int]) -> ManifestRow | None:
         source, position = place
-        try:
-            return self._files[source].row(position)
-        except OSError as error:
-            raise OutputError(
-                f"cannot read {self._files[source].path} again: {error.strerror}",
-                "run the batch again when the disk can be read",
-            ) from error
+        return self._files[source].row(position)
 
 
 def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
@@ -151,7 +122,7 @@ def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
         OutputError: it cannot be read.
         UsageError: a manifest there was not written by depthcli.
     """
-    source = rows_folder(folder)
+    source = RowsFolder(folder)
     with _as_output_error(folder):
         return Rows([RowFile(path) for path in row_files(source.path, shard)], shard, source)
 
@@ -179,8 +150,6 @@ class Journal(Rows):
             folder.mkdir(parents=True, exist_ok=True)
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _busy_error(folder)
-            if self.manifest.is_symlink():
-                raise FileExistsError(errno.EEXIST, "it is a link; remove it", self.manifest)
             files = row_files(folder, shard)
             self.was_interrupted = shard == WHOLE and any(map(is_journal, files))
             self._earlier = [path for path in files if path != self._path]

@@ -70,10 +70,7 @@ class ManifestRow:
         return {
             "input": self.input,
             "status": self.status,
-            "outputs": [
-                {"path": file.path, "bytes": file.bytes, "sha256": file.sha256}
-                for file in self.outputs
-            ],
+            "outputs": [_fields(file) for file in self.outputs],
             "seconds": round(self.seconds, 6),
             "input_sha256": self.input_sha256,
             "input_path": self.input_path,
@@ -89,7 +86,7 @@ class ManifestRow:
         return json.dumps(self.as_json(), ensure_ascii=True).encode() + b"\n"
 
 
-def _fields(entry: AnchorEntry | CacheKey) -> dict[str, object]:
+def _fields(entry: AnchorEntry | CacheKey | OutputFile) -> dict[str, object]:
     return {name: getattr(entry, name) for name in entry.__slots__}
 
 
@@ -112,26 +109,20 @@ def row_of(fields: Any) -> ManifestRow | None:  # noqa: ANN401 - what JSON can h
 
 def checksum(path: Path) -> OutputFile | None:
     """Size and checksum of a file on disk, with its path; None if there is none."""
-    if isinstance(path, RemotePath):
-        return _remote_checksum(path)
     try:
-        if not regular_size(path):  # empty, or a file such as /proc/kmsg, which may never end
-            return OutputFile(os.fspath(path), 0, hashlib.sha256().hexdigest())
+        if isinstance(path, RemotePath):
+            from depthcli.io.storage.transfer import object_checksum  # noqa: PLC0415 - seldom used
+
+            found = object_checksum(path)
+            return found and OutputFile(str(path), *found)
+        size = regular_size(path)
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-            return OutputFile(os.fspath(path), file.tell(), digest)
-    except OSError:
-        return None
-
-
-def _remote_checksum(path: RemotePath) -> OutputFile | None:
-    from depthcli.io.storage.transfer import object_checksum  # noqa: PLC0415 - for those who need it
-
-    try:
-        found = object_checksum(path)
+        return OutputFile(os.fspath(path), size, digest)
     except OSError as error:
-        raise OutputError(f"{path} cannot be checked: {error.strerror}") from error
-    return found and OutputFile(str(path), *found)
+        if isinstance(path, RemotePath):
+            raise OutputError(f"{path} cannot be checked: {error.strerror}") from error
+        return None
 
 
 def is_intact(folder: Path, file: OutputFile) -> bool:

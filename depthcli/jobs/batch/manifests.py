@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.files import WHOLE, RowFile, row_files, rows_folder
+from depthcli.io.manifest.files import WHOLE, RowFile, RowsFolder, row_files
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
 from depthcli.io.manifest.row import FAILED
 
@@ -77,7 +77,7 @@ def merge_manifests(folder: Path) -> Path:
         UsageError: there is none, or a batch is running there.
         OutputError: it cannot be written; the existing files are kept.
     """
-    place = rows_folder(folder)
+    place = RowsFolder(folder)
     if not row_files(place.path, WHOLE):
         raise UsageError(f"no manifest in {folder}", "name the output folder of a batch")
     journal = Journal(place.path)

@@ -19,7 +19,7 @@ from depthcli.inference.session import Session
 from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.images.read import check, read_bytes
 from depthcli.io.listing.folder import InputFile, is_video
-from depthcli.io.manifest.files import rows_folder
+from depthcli.io.manifest.files import RowsFolder
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
 from depthcli.io.manifest.row import CacheKey
 from depthcli.io.storage.paths import RemotePath, safe_name
@@ -77,7 +77,7 @@ class Batch(Iterator[BatchResult]):
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan, self._tasks = plan, TaskBuilder(plan, options.formats)
         self._tasks.check_conflicts()
-        self._rows = rows_folder(plan.out)
+        self._rows = RowsFolder(plan.out)
         self._journal: Journal | None = Journal(self._rows.path, plan.shard)
         self.manifest = plan.out / self._journal.manifest.name
         if self._journal.was_interrupted and not isinstance(plan.out, RemotePath):
