@@ -25,9 +25,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
-from depthcli.io.images.read import read_bytes
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.paths import RemotePath
+from depthcli.io.storage.paths import RemotePath, read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -24,8 +24,9 @@ from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.read import read_metadata
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images.png import SIGNATURE
-from depthcli.io.images.read import decode, read_bytes, read_image
+from depthcli.io.images.read import decode, read_image
 from depthcli.io.listing.folder import is_own_output
+from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import read_lenses
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")

@@ -34,7 +34,7 @@ from depthcli.datasets.folders import (
 )
 from depthcli.errors import DatasetError
 from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.images.read import read_bytes
+from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import CsvTable
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"

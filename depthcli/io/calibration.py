@@ -10,8 +10,7 @@ import cv2
 from depthcli.core.camera import FOCAL_PX, Intrinsics, hfov_deg
 from depthcli.errors import InputError
 from depthcli.io.images.opencv import silent_opencv
-from depthcli.io.images.read import read_bytes
-from depthcli.io.storage.paths import path_of
+from depthcli.io.storage.paths import path_of, read_bytes
 
 _WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")
 _MATRICES = ("camera_matrix", "K", "k")

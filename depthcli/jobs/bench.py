@@ -16,7 +16,8 @@ from depthcli.inference.measure import Latency, measure_latency
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import prepare
 from depthcli.io.formats.png16 import Png16Writer
-from depthcli.io.images.read import read_bytes, read_image
+from depthcli.io.images.read import read_image
+from depthcli.io.storage.paths import read_bytes
 from depthcli.io.storage.temporary import temporary_folder
 
 _MIN_PICTURES = 5

@@ -23,11 +23,10 @@ from helpers.watched import Watched
 from depthcli.api.depth_map import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.images.read import read_bytes
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.paths import RemotePath, join, path_of, read_regular, safe_name
+from depthcli.io.storage.paths import RemotePath, join, path_of, read_bytes, read_regular, safe_name
 from depthcli.io.storage.transfer import local_copy, object_checksum
 
 if TYPE_CHECKING:

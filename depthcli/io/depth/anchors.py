@@ -110,7 +110,7 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
     """
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.read import read_stored_depth  # noqa: PLC0415
-    from depthcli.io.images.read import read_bytes  # noqa: PLC0415
+    from depthcli.io.storage.paths import read_bytes  # noqa: PLC0415
 
     suffix = path.suffix.lower()
     if suffix == ".csv" and scale is not None:

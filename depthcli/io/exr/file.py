@@ -17,8 +17,7 @@ import OpenEXR
 from depthcli.core.options import MAX_PIXELS, check_pixel_count
 from depthcli.core.types import Window, over_window
 from depthcli.errors import InputError
-from depthcli.io.images.read import read_bytes
-from depthcli.io.storage.paths import RemotePath
+from depthcli.io.storage.paths import RemotePath, read_bytes
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.storage.transfer import local_copy
 

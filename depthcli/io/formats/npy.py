@@ -14,7 +14,7 @@ from depthcli.errors import InputError, Message
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stated_kind
 from depthcli.io.depth.scale import DepthScale, dequantized
 from depthcli.io.formats.sidecar import with_sidecar
-from depthcli.io.images.read import read_bytes
+from depthcli.io.storage.paths import read_bytes
 
 _DIMENSIONS = 2
 

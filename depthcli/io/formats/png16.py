@@ -23,7 +23,8 @@ from depthcli.io.depth.scale import (
 from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images.png import encode_png, read_text
-from depthcli.io.images.read import OPENCV_MAX_PIXELS, decode, image_size, read_bytes
+from depthcli.io.images.read import OPENCV_MAX_PIXELS, decode, image_size
+from depthcli.io.storage.paths import read_bytes
 
 _GRAY_RANK = 2
 _FARTHEST = 1e12  # no depth is larger, in any unit

@@ -33,10 +33,8 @@ from depthcli.io.images.opencv import (
 from depthcli.io.images.pixels import as_frame_dtype, check_white_level, full_range, upright
 from depthcli.io.images.png import SIGNATURE, png_header, still_image
 from depthcli.io.listing.folder import CAMERA_RAW, EXR_MAGIC, is_own_exr, is_video
-from depthcli.io.storage.paths import RemotePath, path_of, read_regular
+from depthcli.io.storage.paths import RemotePath, path_of, read_bytes
 
-MAX_FILE_BYTES = 2**32
-"""More than an image of ``MAX_PIXELS`` takes in float32 RGB."""
 OPENCV_MAX_PIXELS = 2**30
 _MAX_SIDE = 1_000_000  # libpng and OpenCV decode no longer ones
 
@@ -102,28 +100,6 @@ class CheckedImage(NamedTuple):
         """
         with _errors_about(self.name):
             return self.container.decode(self.data)
-
-
-def read_bytes(path: Path, first: int = -1) -> bytes:
-    """Content of an input file, or its ``first`` bytes.
-
-    Raises:
-        InputError: it is missing, a folder, a pipe, a device, unreadable, too large, or a link that
-            leads nowhere.
-    """
-    try:
-        return read_regular(path, MAX_FILE_BYTES, first=first)
-    except FileNotFoundError as error:
-        if isinstance(path, RemotePath):
-            raise InputError(f"{path} cannot be read: {error.strerror}") from None
-        what = "is a broken link" if path.is_symlink() else "is missing: no such file"
-        raise InputError(f"{path} {what}") from None
-    except IsADirectoryError:
-        raise InputError(
-            f"{path} is a folder", "name the files in it, or give it to 'depthcli batch'"
-        ) from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
 
 
 def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:

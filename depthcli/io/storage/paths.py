@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.storage import objects
 
 SCHEMES = ("s3", "gs", "az", "http", "https")
@@ -269,6 +269,31 @@ def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
     # Python allocates as many bytes as are requested, so ``max_bytes`` are not.
     with path.open("rb") as file:
         return file.read(size if first < 0 else min(first, size))
+
+
+_MAX_INPUT_BYTES = 2**32  # more than an image of 250 million pixels takes in float32 RGB
+
+
+def read_bytes(path: Path, first: int = -1) -> bytes:
+    """Content of an input file, or its ``first`` bytes.
+
+    Raises:
+        InputError: it is missing, a folder, a pipe, a device, unreadable, too large, or a link that
+            leads nowhere.
+    """
+    try:
+        return read_regular(path, _MAX_INPUT_BYTES, first=first)
+    except FileNotFoundError as error:
+        if isinstance(path, RemotePath):
+            raise InputError(f"{path} cannot be read: {error.strerror}") from None
+        what = "is a broken link" if path.is_symlink() else "is missing: no such file"
+        raise InputError(f"{path} {what}") from None
+    except IsADirectoryError:
+        raise InputError(
+            f"{path} is a folder", "name the files in it, or give it to 'depthcli batch'"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
 
 
 def regular_size(path: Path) -> int:

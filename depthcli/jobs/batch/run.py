@@ -17,12 +17,12 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.images.opencv import silent_opencv
-from depthcli.io.images.read import check, read_bytes
+from depthcli.io.images.read import check
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.manifest.files import RowsFolder
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
 from depthcli.io.manifest.row import CacheKey
-from depthcli.io.storage.paths import RemotePath, safe_name
+from depthcli.io.storage.paths import RemotePath, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.options import BatchRequest, Tally

@@ -19,10 +19,10 @@ from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import Session
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
-from depthcli.io.images.read import read_bytes, read_image
+from depthcli.io.images.read import read_image
 from depthcli.io.manifest.row import FAILED, OK, AnchorEntry, CacheKey, ManifestRow, output_entry
 from depthcli.io.storage.guard import Guard
-from depthcli.io.storage.paths import path_of
+from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
