@@ -67,11 +67,6 @@ def test_the_share_is_that_of_the_views() -> None:
     assert 0.26 < float(changed) < 0.34
 
 
-def test_no_share_changes_nothing() -> None:
-    (mixed,) = cutmix([_numbered()], 0.0, seeded())
-    assert torch.equal(mixed, _numbered())
-
-
 def test_augmentation_mixes_picture_and_depth_alike() -> None:
     value = torch.rand(8, 1, 48, 64, generator=seeded(5))
     rgb, depth_m = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value

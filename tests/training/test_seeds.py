@@ -75,7 +75,7 @@ def shown(name: str) -> dict[str, list[float]]:
     data, pictures = SHOWN[name], _pictures()
     store = PairStore(pictures, TRAIN, data)
     extra = PairStore(pictures, [2], data) if name == "extra" else None
-    batches = Batches(store, data, 4, 7, torch.device("cpu"), extra=extra)
+    batches = Batches(store, data, 4, 7, torch.device("cpu"), pseudo_labels=extra)
     return {
         f"{part} {step}": _digest(values)
         for step in (0, 1, 5)

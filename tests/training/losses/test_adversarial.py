@@ -59,12 +59,6 @@ def test_ralsgan_is_its_formula(outputs: tuple[Tensor, Tensor]) -> None:
     assert ralsgan_generator(*outputs).item() == pytest.approx(relative(-1, 1), rel=1e-5)
 
 
-def test_relativistic_loss_does_not_see_a_common_offset(outputs: tuple[Tensor, Tensor]) -> None:
-    real, fake = outputs
-    moved = ralsgan_discriminator(real + 3, fake + 3)
-    torch.testing.assert_close(moved, ralsgan_discriminator(real, fake))
-
-
 class _Judge(nn.Module):
     """Says of every patch the mean of its image, so that the verdict is known."""
 
@@ -86,13 +80,6 @@ def test_discriminator_that_is_right_loses_nothing(
     fake = torch.full((1, 1, 8, 8), float(fake_value))
     assert discriminator_loss(gan, _Judge(), real=real, fake=fake).item() == 0
     assert generator_loss(gan, _Judge(), real=real, fake=fake).item() > 0.9
-
-
-@pytest.mark.parametrize(("gan", "undecided"), [("lsgan", 0.5), ("hinge", 1.0), ("ralsgan", 1.0)])
-def test_discriminator_that_says_nothing(gan: str, undecided: float) -> None:
-    image = torch.zeros(1, 1, 8, 8)
-    assert discriminator_loss(gan, _Judge(), real=image, fake=image).item() == undecided
-    assert generator_loss(gan, _Judge(), real=image, fake=image).item() == 1
 
 
 @pytest.mark.parametrize("gan", FORMS)

@@ -53,12 +53,6 @@ def test_up_is_its_formula(size: tuple[int, int]) -> None:
         np.testing.assert_allclose(found[0, channel], wanted, atol=1e-6)
 
 
-def test_flat_images_stay_flat() -> None:
-    flat = torch.full((1, 3, 8, 8), 0.7)
-    torch.testing.assert_close(BlurDown(3)(flat), flat[..., :4, :4])
-    torch.testing.assert_close(GROW(flat), torch.full((1, 3, 16, 16), 0.7))
-
-
 def test_kernels_are_neither_learned_nor_saved() -> None:
     for layer in (BlurDown(3), GROW):
         assert not list(layer.parameters())

@@ -32,20 +32,6 @@ def test_one_output_sees_a_70_by_70_patch() -> None:
     assert int(columns.max() - columns.min()) + 1 == 70
 
 
-@pytest.mark.parametrize("antialias", [False, True])
-def test_outputs_are_not_squashed(antialias: bool) -> None:
-    discriminator = PatchGan(width=4, antialias=antialias)
-    image = torch.rand(1, 1, 64, 64)
-    with torch.no_grad():
-        discriminator.layers[-1].bias.fill_(7)
-        discriminator.layers[-1].weight.zero_()
-        assert bool((discriminator(image) == 7).all())
-
-
-def test_other_sizes() -> None:
-    assert PatchGan(width=4)(torch.rand(1, 1, 64, 96)).shape == (1, 1, 6, 10)
-
-
 def _convolutions(discriminator: PatchGan) -> list[nn.Conv2d]:
     return [layer for layer in discriminator.layers if isinstance(layer, nn.Conv2d)]
 
