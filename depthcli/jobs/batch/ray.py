@@ -3,8 +3,6 @@
 Plain actors rather than Ray Data: a dead worker must cost only its own pictures, a picture that
 kills its worker must fail alone, and results must reach the journal call by call.
 
-A pool of workers on a cluster of any kind.
-
 When a worker dies, the inputs of its calls are retried one by one, each on a worker that has no
 other call, so that an input that kills its worker is identified and no other one is blamed.
 """
@@ -19,11 +17,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import cv2
 
@@ -34,12 +31,8 @@ from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.manifest.row import CacheKey
 from depthcli.io.storage.paths import RemotePath
-from depthcli.jobs.batch.tasks import BatchResult
-from depthcli.jobs.batch.workers import ImageTask, VideoTask, VideoWorker, WorkerSpec
-
-if TYPE_CHECKING:
-    from depthcli.jobs.batch.tasks import BatchTask
-    from depthcli.jobs.batch.workers import ImageWorker
+from depthcli.jobs.batch.tasks import BatchResult, BatchTask
+from depthcli.jobs.batch.workers import ImageTask, ImageWorker, VideoTask, VideoWorker, WorkerSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +60,14 @@ class Call:
 class RemoteWorker:
     """A worker process on a cluster."""
 
+    _worker: ImageWorker
+
     def __init__(self, spec: WorkerSpec, folder: str, cpus: float) -> None:
-        """Store the arguments; nothing is loaded yet, so that errors come with the first call."""
+        """Store the arguments; :meth:`start` loads the model, so that its errors are received."""
         self._spec, self._folder, self._cpus = spec, folder, max(1, int(cpus))
-        self._worker: ImageWorker | None = None
 
     def start(self, version: str) -> CacheKey:
-        """Load the model.
-
-        Raises:
-            EngineError: this machine has another version, or no access to the output folder.
-            ModelError: the model cannot be loaded here, or is another one.
-        """
+        """Load the model, unless this machine has another version or does not see the output."""
         here = socket.gethostname()
         if version != __version__:
             raise EngineError(f"{here} has depthcli {__version__}; install {version} there")
@@ -94,13 +83,7 @@ class RemoteWorker:
         return self._worker.key
 
     def work(self, call: Call) -> list[BatchResult]:
-        """Process the inputs of a call.
-
-        Raises:
-            ModelError: the network fails on any picture.
-        """
-        if self._worker is None:
-            raise TypeError(self._worker)
+        """Process the inputs of a call."""
         with silent_opencv():
             if call.video is not None:
                 return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.video)]
@@ -111,36 +94,59 @@ _LOSSES = 3
 _CALLS_PER_WORKER = 2  # one running and one queued
 
 
-class Cluster(Protocol):
-    """Where the workers run. Workers and futures are any hashable objects."""
+@dataclass(frozen=True, slots=True)
+class Actors:
+    """Ray actors as workers."""
 
-    def start_worker(self) -> tuple[Hashable, Hashable]:
+    ray: Any  #: the module
+    make: Callable[[], Any]  #: makes an actor
+    poll: Callable[[int], object]  #: called with 0 while waiting; it can stop the work by raising
+
+    def start_worker(self) -> tuple[Any, Any]:
         """Start a worker; returns it, and a future whose result is its ``CacheKey``."""
+        worker = self.make()
+        return worker, worker.start.remote(__version__)
 
-    def submit(self, worker: Hashable, call: Call) -> Hashable:
+    def submit(self, worker: Any, call: Call) -> Hashable:  # noqa: ANN401 - Ray's own
         """Submit a call to a worker; returns a future whose result is a list of results."""
+        future: Hashable = worker.work.remote(call)
+        return future
 
     def wait_any(self, futures: Sequence[Hashable]) -> Hashable:
         """Wait until one of the futures is done, and return it."""
+        while not (done := self.ray.wait(futures, num_returns=1, timeout=_POLL_INTERVAL_S)[0]):
+            self.poll(0)
+        first: Hashable = done[0]
+        return first
 
     def result(self, future: Hashable) -> object:
-        """The result of a future that is done, or the error by which its worker was lost.
-
-        Raises:
-            DepthcliError: raised by the worker.
-        """
+        """The result of a future that is done, or the error by which its worker was lost."""
+        try:
+            return self.ray.get(future)
+        except self.ray.exceptions.RayTaskError as error:
+            cause = error.cause
+            if isinstance(cause, DepthcliError):
+                raise cause from None
+            raise EngineError(
+                one_line(f"a worker of the Ray cluster failed: {type(cause).__name__}: {cause}")
+            ) from error
+        except self.ray.exceptions.RayError as error:
+            return error
 
     def kill(self, worker: Hashable) -> None:
         """Kill a worker."""
+        self.ray.kill(worker)
 
     def wait_all(self, futures: Sequence[Hashable]) -> None:
         """Wait until all of these are done, or for a few seconds."""
+        if futures:
+            self.ray.wait(futures, num_returns=len(futures), timeout=_SHUTDOWN_TIMEOUT_S)
 
 
 class WorkerPool:
     """Distributes calls to workers, and replaces workers that die."""
 
-    def __init__(self, cluster: Cluster) -> None:
+    def __init__(self, cluster: Actors) -> None:
         self._cluster = cluster
         self._futures: dict[
             Hashable, tuple[Hashable, Call | None]
@@ -225,7 +231,6 @@ _CHUNKS_PER_CALL = 8
 _CONNECT_TIMEOUT_S = 5.0
 _SHUTDOWN_TIMEOUT_S = 5.0
 _POLL_INTERVAL_S = 0.5
-_SPECIAL_ADDRESSES = ("auto", "local")
 LOCAL_CLUSTER: dict[str, Any] = {
     "include_dashboard": False,
     "object_store_memory": 100_000_000,  # pictures go through files
@@ -266,7 +271,7 @@ class RayEngine:
         except ImportError:
             raise UsageError(f"it needs Ray; {INSTALL_RAY}", option="engine") from None
         address = address or os.environ.get("RAY_ADDRESS") or "auto"
-        if address not in _SPECIAL_ADDRESSES:
+        if address not in ("auto", "local"):
             _check_reachable(address)
         self._ray, self._is_own = ray, not ray.is_initialized()
         if self._is_own:
@@ -293,17 +298,12 @@ class RayEngine:
         videos: Iterable[VideoTask],
         record: Callable[[Sequence[BatchResult]], None],
     ) -> Generator[BatchResult, None, None]:
-        """Process pictures and videos, as every engine does.
-
-        Raises:
-            EngineError: workers die at start, or a machine lacks the version or files they need.
-            ModelError: the network fails on any picture.
-        """
+        """Process pictures and videos, as every engine does."""
         own = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)
         kind = own(RemoteWorker)
         here = os.getcwd()  # noqa: PTH109
         pool = WorkerPool(
-            _Actors(self._ray, lambda: kind.remote(spec, here, self._cpus), self._poll)
+            Actors(self._ray, lambda: kind.remote(spec, here, self._cpus), self._poll)
         )
         rest = iter(chunks)
         groups = iter(lambda: tuple(islice(rest, _CHUNKS_PER_CALL)), ())
@@ -316,91 +316,39 @@ class RayEngine:
             pool.close()
 
 
-@dataclass(frozen=True, slots=True)
-class _Actors:
-    """Ray actors as a :class:`depthcli.jobs.batch.ray.Cluster`."""
-
-    ray: Any
-    make: Callable[[], Any]
-    poll: Callable[[int], object]
-
-    def start_worker(self) -> tuple[Any, Any]:
-        worker = self.make()
-        return worker, worker.start.remote(__version__)
-
-    def submit(self, worker: Any, call: Call) -> Any:  # noqa: ANN401 - Ray's own
-        return worker.work.remote(call)
-
-    def wait_any(self, futures: Sequence[Any]) -> Any:  # noqa: ANN401
-        while not (landed := self.ray.wait(futures, num_returns=1, timeout=_POLL_INTERVAL_S)[0]):
-            self.poll(0)
-        return landed[0]
-
-    def result(self, future: Any) -> object:  # noqa: ANN401
-        try:
-            return self.ray.get(future)
-        except self.ray.exceptions.RayTaskError as error:
-            cause = error.cause
-            if isinstance(cause, DepthcliError):
-                raise cause from None
-            raise EngineError(
-                one_line(f"a worker of the Ray cluster failed: {type(cause).__name__}: {cause}")
-            ) from error
-        except self.ray.exceptions.RayError as error:
-            return error
-
-    def kill(self, worker: Any) -> None:  # noqa: ANN401
-        self.ray.kill(worker)
-
-    def wait_all(self, futures: Sequence[Any]) -> None:
-        if futures:
-            self.ray.wait(futures, num_returns=len(futures), timeout=_SHUTDOWN_TIMEOUT_S)
-
-
 def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
     how = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address == "local":
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no telemetry
         how |= LOCAL_CLUSTER
-    with _preserve_sigterm_handler():
-        try:
-            ray.init(address, **how)
-        except ConnectionError as error:
-            where = "on this machine" if address == "auto" else f"at {address}"
-            raise EngineError(
-                f"no Ray cluster {where}",
-                "start one with 'ray start --head', name one with {ray_address} HOST:PORT, or let "
-                "{ray_address} local start one for this batch",
-            ) from error
-        except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
-            said = " ".join(str(error).split())
-            raise EngineError(one_line(f"cannot join the Ray cluster {address}: {said}")) from error
+    before = signal.getsignal(signal.SIGTERM)  # it removes temporary files, and Ray replaces it
+    try:
+        ray.init(address, **how)
+    except ConnectionError as error:
+        where = "on this machine" if address == "auto" else f"at {address}"
+        raise EngineError(
+            f"no Ray cluster {where}",
+            "start one with 'ray start --head', name one with {ray_address} HOST:PORT, or let "
+            "{ray_address} local start one for this batch",
+        ) from error
+    except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
+        said = " ".join(str(error).split())
+        raise EngineError(one_line(f"cannot join the Ray cluster {address}: {said}")) from error
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, before)
 
 
 def _check_reachable(address: str) -> None:
     """Try to connect first; Ray itself would retry for a minute, then end the process."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
-    if not host or not port.isdecimal():
-        raise UsageError(
-            f"{address} is not HOST:PORT, ray://HOST:PORT or local", option="ray_address"
-        )
     try:
         socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT_S).close()
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, ValueError) as error:
         raise EngineError(
-            f"no Ray cluster at {address}: {error}", "see {ray_address}, and 'ray status' there"
+            f"no Ray cluster at {address}: {error}",
+            "give {ray_address} HOST:PORT, ray://HOST:PORT or local; see 'ray status' there",
         ) from error
-
-
-@contextmanager
-def _preserve_sigterm_handler() -> Iterator[None]:
-    """Restore the SIGTERM handler, which removes temporary files and which Ray replaces."""
-    before = signal.getsignal(signal.SIGTERM)
-    try:
-        yield
-    finally:
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, before)
 
 
 def _worker_capacity(ray: Any, cpus: float, gpus: float) -> int:  # noqa: ANN401 - a module
