@@ -110,19 +110,10 @@ def load_model(
     Raises:
         ModelError: the model is missing or damaged.
         ProviderError: the named provider is not available.
-        UsageError: no provider has that name, it takes no options and some are given, or a value
-            has the wrong type.
+        UsageError: no provider has that name, or it takes no options and some are given.
     """
-    if not isinstance(model, (str, os.PathLike)):
-        raise UsageError(f"a model is a name or a path, not {type(model).__name__}")
-    if not isinstance(detail, Detail):
-        raise UsageError(f"detail is a depthcli.Detail, not {type(detail).__name__}")
     pipeline = load(
-        model,
-        provider=provider,
-        threads=threads,
-        detail=detail,
-        provider_options=provider_options,
+        model, provider=provider, threads=threads, detail=detail, provider_options=provider_options
     )
     for text in pipeline.session.warnings:
         warnings.warn(text, DepthcliWarning, stacklevel=2)

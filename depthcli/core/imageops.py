@@ -97,17 +97,7 @@ def shrink_bands(
     width: int,
     height: int,
 ) -> npt.NDArray[np.float32]:
-    """Equal ``resize_area(plane(pixels), width, height)`` up to rounding.
-
-    Args:
-        pixels: (H, W) or (H, W, 3), of a frame.
-        plane: a pointwise function of pixels, such as those of :mod:`depthcli.core.imageops`.
-        width: of the result.
-        height: of the result.
-
-    Returns:
-        (height, width) or (height, width, C) float32.
-    """
+    """Equal ``resize_area(plane(pixels), width, height)`` up to rounding, band by band."""
     rows, columns = pixels.shape[:2]
     narrowest = min(width, columns)  # a strip is widened once it is short
     narrow = [
@@ -209,12 +199,9 @@ class GuidedMap(NamedTuple):
     def fit(
         cls, coarse: npt.NDArray[np.float32], guide: npt.NDArray[np.float32], radius: int = 1
     ) -> Self:
-        """Fit the coefficients.
+        """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both.
 
-        Args:
-            coarse: (h, w) float32, finite.
-            guide: (h, w) float32 in [0, 1], brightness of the picture at the map's size.
-            radius: of the window, in coarse pixels; a larger one blurs depth.
+        A larger radius of the window, in coarse pixels, blurs depth.
         """
         mean = partial(_box_mean, radius=radius)
         mean_guide, mean_coarse = mean(guide), mean(coarse)
@@ -233,13 +220,7 @@ class GuidedMap(NamedTuple):
     ) -> npt.NDArray[np.float32]:
         """Some rows of the map at the picture's size, clamped to the coarse map's local range.
 
-        Args:
-            guide: (n, W) float32 in [0, 1], brightness of these rows of the picture.
-            rows: which rows they are.
-            height: rows of the picture.
-
-        Returns:
-            (n, W) float32.
+        ``guide`` is (n, W) float32 in [0, 1], the brightness of these rows; so is the result.
         """
         width = guide.shape[1]
         slope, offset, low, high = (
@@ -260,13 +241,7 @@ _HDR_TRANSFERS = {16: "PQ", 18: "HLG"}  # of ITU-T H.273
 
 
 def transfer_warning(transfer: int, what: str, to: str) -> str | None:
-    """A warning about high dynamic range; None without it.
-
-    Args:
-        transfer: code of the transfer function in ITU-T H.273.
-        what: what has it.
-        to: what to convert it to.
-    """
+    """A warning about high dynamic range, by a code of ITU-T H.273; None without it."""
     name = _HDR_TRANSFERS.get(transfer)
     if name is None:
         return None

@@ -76,14 +76,7 @@ class ChangeDetector:
 
 
 def thumbnail(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
-    """A picture's luma, downscaled so that its long side has at most 192 pixels.
-
-    Args:
-        pixels: (H, W) or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
-
-    Returns:
-        (h, w) float32 in [0, 1].
-    """
+    """A picture's luma, its long side at most 192 pixels; (h, w) float32 in [0, 1]."""
     height, width = pixels.shape[:2]
     scale = min(1.0, THUMBNAIL_PX / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -125,15 +118,9 @@ class Smoother:
     def step(
         self, values: npt.NDArray[np.float32], change: Change, decay: float
     ) -> npt.NDArray[np.float32]:
-        """Smooth the next frame.
+        """Smooth the next frame, (H, W) float32 of :func:`to_log`; NaN stays NaN.
 
-        Args:
-            values: (H, W) float32 of :func:`to_log`.
-            change: of the picture against the one before.
-            decay: weight of the past where nothing moves, 0 to 1; see :func:`ema_decay`.
-
-        Returns:
-            (H, W) float32; NaN where ``values`` are NaN.
+        ``decay`` is the weight of the past where nothing moves; see :func:`ema_decay`.
         """
         before = self._before
         if before is None or change.is_cut or before.shape != values.shape:
@@ -209,22 +196,13 @@ class RangeLock:
     def step(
         self, low: float, high: float, decay: float, *, is_cut: bool = False
     ) -> tuple[float, float]:
-        """The smoothed low and high end of the next frame.
-
-        Args:
-            low: the frame's own low end.
-            high: the frame's own high end.
-            decay: weight of the past, 0 to 1: ``exp(-interval / time constant)``.
-            is_cut: whether a new scene begins, which drops the past.
-        """
+        """The smoothed ends of the next frame; a cut drops the past, else its weight is decay."""
         if self._ends is None or is_cut:
             self._ends = (low, high)
         else:
             before_low, before_high = self._ends
-            self._ends = (
-                _weighted_mean(before_low, low, decay),
-                _weighted_mean(before_high, high, decay),
-            )
+            low = _weighted_mean(before_low, low, decay)
+            self._ends = low, _weighted_mean(before_high, high, decay)
         return self._ends
 
 

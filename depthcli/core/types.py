@@ -53,14 +53,9 @@ def _check_floats(pixels: npt.NDArray[np.float32]) -> None:
 
 
 def is_out_of_range(pixels: npt.NDArray[np.float32], low: float, high: float) -> bool:
-    """Whether a finite picture is in 0-255, in [-1, 1] or in another range than [0, 1].
+    """Whether a finite picture, from ``low`` to ``high``, is in another range than [0, 1].
 
     Highlights may be above 1, if they are less than half of what is not black.
-
-    Args:
-        pixels: of any shape.
-        low: the least of them.
-        high: the largest.
     """
     negative = pixels.size * _NEGATIVE_SHARE
     if low < -_ROUNDING and np.count_nonzero(pixels < -_ROUNDING) > negative:
@@ -118,17 +113,7 @@ class Window(NamedTuple):
 def over_window(
     values: npt.NDArray[np.float32], covered: Window, wanted: Window
 ) -> npt.NDArray[np.float32]:
-    """Values of one window as those of another.
-
-    Args:
-        values: (H, W) float32 over ``covered``.
-        covered: their window.
-        wanted: the window of the result.
-
-    Returns:
-        (H', W') float32 over ``wanted``: NaN outside ``covered``. The same array if the windows are
-        the same.
-    """
+    """Values of one window as those of another, with NaN outside the first; (H, W) float32."""
     if covered == wanted:
         return values
     found = np.full((wanted.height, wanted.width), np.nan, np.float32)
@@ -382,24 +367,14 @@ class DepthMap:
 
 
 def masked_to_data_window(depth: DepthMap, windows: Windows | None) -> DepthMap:
-    """Remove depth where the file of the image has no pixels.
-
-    Args:
-        depth: of all pixels of the frame.
-        windows: of the frame; None if its file has all of them.
-    """
+    """Remove depth of a frame's pixels where its file has none."""
     if windows is None or windows.valid == windows.pixels:
         return depth
     return replace(depth, values=windows.only(windows.valid, depth.values))
 
 
 def displayed_depth(depth: DepthMap, windows: Windows | None) -> DepthMap:
-    """The part of a map that is in the display window.
-
-    Args:
-        depth: of all pixels of the frame.
-        windows: of the frame; None if all of it is displayed.
-    """
+    """The part of a frame's map that is in its display window."""
     if windows is None or windows.pixels == windows.display:
         return depth
     values = over_window(depth.values, windows.pixels, windows.display)

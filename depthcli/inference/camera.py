@@ -56,11 +56,7 @@ def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsic
 def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsics) -> float:
     """The factor from the network's metres to those of an image's camera; 1 for other depth.
 
-    Args:
-        card: the model's.
-        frame: the image, with the pixel aspect of its camera.
-        layout: its position in the network's input.
-        camera: of :func:`intrinsics_of`.
+    The frame has the pixel aspect of its camera, which is that of :func:`intrinsics_of`.
     """
     learned = metric_camera(card)
     if learned is None or camera.focal_px is None:

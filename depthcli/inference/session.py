@@ -223,25 +223,16 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
     is_last = spec.layout is TensorLayout.NHWC
     channels = lengths.pop(3 if is_last else 1)
     if channels not in {None, spec.colour.channels}:
-        raise ModelError(_channels_problem(model, first.shape, channels))
+        raise ModelError(
+            f"{model.path} takes {first.shape}, but its card says {spec.colour.channels} channels, "
+            f"{spec.layout.value}; correct input.colour or input.layout in the card"
+        )
     if lengths[0] not in {None, 1}:
         raise ModelError(
             f"{model.path} takes {lengths[0]} pictures at once; export it with a batch of one, "
             "or a dynamic one"
         )
     return str(first.name), (lengths[0], channels, *lengths[1:])
-
-
-def _channels_problem(model: Model, shape: list[Any], channels: int | None) -> str:
-    spec = model.card.input
-    others = {TensorLayout.NCHW: TensorLayout.NHWC, TensorLayout.NHWC: TensorLayout.NCHW}
-    other = others[spec.layout]
-    if shape[3 if other is TensorLayout.NHWC else 1] == spec.colour.channels:
-        return f"{model.path} takes {shape}; set input.layout to {other.value} in the card"
-    return (
-        f"{model.path} has an input of {channels} channel{'s' * (channels != 1)}, but its card "
-        f"says {spec.colour.channels}; correct the card's input.colour"
-    )
 
 
 def _first_line(error: Exception) -> str:

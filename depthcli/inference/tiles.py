@@ -45,16 +45,6 @@ class TileGrid:
         zoom = frame_width / tile_px
         return cls(round(columns * zoom), round(rows * zoom), columns, rows)
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """(columns, rows) of the whole map."""
-        return self.width, self.height
-
-    @property
-    def tile_size(self) -> tuple[int, int]:
-        """(columns, rows) of a tile."""
-        return self.tile_width, self.tile_height
-
     def __iter__(self) -> Iterator[tuple[slice, slice]]:
         """(rows, columns) of each tile, from the top left."""
         for top in _starts(self.height, self.tile_height):
@@ -71,18 +61,10 @@ def refine(
 ) -> npt.NDArray[np.float32]:
     """A finer map of a picture, from tiles.
 
-    Tiles are fitted and blended in log depth if the model is metric, else in its own values.
-
-    Args:
-        spec: the card's output.
-        overall: (h, w) float32 of the card's kind, of the whole picture.
-        frame: the picture.
-        tile_px: width of a tile in pixels of the picture.
-        predict: gives the depth of a tile at the network's size.
-
-    Returns:
-        float32 of the card's kind, finer than ``overall`` by the ratio of the picture's width to
-        the tiles'. ``overall`` itself if it has holes.
+    Tiles are fitted and blended in log depth if the model is metric, else in its own values. The
+    result is finer than ``overall``, (h, w) float32 of the whole picture, by the ratio of the
+    picture's width to ``tile_px``; it is ``overall`` itself if that has holes. ``predict`` gives
+    the depth of a tile at the network's size.
     """
     if not np.isfinite(overall).all():
         return overall
@@ -104,11 +86,12 @@ def _blend_tiles(
 ) -> npt.NDArray[np.float32]:
     """(grid.height, grid.width); tiles are added in a fixed order, so that rounding is too."""
     whole = resize_bilinear(overall, grid.width, grid.height)
-    small = tuple(max(1, round(n * n / m)) for n, m in zip(grid.tile_size, grid.size, strict=True))
+    tile_size, size = (grid.tile_width, grid.tile_height), (grid.width, grid.height)
+    small = tuple(max(1, round(n * n / m)) for n, m in zip(tile_size, size, strict=True))
     weights = _blend_weights(grid.tile_height, grid.tile_width)
     total, weight = np.zeros_like(whole), np.zeros_like(whole)
     for tile in grid:
-        found = resize_bilinear(predict(_cropped(frame, grid, tile)), *grid.tile_size)
+        found = resize_bilinear(predict(_cropped(frame, grid, tile)), *tile_size)
         # A tile with holes is replaced by the whole picture's map.
         good = np.isfinite(found).all()
         total[tile] += weights * (_fit_tile(found, whole[tile], small) if good else whole[tile])
@@ -150,13 +133,10 @@ def _blend_weights(height: int, width: int) -> npt.NDArray[np.float32]:
 def _fit_tile(
     found: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32], small: tuple[int, ...]
 ) -> npt.NDArray[np.float32]:
-    """A tile's map fitted by least-squares scale and shift, with its drift removed.
+    """A tile's map fitted to the whole picture's by least squares, with its drift removed.
 
-    Args:
-        found: (h, w) float32, a tile's map.
-        wanted: (h, w) float32, the whole picture's map there.
-        small: (columns, rows) of the whole picture's map there before it was enlarged. The scale
-            is fitted at this size, because detail of the tile alone would bias it.
+    The scale is fitted at the size ``small``, (columns, rows) of the whole picture's map before it
+    was enlarged, because detail of the tile alone would bias it.
     """
     mean_found, mean_wanted = found.mean(dtype=np.float64), wanted.mean(dtype=np.float64)
     x = resize_area(found, *small) - mean_found

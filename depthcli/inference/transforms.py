@@ -182,17 +182,9 @@ def full_size(
     upsampling: Upsampling,
     radius: int = 1,
 ) -> npt.NDArray[np.float32]:
-    """Depth at the picture's size.
+    """Depth at the picture's size, (H, W) float32; metres within the card's range, NaN at 0 m.
 
-    Args:
-        spec: the card's output.
-        coarse: (h, w) float32 of the whole picture.
-        frame: the picture.
-        upsampling: how depth is upsampled.
-        radius: of the guided filter, in pixels of ``coarse``.
-
-    Returns:
-        (H, W) float32 of the card's kind: metres within the card's range if metric; NaN at 0 m.
+    ``coarse`` is (h, w) float32 of the whole picture, ``radius`` that of the guided filter in it.
     """
     if upsampling is Upsampling.BILINEAR:
         depth = in_range(spec, resize_bilinear(coarse, frame.width, frame.height))

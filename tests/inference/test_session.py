@@ -77,7 +77,7 @@ def test_a_size_that_does_not_fit_is_an_error(tmp_path: Path) -> None:
 
 def test_channels_other_than_the_card_s_are_an_error(tmp_path: Path) -> None:
     model = find_model(write_model(tmp_path, tiny_onnx(channels=3)))
-    with pytest.raises(ModelError, match="has an input of 3 channels, but its card says 1"):
+    with pytest.raises(ModelError, match="card says 1 channels"):
         Session(model)
 
 
