@@ -94,11 +94,15 @@ def _min_to_max(values: Sequence[int]) -> str:
 def _footnotes(report: EvalReport, metrics: Sequence[str]) -> list[str]:
     upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
     higher = ", ".join(name for name in metrics if name in upward | HIGHER_IS_BETTER)
-    in_metres = " and ".join(name for name in metrics if name in {"sq_rel", "rmse"})
+    units: dict[str, list[str]] = {}
+    for name in metrics:
+        if name in METRICS and METRICS[name].unit:
+            units.setdefault(METRICS[name].unit, []).append(name)
+    stated = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
     marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
     empty = sorted({row.empty_count for row in report.rows} - {0})
     return [
-        f"higher is better for {higher}, lower for the others; {in_metres} in metres",
+        f"higher is better for {higher}, lower for the others{stated}",
         *marked,
         *report.notes,
         *(f"{count} images have no valid pixel and are excluded" for count in empty),

@@ -41,6 +41,7 @@ class Metric:
     sums: Sums  #: of the per-pixel quantities
     finish: Callable[..., float]  #: the value from their means, in the same order
     higher_is_better: bool  #: direction of improvement
+    unit: str  #: of the value, as tables state it; empty if it has none
 
 
 METRICS: dict[str, Metric] = {}
@@ -48,12 +49,12 @@ METRICS: dict[str, Metric] = {}
 
 
 def _metric(
-    finish: Callable[..., float] = float, *, higher_is_better: bool = False
+    finish: Callable[..., float] = float, *, higher_is_better: bool = False, unit: str = ""
 ) -> Callable[[Sums], Metric]:
     """Enter a function in :data:`METRICS` by its name; its value is the mean by default."""
 
     def register(sums: Sums) -> Metric:
-        metric = Metric(sums.__name__, sums, finish, higher_is_better)
+        metric = Metric(sums.__name__, sums, finish, higher_is_better, unit)
         METRICS[metric.name] = metric
         return metric
 
@@ -66,13 +67,13 @@ def abs_rel(pixels: DepthPixels) -> tuple[float, ...]:
     return (cv2.norm(pixels.relative_error, cv2.NORM_L1),)
 
 
-@_metric()
+@_metric(unit="metres")
 def sq_rel(pixels: DepthPixels) -> tuple[float, ...]:
     """Mean (g − p)² / g, in metres."""
     return (_product(pixels.error_m, pixels.relative_error),)
 
 
-@_metric(math.sqrt)
+@_metric(math.sqrt, unit="metres")
 def rmse(pixels: DepthPixels) -> tuple[float, ...]:
     """√ mean (g − p)², in metres."""
     return (cv2.norm(pixels.error_m, cv2.NORM_L2SQR),)

@@ -61,7 +61,13 @@ class StoredDepth:
         options: DepthReadOptions,
         scale: DepthScale | None = None,
     ) -> Self:
-        """Depth of a file: values, (H, W) float32, and what is stated about them."""
+        """Depth of a file: values, (H, W) float32, and what is stated about them.
+
+        Raises:
+            InputError: there is no pixel.
+        """
+        if not values.size:
+            raise InputError(f"{path} has no pixels")
         depth = DepthMap(values, stated_kind(metadata, options), provenance_of(metadata.texts))
         return cls(str(path), depth, metadata.texts, scale, warnings=metadata.warnings)
 
