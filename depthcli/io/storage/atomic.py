@@ -56,21 +56,13 @@ def atomic_path(
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a file of text, in which names of files may not be UTF-8.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
+    """Write a file of text, in which names of files may not be UTF-8."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="surrogateescape")
 
 
 def append_whole(file: FileIO, data: bytes) -> int:
-    """Append data to a file, all or nothing; return where it begins.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Append data to a file, all or nothing; return where it begins."""
     start = file.seek(0, os.SEEK_END)
     try:
         at = 0

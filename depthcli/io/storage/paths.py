@@ -147,11 +147,7 @@ class RemotePath(Path, PurePosixPath):
         return path_of, (f"{self.base}/{self.key}{query}",)
 
     def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
-        """Size and time of the object; a prefix with objects below it is a folder.
-
-        Raises:
-            OSError: there is neither, or the request failed.
-        """
+        """Size and time of the object; a prefix with objects below it is a folder."""
         try:
             known = objects.object_info(self.address)
         except FileNotFoundError:
@@ -205,52 +201,30 @@ class RemotePath(Path, PurePosixPath):
         objects.delete(self.address)
 
     def read_bytes(self) -> bytes:
-        """The whole object.
-
-        Raises:
-            OSError: it cannot be read.
-        """
-        return self.read_some()
+        """The whole object."""
+        return objects.read(self.address)
 
     def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
-        """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes.
-
-        Raises:
-            OSError: it cannot be read, or is too large.
-        """
+        """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes."""
         if first < 0:
             return objects.read(self.address, max_bytes)
         return objects.read_first(self.address, first)
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
-        """Open the content for reading.
-
-        Raises:
-            OSError: it cannot be read, or the mode is not ``rb``.
-        """
+        """Open the content for reading; the mode is ``rb``."""
         if mode != "rb":
             raise io.UnsupportedOperation(f"{self} is written as a whole, not opened as {mode!r}")
         return io.BytesIO(self.read_bytes())
 
     def names(self) -> Iterator[str]:
-        """Names of the objects directly in this folder, in the order of their bytes.
-
-        Raises:
-            OSError: the request failed.
-        """
+        """Names of the objects directly in this folder, in the order of their bytes."""
         found = () if self.is_http else self.walk_names()
         return (name for name in found if "/" not in name)
 
     def walk_names(self, after: str = "") -> Iterator[str]:
         """Names of all objects below this folder, in the order of their bytes.
 
-        They come page by page: memory does not grow with their number.
-
-        Args:
-            after: begin after this name.
-
-        Raises:
-            OSError: the request failed.
+        They come page by page, from the one after a name: memory does not grow with their number.
         """
         return objects.list_names(self.address, after)
 

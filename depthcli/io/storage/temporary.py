@@ -30,15 +30,14 @@ def temporary_folder() -> Iterator[Path]:
     try:
         folder = TemporaryDirectory(prefix="depthcli-")
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"cannot write a temporary file: {reason}; set TMPDIR") from error
+        raise _no_room(error) from error
     with exit_hook(folder.cleanup), folder as name:
         yield Path(name)
 
 
 @contextmanager
 def temporary_copy(data: bytes, name: str) -> Iterator[Path]:
-    """A temporary file of this content, which is removed when the block or the process ends.
+    """A file of this content in a temporary folder.
 
     Raises:
         OutputError: there is no room for it.
@@ -48,10 +47,13 @@ def temporary_copy(data: bytes, name: str) -> Iterator[Path]:
         try:
             copy.write_bytes(data)
         except OSError as error:
-            raise OutputError(
-                f"cannot write a temporary file: {error.strerror}", "set TMPDIR"
-            ) from error
+            raise _no_room(error) from error
         yield copy
+
+
+def _no_room(error: OSError) -> OutputError:
+    reason = error.strerror or str(error)
+    return OutputError(f"cannot write a temporary file: {reason}", "set TMPDIR")
 
 
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND

@@ -19,19 +19,13 @@ SHA256_KEY = "sha256"
 def local_copy(
     path: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
 ) -> Iterator[Path]:
-    """A local copy of a remote file, for libraries that need one.
+    """A local copy of a remote file, for libraries that need one; a local path is not copied.
 
-    Args:
-        path: a local one is yielded unchanged.
-        progress: counts bytes.
-        max_bytes: larger remote files are refused.
-
-    Yields:
-        The copy, with the same name; it is removed after the block. Errors of the block name the
-        path, not the copy.
+    The copy has the same name, and is removed after the block, whose errors name the path, not the
+    copy.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: it cannot be read, or has more than ``max_bytes``.
     """
     if not isinstance(path, RemotePath):
         yield path
@@ -51,11 +45,7 @@ def local_copy(
 def download(
     path: RemotePath, file: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
 ) -> None:
-    """Download an object to a file, with a few megabytes in memory.
-
-    Raises:
-        OSError: it cannot be read or is too large, or the file cannot be written.
-    """
+    """Download an object to a file, with a few megabytes in memory."""
     content = objects.parts(path.address)
     size = int(next(content))
     if max_bytes is not None and size > max_bytes:
@@ -69,11 +59,7 @@ def download(
 
 @contextmanager
 def uploaded(path: RemotePath) -> Iterator[Path]:
-    """A file to write, which is uploaded when the block succeeds, with its checksum as metadata.
-
-    Raises:
-        OSError: it cannot be uploaded.
-    """
+    """A file to write, which is uploaded when the block succeeds, with its checksum as metadata."""
     with temporary_folder() as folder:
         file = folder / path.name
         yield file
@@ -83,13 +69,7 @@ def uploaded(path: RemotePath) -> Iterator[Path]:
 
 
 def object_checksum(path: RemotePath) -> tuple[int, str] | None:
-    """Size and SHA-256 of an object, which is read only if its metadata have no checksum.
-
-    None if there is no such object.
-
-    Raises:
-        OSError: the request failed.
-    """
+    """Size and SHA-256 of an object, read only without a checksum in its metadata; None if none."""
     try:
         known = objects.object_info(path.address)
         digest = known.metadata.get(SHA256_KEY) or hashlib.sha256(path.read_bytes()).hexdigest()
