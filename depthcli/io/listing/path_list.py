@@ -158,14 +158,7 @@ def list_objects(
     on_skipped: Callable[[Skipped], None],
     refusal: Callable[[str], str | None] = why_skipped,
 ) -> Iterator[InputFile]:
-    """Pictures and videos, in the order of the store, page by page.
-
-    Args:
-        root: the folder.
-        leave_out: a folder that is not entered.
-        skip: whether a folder of this name (from the root, with ``/``) is not entered.
-        on_skipped: called with each object that is not an input.
-        refusal: why an object of this URI is no input; None if it is one.
+    """Pictures and videos, in the order of the store, page by page; arguments as of a local folder.
 
     Raises:
         UsageError: the store cannot be listed, or there is nothing below it.

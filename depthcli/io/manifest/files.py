@@ -38,11 +38,7 @@ class Shard:
 
     @classmethod
     def parse(cls, word: str) -> Self:
-        """From ``2/4``.
-
-        Raises:
-            UsageError: it is something else, or there is no such part.
-        """
+        """From ``2/4``."""
         numbers = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", word)
         shard = cls(*map(int, numbers.groups())) if numbers else cls(0, 0)
         if not 1 <= shard.number <= shard.count:
@@ -109,11 +105,7 @@ def row_files(folder: Path, shard: Shard) -> list[Path]:
 
 
 def write_manifest(path: Path, rows: Iterable[ManifestRow]) -> None:
-    """Write a manifest atomically.
-
-    Raises:
-        OutputError: it cannot be written; what was there stays.
-    """
+    """Write a manifest atomically."""
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.writelines(row.as_line() for row in rows)
 
@@ -122,14 +114,9 @@ class RowFile:
     """A file of rows as JSON, one a line; other lines are passed over."""
 
     def __init__(self, path: Path, end: int | None = None) -> None:
-        """Open a file.
-
-        Args:
-            path: the file.
-            end: a second handle of it, for appending; None to read only.
+        """Open a file for reading, and with a second handle of it for appending.
 
         Raises:
-            OSError: it cannot be read.
             UsageError: it is a manifest that depthcli did not write.
         """
         self.path = path
@@ -201,11 +188,7 @@ class RowsFolder:
         self._states = {name: _file_state(self.path / name) for name in self._objects}
 
     def sync(self) -> None:
-        """Upload the journal's new rows, if the last upload was long enough ago.
-
-        Raises:
-            OutputError: they cannot be uploaded.
-        """
+        """Upload the journal's new rows, if the last upload was long enough ago."""
         with self._lock:
             if self._out and time.monotonic() - self._uploaded_s >= _UPLOAD_INTERVAL_S:
                 self._upload_rows(self._out)

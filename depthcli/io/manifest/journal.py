@@ -139,9 +139,8 @@ class Journal(Rows):
         """Open or create the journal of an output folder, which is created if it is missing.
 
         Raises:
-            OutputError: the folder cannot be written, or something other than a file is in the way.
-            UsageError: another batch, not a shard of the same one, is writing there, or a manifest
-                there was not written by depthcli.
+            OutputError: the folder cannot be written.
+            UsageError: another batch is writing there, or a manifest is another program's.
         """
         self._path = folder / shard.journal_name
         self.manifest = folder / shard.manifest_name
@@ -162,11 +161,7 @@ class Journal(Rows):
             self._opened = opened.pop_all()
 
     def add(self, row: ManifestRow) -> None:
-        """Append a row, which replaces the input's earlier one.
-
-        Raises:
-            OutputError: it cannot be written, for instance because the disk is full.
-        """
+        """Append a row, which replaces the input's earlier one."""
         with _as_output_error(self._path), self._lock:
             position = self._own.append(row.as_line())
             self._index.add([(row.input, len(self._files) - 1, position)])

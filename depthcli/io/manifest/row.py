@@ -133,15 +133,8 @@ def is_intact(folder: Path, file: OutputFile) -> bool:
 
 
 def output_entry(folder: Path, path: Path) -> OutputFile:
-    """The entry of a file just written.
-
-    Raises:
-        OutputError: it is gone.
-    """
+    """The entry of a file just written."""
     found = checksum(path)
     if found is None:
-        raise OutputError(
-            f"{path} is gone, or cannot be read, after it was written; do not change the folder "
-            "while the batch runs"
-        )
+        raise OutputError(f"{path} is gone, or cannot be read, after it was written")
     return OutputFile(path.relative_to(folder).as_posix(), found.bytes, found.sha256)

@@ -148,9 +148,8 @@ class WorkerPool:
 
     def __init__(self, cluster: Actors) -> None:
         self._cluster = cluster
-        self._futures: dict[
-            Hashable, tuple[Hashable, Call | None]
-        ] = {}  # None: a worker that starts
+        #: worker and call of each; None for the call of a worker that starts
+        self._futures: dict[Hashable, tuple[Hashable, Call | None]] = {}
         self._assigned: dict[Hashable, list[Call]] = {}  # of the workers that have started
         self._suspects: deque[Call] = deque()  # calls whose workers died
         self._key: CacheKey | None = None
@@ -262,9 +261,7 @@ class RayEngine:
             progress: called with 0 while waiting, so that it can stop the work by raising.
 
         Raises:
-            UsageError: Ray is not installed.
-            EngineError: there is no such cluster, it has another version of Ray or Python, or no
-                machine of it has room for a worker.
+            EngineError: there is no such cluster, or no machine of it has room for a worker.
         """
         try:
             import ray  # noqa: PLC0415 - an extra
