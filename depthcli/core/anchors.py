@@ -166,9 +166,7 @@ class Pairs:
 def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
     """The most probable scale and shift if all errors and the shift are normally distributed.
 
-    Args:
-        pairs: their values are not all equal, or the shift is expected to be finite.
-        weights: (N,) float64; None if all are equal.
+    Values are not all equal, or the shift is expected to be finite. Weights are (N,) float64.
     """
     weights = np.ones_like(pairs.values) if weights is None else weights
     centre, unit = float(np.median(np.abs(pairs.values))) or 1.0, float(np.median(pairs.unit))
@@ -286,9 +284,7 @@ def fit_anchors(
 def fitted(
     depth: DepthMap, points: AnchorPoints | None, windows: Windows | None = None
 ) -> DepthMap:
-    """Depth of one of several pictures, fitted to points; unchanged if no points are given.
-
-    The arguments are those of :func:`fit_anchors`.
+    """Depth of one of several pictures, by :func:`fit_anchors`; unchanged without points.
 
     Raises:
         InputError: the points do not fit this picture, but may fit the next one.

@@ -5,12 +5,11 @@ trained on one camera is right up to the ratio of focal lengths: depth ∝ focal
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple, Self
 
-from depthcli.core.options import Rule, short_repr
+from depthcli.core.options import Rule
 from depthcli.errors import InputError, Message, UsageError
 
 HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
@@ -86,9 +85,9 @@ class Intrinsics:
                 179.9 degrees.
         """
         focal_px, hfov_deg = self.focal_px, self.hfov_deg
-        if focal_px is not None and not _holds(lambda px: 0 < px < math.inf, focal_px):
+        if focal_px is not None and not 0 < focal_px < math.inf:
             raise UsageError(f"a focal length of {focal_px} pixels is not a number above 0")
-        if hfov_deg is not None and not _holds(HFOV_DEG.holds, hfov_deg):
+        if hfov_deg is not None and not HFOV_DEG.holds(hfov_deg):
             raise UsageError(f"a field of view of {hfov_deg}° is not {HFOV_DEG.what}")
 
     @classmethod
@@ -106,7 +105,12 @@ class Intrinsics:
         """
         if focal_px is not None and hfov_deg is not None:
             raise UsageError("give the focal length or the field of view, not both")
-        return cls(focal_px, hfov_deg, None if centre_px is None else _point(centre_px))
+        if centre_px is not None:
+            x, y = map(float, centre_px)
+            if not (math.isfinite(x) and math.isfinite(y)):
+                raise UsageError(f"a principal point is (cx, cy) in pixels, not {centre_px}")
+            centre_px = x, y
+        return cls(focal_px, hfov_deg, centre_px)
 
     @property
     def has_focal(self) -> bool:
@@ -157,24 +161,6 @@ class Intrinsics:
 
 UNKNOWN_CAMERA = Intrinsics()
 """Nothing is known but what the image's file states."""
-
-
-def _holds(rule: Callable[[float], object], value: float) -> bool:
-    """Whether a value is one number, not text or several numbers, and satisfies a rule."""
-    try:
-        return getattr(value, "ndim", 0) == 0 and bool(rule(value))
-    except (TypeError, ValueError):
-        return False
-
-
-def _point(centre_px: tuple[float, float]) -> tuple[float, float]:
-    try:
-        x, y = (float(value) for value in centre_px)
-    except (TypeError, ValueError):
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise UsageError(f"a principal point is (cx, cy) in pixels, not {short_repr(centre_px)}")
-    return x, y
 
 
 def focal_px_of_hfov(hfov_deg: float, width: int) -> float:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from depthcli.core.parallel import Background
-from depthcli.errors import ModelError
 
 if TYPE_CHECKING:
     import os
@@ -68,21 +67,11 @@ class SessionLoader:
         return Background(session)
 
     def _for_provider(self, model: Model) -> Model:
-        """The model, or the float model that its card names if the provider prefers floats.
-
-        Raises:
-            ModelError: the float model is missing or damaged.
-        """
+        """The model, or the float model that its card names if the provider prefers floats."""
         from depthcli.inference.providers import prefers_int8  # noqa: PLC0415 - as in start
         from depthcli.models.catalog import find_model  # noqa: PLC0415
 
         other = model.card.float_model
         if other is None or prefers_int8(self.provider):
             return model
-        try:
-            return find_model(other)
-        except ModelError as error:
-            raise ModelError(
-                f"the card of {model.card.name!r} names the float model {other!r} for this "
-                f"provider: {error}; add it, or choose the provider 'cpu'"
-            ) from error
+        return find_model(other)
