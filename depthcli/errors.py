@@ -85,7 +85,7 @@ def _message(problem: str, advice: str, option: str) -> Message:
 
 
 def _joined(problem: str, advice: str, option: str, word: Callable[[str], str]) -> str:
-    told = re.sub(r"\{([a-z_]+)\}", lambda found: word(found[1]), advice)
+    told = re.sub(r"\{([a-z_][a-z0-9_]*)\}", lambda found: word(found[1]), advice)
     line = "; ".join(part for part in (problem, told) if part)
     return f"{word(option)}: {line}" if option else line
 

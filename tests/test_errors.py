@@ -27,3 +27,7 @@ def test_message_keeps_its_facts_in_another_process_and_another_error() -> None:
     copy = pickle.loads(pickle.dumps(InputError(message)))  # noqa: S301 - its own
     assert copy.message == message == "anchors: a.png: flat; give anchor"
     assert copy.message.advice == "give {anchor}"
+
+
+def test_option_with_a_digit_is_named() -> None:
+    assert Message("", "{float_model} is for {int8}").worded(flag) == "--float-model is for --int8"
