@@ -189,7 +189,7 @@ def test_int8_needs_pictures_and_excludes_fp16(
     for wrong, message in (
         (["--int8", str(tmp_path / "empty")], "has no picture"),
         (["--int8", str(pictures), "--fp16"], "not both"),
-        (["--float-model", "float"], "--float-model needs --int8"),
+        (["--float-model", "float"], "--float-model is for --int8"),
         (["--int8", str(pictures), "--float-model", "a/b"], "has to be a model's name, not 'a/b'"),
         (["--license", " "], "license has to be"),
     ):
