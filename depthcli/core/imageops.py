@@ -161,18 +161,10 @@ def upsample_guided(
 ) -> npt.NDArray[np.float32]:
     """Depth at the picture's size, whose edges follow those of the picture.
 
-    It is bilinear if the picture is no larger than the map, or the map has holes.
-
-    Args:
-        depth: (h, w) float32 of the whole picture.
-        frame: the picture.
-        in_log: filter log depth, for which ``depth`` must be greater than 0: edges are then treated
-            alike near and far.
-        radius: of the filter's window, in pixels of ``depth``: the width of a pixel of the
-            network's own output.
-
-    Returns:
-        (H, W) float32 at the picture's size, within the range of ``depth`` near each pixel.
+    It is bilinear if the picture is no larger than the map, or the map has holes. The result is
+    (H, W) float32, within the range of ``depth``, (h, w) float32, near each pixel. With ``in_log``,
+    log depth is filtered, which treats edges alike near and far, and ``depth`` must be above 0.
+    The radius of the window is the width of a pixel of the network's own output.
     """
     height, width = depth.shape
     if frame.width <= width or frame.height <= height or not np.isfinite(depth).all():

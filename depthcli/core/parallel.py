@@ -66,15 +66,9 @@ def ordered_map(
 def process_map(
     function: Callable[[_Item], _Result], items: Iterable[_Item], *, workers: int
 ) -> Generator[_Result, None, None]:
-    """``map`` by processes: results come in the order of the items.
+    """:func:`ordered_map` by processes; the calling one does the work of fewer than two.
 
-    Args:
-        function: can be pickled, as can its items and results.
-        items: of any length; a few for each worker are in memory at a time.
-        workers: processes; with fewer than two, the calling process does the work.
-
-    Yields:
-        One result for each item, as :func:`~depthcli.core.parallel` does.
+    The function can be pickled, as can its items and results.
     """
     if workers <= 1:
         yield from map(function, items)
