@@ -152,7 +152,7 @@ def test_a_bundled_model_is_hidden_only_with_force(own: Path, file: Path, tmp_pa
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"input__colour": "rgb"}, "has an input of 1 channel, but its card says 3"),
+        ({"input__colour": "rgb"}, "but its card says 3 channels"),
         ({"input__width": 0}, "input.width"),
         ({"sha256": "0" * 64}, "checksum"),
         ({"bytes": 7}, "its card says 7"),
