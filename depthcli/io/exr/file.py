@@ -184,7 +184,8 @@ def read_exr_channels(
     Raises:
         InputError: missing, damaged, deep, or too large.
     """
-    read_bytes(path, first=1)  # errors of files are told apart here
+    if not isinstance(path, RemotePath):
+        read_bytes(path, first=1)  # errors of files are told apart here
     shown = name or str(path)
     channels: dict[str, StoredChannel] = {}
     problem = "is not an EXR file that can be read"
@@ -289,7 +290,8 @@ def read_exr_header(path: Path) -> dict[str, Any]:
     Raises:
         InputError: missing or damaged.
     """
-    read_bytes(path, first=1)
+    if not isinstance(path, RemotePath):
+        read_bytes(path, first=1)
     try:
         with utf8_name(path) as name, silenced():
             header: dict[str, Any] = OpenEXR.File(name, header_only=True).header()
