@@ -213,7 +213,7 @@ def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
     assert "is not a folder with a file for each image" in done.stderr.decode()
     done = inside("batch", "in", "--out", "out", "--anchors", "known")
     assert done.returncode == 1
-    assert "clip.mp4 is a video, to which --anchors does not apply" in done.stderr.decode()
+    assert "clip.mp4 is a video, to which anchors do not apply" in done.stderr.decode()
     assert rows(inside, "out")["a.png"]["status"] == "ok"
 
 

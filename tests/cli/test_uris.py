@@ -84,7 +84,7 @@ def test_a_model_is_added_from_its_url(inside: Cli, bucket: Bucket, faults: Faul
     again = inside("models", "add", url, "--name", "again")
     assert again.stderr.decode() == f"to get exactly this file again: --sha256 {digest}\n"
     assert all(method == "GET" for method, _ in faults.seen)
-    assert inside("models", "add", url, "--sha256", "abc").returncode == 2
+    assert inside("models", "add", url, "--sha256", "abc").returncode == 3
     gone = inside("models", "add", f"{url}x", "--name", "gone")
     assert gone.returncode == 3
     assert b"cannot be read: no such object" in gone.stderr

@@ -176,8 +176,6 @@ def test_held_out_scenes_are_neither_seen_nor_scored(tmp_path: Path) -> None:
 
 def test_it_is_not_exported(tmp_path: Path) -> None:
     _fit(_small(), tmp_path, limits=Limits(steps=1))
-    with pytest.raises(
-        CheckpointError, match=r"predicts no depth: train another method with --init"
-    ):
+    with pytest.raises(CheckpointError, match="predicts no depth"):
         export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "x.onnx", ExportOptions())
     assert not (tmp_path / "x.onnx").exists()
