@@ -27,16 +27,15 @@ from made_pictures import write_pictures
 
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
-from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.threads import ThreadEngine
+from depthcli.jobs.batch.run import Batch, BatchRequest
+from depthcli.jobs.batch.workers import ThreadEngine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from depthcli.jobs.batch.threads import Engine
+    from depthcli.jobs.batch.workers import Engine
 
 CLUSTER_CORES = 2
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_folder
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, BatchRequest
+from depthcli.jobs.batch.tasks import BatchOptions
 from helpers.tiny import synthetic_picture, write_model, write_picture
 
 if TYPE_CHECKING:

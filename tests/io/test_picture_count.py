@@ -14,9 +14,8 @@ from PIL import Image
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.images.read import read_image
-from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.plan import plan_folder
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.predict import PredictRequest, predict
 
 if TYPE_CHECKING:

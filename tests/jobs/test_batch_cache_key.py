@@ -11,7 +11,7 @@ from helpers.tiny import write_model
 from depthcli.core.camera import Intrinsics
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.jobs.batch.options import BatchOptions
+from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.batch.workers import WorkerSpec
 
 if TYPE_CHECKING:

@@ -17,9 +17,9 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest.files import Shard
-from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
-from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
+from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.video.depth_video import DepthVideo
 
 if TYPE_CHECKING:
@@ -156,11 +156,9 @@ def test_a_table_of_other_pictures_is_refused(tmp_path: Path) -> None:
         with_table(tmp_path, "id,focal_px\nrgb/a,30\n")
 
 
-def test_a_row_of_two_pictures_is_refused(tmp_path: Path) -> None:
+def test_full_name_in_table_precedes_name_without_suffix(tmp_path: Path) -> None:
     pictures(tmp_path)
     (tmp_path / "in/a.jpg").write_bytes((tmp_path / "in/a.png").read_bytes())
-    with pytest.raises(UsageError, match=r"the row 'a' is of a\.jpg and of a\.png"):
-        with_table(tmp_path)
     plan = with_table(tmp_path, "id,focal_px\na,30\na.png,40\n").plan
     assert {name: lens.focal_px for name, lens in plan.intrinsics.items()} == {
         "a.jpg": 30,

@@ -21,12 +21,10 @@ from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK, CacheKey, ManifestRow, output_entry
-from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, dry_run
-from depthcli.jobs.batch.tasks import BatchResult, BatchTask, TaskBuilder
-from depthcli.jobs.batch.threads import ThreadEngine
-from depthcli.jobs.batch.workers import WorkerSpec
+from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
+from depthcli.jobs.batch.workers import ThreadEngine, WorkerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence

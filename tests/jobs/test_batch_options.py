@@ -13,8 +13,8 @@ from helpers.watched import Watched
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import GPU_BATCH, Detail, Upsampling
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.predict import PredictRequest, predict
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings
 from depthcli.jobs.video.run import video

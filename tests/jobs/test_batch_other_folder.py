@@ -15,14 +15,14 @@ from helpers.videos import write_video
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest.journal import known_rows
-from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.tasks import BatchOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.jobs.batch.options import BatchRequest
+    from depthcli.jobs.batch.run import BatchRequest
 
 
 def request_of(folder: Path, inputs: str) -> BatchRequest:

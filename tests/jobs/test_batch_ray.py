@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
     from depthcli.inference.session import Session
     from depthcli.jobs.batch.tasks import BatchResult
-    from depthcli.jobs.batch.threads import Engine
-    from depthcli.jobs.batch.workers import ImageTask
+    from depthcli.jobs.batch.workers import Engine, ImageTask
 
 ray = pytest.importorskip("ray")
 COUNT = 30

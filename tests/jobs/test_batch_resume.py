@@ -19,9 +19,9 @@ from depthcli.io.listing.folder import NameFilter
 from depthcli.io.manifest.journal import known_rows
 from depthcli.io.manifest.row import FAILED, OK
 from depthcli.jobs.batch.manifests import read_rows
-from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.tasks import BatchOptions
 
 if TYPE_CHECKING:
     from pathlib import Path

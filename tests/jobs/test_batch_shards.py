@@ -20,7 +20,7 @@ from depthcli.jobs.batch.tasks import TaskBuilder
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.jobs.batch.options import BatchRequest
+    from depthcli.jobs.batch.run import BatchRequest
 
 COUNT = 3
 

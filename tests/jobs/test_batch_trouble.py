@@ -17,8 +17,8 @@ from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.io.manifest.row import FAILED, OK
-from depthcli.jobs.batch.options import BatchOptions
 from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.tasks import BatchOptions
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -33,9 +33,9 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest.row import OK
-from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, BatchRequest
+from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.output_names import output_bases
 from depthcli.jobs.outputs import plan_outputs
 from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict

@@ -12,9 +12,9 @@ from helpers.plates import CROP, DISPLAY, time_code_of, write_plate
 from depthcli.io.exr.file import ExrPart, read_exr_header, time_code_attribute
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
-from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, BatchRequest
+from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict import PredictRequest, predict
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings

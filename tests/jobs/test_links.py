@@ -9,9 +9,8 @@ from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.batch.options import BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.predict import PredictRequest, predict
 
 if TYPE_CHECKING:

@@ -31,9 +31,9 @@ from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest.files import WHOLE, RowsFolder, Shard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
-from depthcli.jobs.batch.options import BatchOptions, BatchRequest
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
-from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
+from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
 from depthcli.jobs.predict import PictureResult, PredictRequest, predict
 from depthcli.jobs.video.plan import VideoRequest

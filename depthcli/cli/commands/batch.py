@@ -35,9 +35,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from depthcli.core.progress import Progress
-    from depthcli.jobs.batch.options import BatchOptions, BatchRequest
     from depthcli.jobs.batch.plan import BatchPlan
-    from depthcli.jobs.batch.threads import Engine
+    from depthcli.jobs.batch.run import BatchRequest
+    from depthcli.jobs.batch.tasks import BatchOptions
+    from depthcli.jobs.batch.workers import Engine
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -189,7 +190,7 @@ def batch(
     from depthcli.cli import parse
     from depthcli.cli.parse import FORMAT_OPTIONS, without_effect
     from depthcli.cli.screen import console
-    from depthcli.jobs.batch.options import BatchOptions
+    from depthcli.jobs.batch.tasks import BatchOptions
 
     formats = (*(output.formats or (Format.PNG16,)), *([Format.JSON] if output.sidecar else ()))
     options = BatchOptions(
@@ -238,7 +239,7 @@ def _request(
 ) -> BatchRequest:
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
-    from depthcli.jobs.batch.options import BatchRequest, FailureBudget
+    from depthcli.jobs.batch.run import BatchRequest, FailureBudget
 
     workers, batch_size, threads = engine.workers, engine.batch_size, model.runtime.threads
     if engine.is_ray:

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.core.progress import Interrupt
-    from depthcli.jobs.batch.options import Tally
     from depthcli.jobs.batch.plan import BatchPlan
-    from depthcli.jobs.batch.run import Batch, DryRunResult
+    from depthcli.jobs.batch.run import Batch, DryRunResult, Tally
     from depthcli.jobs.batch.tasks import BatchResult
     from depthcli.jobs.convert import ConvertResult, FolderPlan
     from depthcli.jobs.predict import PictureResult

@@ -88,35 +88,20 @@ class BatchPlan:
 class CameraTable:
     """Finds the camera of each input, and notes which rows match.
 
-    A row's id is the name of an input (``hall/a.jpg``), or the name without suffix (``hall/a``), as
-    in the ``cameras.csv`` of training folders. The whole name is looked up first.
+    A row's id is the name of an input (``hall/a.jpg``), or the name without suffix (``hall/a``).
     """
 
     def __init__(self, cameras: Mapping[str, Intrinsics], source: str = "the table") -> None:
-        """Begin with no input.
-
-        Args:
-            cameras: camera of each id.
-            source: name of the table in messages.
-        """
+        """Store the camera of each id, and the name of the table in messages."""
         self._cameras, self._source = cameras, source
-        self._used: dict[str, str] = {}  # id -> the input that it matches
+        self._unused = dict.fromkeys(cameras)
 
     def camera_of(self, name: str) -> Intrinsics | None:
-        """The camera of an input; None if it has no row, or an empty one.
-
-        Raises:
-            UsageError: its row is also that of another input.
-        """
+        """The camera of an input; None if it has no row, or an empty one."""
         row_id = next((key for key in (name, stem(name)) if key in self._cameras), None)
         if row_id is None:
             return None
-        other = self._used.setdefault(row_id, name)
-        if other != name:
-            raise UsageError(
-                f"{self._source}: the row {short_repr(row_id)} is of {other} and of {name}",
-                "give each a row with its suffix",
-            )
+        self._unused.pop(row_id, None)
         return self._cameras[row_id]
 
     def warnings(self, inputs: int, unmatched: int) -> Iterator[str]:
@@ -129,8 +114,8 @@ class CameraTable:
         Raises:
             UsageError: there are inputs, and no row matches one.
         """
-        unused = [row_id for row_id in self._cameras if row_id not in self._used]
-        if unused and inputs and not self._used:
+        unused = list(self._unused)
+        if unused and inputs and len(unused) == len(self._cameras):
             raise UsageError(
                 f"no row of {self._source} with a camera matches an input; an id is the path of an "
                 "input from the folder, with or without its suffix, but the first is "

@@ -239,7 +239,7 @@ LOCAL_CLUSTER: dict[str, Any] = {
 
 
 class RayEngine:
-    """An :class:`depthcli.jobs.batch.threads.Engine`, connected to a cluster."""
+    """An :class:`depthcli.jobs.batch.workers.Engine`, connected to a cluster."""
 
     def __init__(
         self,

@@ -1,19 +1,22 @@
 """Running a batch: processes all inputs with an engine and writes the manifest."""
 
-import dataclasses
 import hashlib
+import re
+import time
+from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 from depthcli.core.options import GPU_BATCH
 from depthcli.core.parallel import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.errors import InputError, OutputError
+from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.camera import focal_warnings
+from depthcli.inference.loading import SessionLoader
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.images.opencv import silent_opencv
@@ -25,10 +28,96 @@ from depthcli.io.manifest.row import CacheKey
 from depthcli.io.storage.paths import RemotePath, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
 from depthcli.io.storage.transfer import local_copy
-from depthcli.jobs.batch.options import BatchRequest, Tally
-from depthcli.jobs.batch.tasks import BatchResult, TaskBuilder
-from depthcli.jobs.batch.threads import Engine, ThreadEngine
-from depthcli.jobs.batch.workers import WorkerSpec, video_checksum
+from depthcli.jobs.batch.plan import BatchPlan
+from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
+from depthcli.jobs.batch.workers import Engine, ThreadEngine, WorkerSpec, video_checksum
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts of results."""
+
+    total: int  #: number of inputs
+    done: int = 0  #: inputs that were processed, including the failed ones
+    kept: int = 0  #: inputs whose outputs of an earlier run are still valid
+    failures: list[tuple[str, str]] = field(default_factory=list)  #: name and reason
+    #: whether each of the last hundred processed inputs failed
+    recent_failed: deque[bool] = field(default_factory=lambda: deque(maxlen=100))
+    start_s: float = field(default_factory=time.monotonic)
+
+    def add(self, result: BatchResult) -> None:
+        """Count a result."""
+        self.kept += result.is_kept
+        self.done += not result.is_kept
+        if not result.is_kept:
+            self.recent_failed.append(result.row.error is not None)
+        if result.row.error is not None:
+            self.failures.append((result.row.input, result.row.error))
+
+    @property
+    def completed(self) -> int:
+        """Inputs that are done or kept."""
+        return self.done + self.kept
+
+    @property
+    def elapsed_s(self) -> float:
+        """Seconds since the start."""
+        return time.monotonic() - self.start_s
+
+    @property
+    def rate(self) -> float:
+        """Inputs per second, without those kept."""
+        return self.done / max(self.elapsed_s, 1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class FailureBudget:
+    """Allowed failures: among all inputs, or as a percentage of the last hundred processed ones.
+
+    The percentage is of a hundred from the first input on: missing ones count as successful. So a
+    run that fails from the start stops as soon as one that starts to fail after days.
+    """
+
+    maximum: int
+    is_percentage: bool = False
+
+    @classmethod
+    def parse(cls, word: str) -> Self:
+        """Parse ``20`` or ``20%``.
+
+        Raises:
+            UsageError: it is neither, or more than 100%.
+        """
+        found = re.fullmatch(r"([0-9]{1,9})(%?)", word)
+        if found is None or (found[2] and int(found[1]) > 100):  # noqa: PLR2004 - per cent
+            raise UsageError(
+                f"{word} is not a number or a percentage, such as 20 or 5%", option="max_failures"
+            )
+        return cls(int(found[1]), bool(found[2]))
+
+    def reason(self, tally: Tally) -> str | None:
+        """Why a batch has to stop; None if it may continue."""
+        failed = sum(tally.recent_failed) if self.is_percentage else len(tally.failures)
+        which = (
+            f"{self.maximum}% of the last 100" if self.is_percentage else f"{self.maximum} of the"
+        )
+        return f"more than {which} inputs failed" if failed > self.maximum else None
+
+
+@dataclass(frozen=True, slots=True)
+class BatchRequest:
+    """A batch."""
+
+    plan: BatchPlan  #: inputs, and the names of their outputs
+    #: how each input is processed
+    options: BatchOptions = field(default_factory=BatchOptions)
+    #: model, provider and threads; by default, threads per worker are cores / workers
+    model: SessionLoader = field(default_factory=SessionLoader)
+    #: pictures, or chunks of them, processed in parallel; None for one per core
+    workers: int | None = None
+    #: pictures per inference; None for the provider's default
+    batch_size: int | None = None
+    budget: FailureBudget | None = None  #: failures after which it stops; None for no limit
 
 
 class Batch(Iterator[BatchResult]):
@@ -68,7 +157,7 @@ class Batch(Iterator[BatchResult]):
         """
         plan, options = request.plan, request.options
         workers, threads = share_cores(request.workers, request.model.threads)
-        model = dataclasses.replace(request.model, threads=threads)
+        model = replace(request.model, threads=threads)
         session = session or model.load()
         self._engine = engine or ThreadEngine(workers, session, progress)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)

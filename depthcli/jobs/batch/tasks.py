@@ -1,22 +1,24 @@
-"""The task and the result of one input; both can be pickled."""
+"""Options of a batch, and the task and the result of one input, which can be pickled."""
 
 import os
 import re
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic
 
+from depthcli.core import options as core_options
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import Intrinsics
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.validation import fingerprint
-from depthcli.errors import UsageError
-from depthcli.io.formats.table import Format
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth.anchors import AnchorFiles
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import InputFile, RealPaths, is_video
+from depthcli.io.manifest import row as manifest
 from depthcli.io.manifest.journal import Rows
-from depthcli.io.manifest.row import FAILED, OK, CacheKey, ManifestRow, is_intact
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.objects import masked
@@ -28,10 +30,46 @@ from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
 
 @dataclass(frozen=True, slots=True)
+class BatchOptions:
+    """Options of processing an input."""
+
+    formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
+    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
+    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
+    #: points of known depth, or a folder with a file of them for each image
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    reading: core_options.ReadOptions = core_options.AS_STATED  #: how images are read
+    detail: core_options.Detail = core_options.DEFAULT_DETAIL  #: upsampling and tiles
+    max_pixels: int = core_options.MAX_PIXELS  #: larger pictures are refused
+    overwrite: bool = False  #: whether outputs may replace files of other programs
+
+    def points_for(
+        self, picture: InputFile, outputs: Iterable[Path], *, shares_stem: bool
+    ) -> AnchorPoints | None:
+        """The known depth of a picture; None if there is none for any.
+
+        Args:
+            picture: the picture.
+            outputs: its outputs, which must not replace the known depth.
+            shares_stem: whether another picture has the same name but for its suffix.
+
+        Raises:
+            InputError: that of this picture is missing, cannot be read, or would be replaced.
+        """
+        if isinstance(self.anchors, AnchorFiles):
+            path = path_of(picture.path)
+            file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
+            if any(is_same_file(output, file) for output in outputs):
+                raise InputError(f"{file} is its known depth", "choose another {out}")
+            return self.anchors.read_file(file)
+        return AnchorPoints.of(self.anchors) if self.anchors else None
+
+
+@dataclass(frozen=True, slots=True)
 class BatchResult:
     """The result of an input."""
 
-    row: ManifestRow  #: its row in the manifest
+    row: manifest.ManifestRow  #: its row in the manifest
     is_kept: bool = False  #: whether the outputs of an earlier run were still valid
 
 
@@ -41,7 +79,7 @@ class BatchTask(Generic[FormatT]):
 
     input: InputFile  #: the file
     outputs: Mapping[FormatT, Path]  #: path of each format; a sequence's has ``%06d`` in its name
-    earlier: ManifestRow | None = None  #: the row of an earlier run; None if it has none
+    earlier: manifest.ManifestRow | None = None  #: the row of an earlier run; None if it has none
     #: whether the earlier run made outputs of these names, which are this input's own then
     is_listed: bool = False
     shares_stem: bool = False  #: whether another image has its name but for the suffix
@@ -55,15 +93,15 @@ class BatchTask(Generic[FormatT]):
         except UsageError:  # a listed URI that cannot be used, as its problem says
             return masked(self.input.path)
 
-    def key(self, batch: CacheKey) -> CacheKey:
+    def key(self, batch: manifest.CacheKey) -> manifest.CacheKey:
         """Model and options that its outputs depend on: those of the batch, and its own camera."""
         if self.intrinsics is None:
             return batch
         return replace(batch, options_sha256=fingerprint(batch.options_sha256, self.intrinsics))
 
     def reusable_row(
-        self, out: Path, sha256: str, batch: CacheKey, points: AnchorPoints | None = None
-    ) -> ManifestRow | None:
+        self, out: Path, sha256: str, batch: manifest.CacheKey, points: AnchorPoints | None = None
+    ) -> manifest.ManifestRow | None:
         """The earlier row, if processing the input again would give the same outputs.
 
         Args:
@@ -75,7 +113,7 @@ class BatchTask(Generic[FormatT]):
         Raises:
             UsageError: the outputs are those of another file, which is still there.
         """
-        row, now = self.earlier, (OK, sha256, self.key(batch))
+        row, now = self.earlier, (manifest.OK, sha256, self.key(batch))
         if row is None:
             return None
         if row.input_sha256 != sha256:  # a copy of the folder resumes the batch
@@ -84,7 +122,7 @@ class BatchTask(Generic[FormatT]):
             return None
         if (row.anchors and row.anchors.sha256) != (None if points is None else points.sha256()):
             return None
-        return row if all(is_intact(out, file) for file in row.outputs) else None
+        return row if all(manifest.is_intact(out, file) for file in row.outputs) else None
 
     def guard(self, *, overwrite: bool) -> Guard:
         """Check the outputs; returns the guard for writing them.
@@ -98,7 +136,7 @@ class BatchTask(Generic[FormatT]):
         guard = output_guard([path_of(self.input.path)], overwrite=overwrite or self.is_listed)
         return guard.checked(self.outputs.values())
 
-    def _check_same_input(self, row: ManifestRow, out: Path) -> None:
+    def _check_same_input(self, row: manifest.ManifestRow, out: Path) -> None:
         """Refuse to replace the outputs of a file of the same name in another folder."""
         if row.input_path is None or not row.outputs or row.input_path == self.input_path:
             return
@@ -112,7 +150,7 @@ class BatchTask(Generic[FormatT]):
                 )
 
     def failed_result(
-        self, error: Exception, batch: CacheKey, start_s: float, sha256: str | None
+        self, error: Exception, batch: manifest.CacheKey, start_s: float, sha256: str | None
     ) -> BatchResult:
         """The result of an input that failed.
 
@@ -122,9 +160,9 @@ class BatchTask(Generic[FormatT]):
             start_s: start of the work on the input, by ``time.perf_counter``.
             sha256: checksum of the input; None if it could not be read.
         """
-        row = ManifestRow(
+        row = manifest.ManifestRow(
             input=self.input.name,
-            status=FAILED,
+            status=manifest.FAILED,
             key=self.key(batch),
             seconds=time.perf_counter() - start_s,
             input_sha256=sha256,
@@ -193,7 +231,7 @@ class TaskBuilder:
         )
 
 
-def _output_names(row: ManifestRow, file: InputFile) -> set[str]:
+def _output_names(row: manifest.ManifestRow, file: InputFile) -> set[str]:
     """Names of the outputs of an earlier run; frames of a video have that of their sequence."""
     names = {one.path for one in row.outputs}
     if is_video(file.name):

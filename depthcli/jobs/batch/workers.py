@@ -1,15 +1,17 @@
-"""Processing pictures in a worker, from their files to their outputs."""
+"""Workers that process images and videos, and the engine that runs them in threads."""
 
 import hashlib
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.progress import Progress
+from depthcli.core.parallel import one_thread_each, ordered_map
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthMap, Frame, displayed_depth
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, ModelError, UsageError
@@ -24,8 +26,7 @@ from depthcli.io.manifest.row import FAILED, OK, AnchorEntry, CacheKey, Manifest
 from depthcli.io.storage.guard import Guard
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.storage.transfer import local_copy
-from depthcli.jobs.batch.options import BatchOptions
-from depthcli.jobs.batch.tasks import BatchResult, BatchTask
+from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.jobs.video.stages import write_video
 from depthcli.jobs.write import write_output
@@ -294,3 +295,72 @@ class WorkerSpec:
             (loaded.card.input, loaded.card.output, loaded.card.camera),
         )
         return CacheKey(checksum, loaded.card.name, loaded.sha256, __version__)
+
+
+class Engine(Protocol):
+    """Workers in threads, in processes or on other machines."""
+
+    def run(
+        self,
+        spec: WorkerSpec,
+        chunks: Iterable[Sequence[ImageTask]],
+        videos: Iterable[VideoTask],
+        record: Callable[[Sequence[BatchResult]], None],
+    ) -> Generator[BatchResult, None, None]:
+        """Process chunks of pictures, and videos.
+
+        Args:
+            spec: each worker is built from it, where it runs.
+            chunks: pictures that a worker processes together; consumed by the iterating thread.
+            videos: consumed after the pictures.
+            record: called with the results of a chunk in this process, from any thread, in any
+                order, as soon as they are available; recorded results are safe.
+
+        Yields:
+            The results; with threads, in the order of the inputs. When the iterator is closed, all
+            running work is stopped.
+
+        Raises:
+            ModelError: the network fails on any picture.
+            UsageError: the options do not fit the model.
+        """
+
+
+_CHUNKS_AHEAD = 64
+"""Chunks per worker that may be done ahead of a slow one; they hold names only."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThreadEngine:
+    """An :class:`Engine` of threads in this process, which share one model."""
+
+    workers: int  #: chunks processed in parallel
+    session: Session | None = None  #: the model, if it is loaded already
+    progress: Progress = NO_PROGRESS  #: advanced for each frame of a video
+
+    def run(
+        self,
+        spec: WorkerSpec,
+        chunks: Iterable[Sequence[ImageTask]],
+        videos: Iterable[VideoTask],
+        record: Callable[[Sequence[BatchResult]], None],
+    ) -> Generator[BatchResult, None, None]:
+        """Process images, then videos one after another."""
+        worker = spec.build(self.session)
+
+        def work(chunk: Sequence[ImageTask]) -> list[BatchResult]:
+            results = worker.work(chunk)
+            record(results)
+            return results
+
+        ahead = _CHUNKS_AHEAD * self.workers
+        with (
+            one_thread_each(self.workers),
+            closing(ordered_map(work, chunks, workers=self.workers, ahead=ahead)) as done,
+        ):
+            for results in done:
+                yield from results
+        for task in videos:
+            result = VideoWorker(worker, self.workers, self.progress).work(task)
+            record((result,))
+            yield result
