@@ -6,6 +6,7 @@ Run ``python docs/write_cli.py`` after any change of a command, an option or its
 from __future__ import annotations
 
 import enum
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,31 +23,58 @@ HEAD = """\
 
 # The whole command line
 
-The commands and their options, as `--help` shows them, on one page. [usage.md](usage.md)
-explains how to use them.
+What `--help` shows, to look up a command or an option. [usage.md](usage.md) explains their use.
 
 ```
 {root}```
 """
+HEADING = ("| | | default |", "|---|---|---|")
 
 
 def page() -> str:
-    """The page's text."""
-    commands = (part for name in COMMANDS for part in sections(name, shell.load_command(name)))
-    return "\n".join([HEAD.format(root=help_text()), *commands])
+    """The page's text; options of several commands are described once."""
+    commands = {name: shell.load_command(name) for name in COMMANDS}
+    shared = rows_of_several([own_and_inner(command) for command in commands.values()])
+    parts = [part for name in COMMANDS for part in sections(name, commands[name], shared)]
+    table = ["## Options of several commands", "", *HEADING, *shared, ""]
+    return "\n".join([HEAD.format(root=help_text()), *parts, *table])
 
 
-def sections(name: str, command: Any) -> Iterator[str]:  # noqa: ANN401 - typer's own types
+def rows_of_several(commands: list[list[Any]]) -> list[str]:
+    """The rows of options that stand in several of the lists."""
+    counts = Counter(text for each in commands for text in dict.fromkeys(map(row, each)))
+    return [text for text, count in counts.items() if count > 1]
+
+
+def own_and_inner(command: Any) -> list[Any]:  # noqa: ANN401 - typer's own types
+    """The options of a command and of those in it."""
+    inner = getattr(command, "commands", {}).values()
+    return [p for each in (command, *inner) for p in shown(each) if p.param_type_name == "option"]
+
+
+def shown(command: Any) -> list[Any]:  # noqa: ANN401 - typer's own types
+    """The parameters of a command that its help shows."""
+    return [p for p in command.params if not p.hidden]
+
+
+def sections(name: str, command: Any, shared: list[str]) -> Iterator[str]:  # noqa: ANN401 - typer's own types
     """A section for a command, or for a group and for each command in it."""
     inner = getattr(command, "commands", {})
     arguments = [value(p) for p in command.params if p.param_type_name == "argument"]
     words = ["depthcli", name, *(["COMMAND"] if inner else []), "[OPTIONS]", *arguments]
-    rows = list(grouped_rows([p for p in command.params if not p.hidden]))
-    table = ["| | | default |", "|---|---|---|", *rows] if rows else []
     text = (command.help or "").replace("\f", "").strip()
-    yield "\n".join([f"## depthcli {name}\n", f"`{' '.join(words)}`\n", f"{text}\n", *table, ""])
-    for inner_name, inner_command in inner.items():
-        yield from sections(f"{name} {inner_name}", inner_command)
+    lines = [f"## depthcli {name}", "", f"`{' '.join(words)}`", "", text, ""]
+    of_group = rows_of_several([own_and_inner(each) for each in inner.values()])
+    of_group = [text for text in of_group if text not in shared]
+    own = [p for p in shown(command) if row(p) not in shared]
+    table = [*grouped_rows(own), *of_group]
+    lines += ["Options of several of these commands:", ""] if of_group else []
+    lines += [*HEADING, *table, ""] if table else []
+    others = [f"`{p.opts[-1]}`" for p in shown(command) if row(p) in shared]
+    lines += [f"[Also](#options-of-several-commands) {', '.join(others)}.", ""] if others else []
+    yield "\n".join(lines)
+    for inner_name, each in inner.items():
+        yield from sections(f"{name} {inner_name}", each, [*shared, *of_group])
 
 
 def grouped_rows(parameters: list[Any]) -> Iterator[str]:
