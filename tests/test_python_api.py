@@ -545,11 +545,11 @@ def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
     from depthcli.video.frames import Timing  # noqa: PLC0415
     from depthcli.video.outputs import (  # noqa: PLC0415
         DepthFrame,
-        depth_video,
+        DepthVideoOutput,
     )
 
     frame = depthcli.Frame(np.zeros((4, 6), np.uint8))
-    with depth_video(tmp_path / "a.mkv", Timing(Fraction(25)), 1000, None) as output:
+    with DepthVideoOutput(tmp_path / "a.mkv", Timing(Fraction(25)), 1000, None) as output:
         flat = depthcli.DepthMap(np.full((4, 6), 1.5, np.float32))
         output.append(output.encode(DepthFrame(frame, flat, (1, 2))))
         output.finish()

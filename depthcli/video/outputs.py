@@ -1,14 +1,24 @@
 """The outputs of a video: lossless depth, a preview, or a file for each frame."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Self, cast
 
 import av
+import numpy as np
+import numpy.typing as npt
+from av.container import OutputContainer
+from av.video.frame import VideoFrame
+from av.video.reformatter import ColorRange, Colorspace, Interpolation
+from av.video.stream import VideoStream
 
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
+from depthcli.errors import OutputError
 from depthcli.io.depth.metadata import metadata_texts, step_unit
 from depthcli.io.depth.scale import UINT16_MAX, normalized, quantized
 from depthcli.io.formats.preview import PreviewWriter
@@ -17,11 +27,19 @@ from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.guard import Guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
+from depthcli.video.decoder import state_number
 from depthcli.video.depth_video import FrameLabels
-from depthcli.video.encoder import VideoFile, av_frame, video_file
-from depthcli.video.formats import Codec
+from depthcli.video.formats import CONTAINERS, DEPTH_PIXELS, ENCODINGS, Codec, check_encoder
 from depthcli.video.frames import Timing, rate_text
 from depthcli.video.time_code import time_code_label
+
+_SEQUENCE_ADVICE = "choose an image sequence with {format} png16 or exr"
+_BT709 = 1
+_KEYFRAME_INTERVAL_S = 2
+_MAX_GOP = 250
+_MAX_ASPECT = 1000
+_FRAGMENTS = "+frag_keyframe+empty_moov+default_base_moof"
+_COLOURS = PreviewWriter()
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,72 +62,263 @@ class DepthFrame:
         return replace(self, image=displayed_frame(self.image), depth=depth)
 
 
-class VideoOutput(Protocol):
-    """One output of a video."""
+class VideoOutput(ExitStack, ABC):
+    """One output of a video; on exit, an incomplete file is removed."""
 
-    @property
-    def has_overscan(self) -> bool:
-        """Whether its frames include the pixels outside the display window."""
-        ...
+    has_overscan = False
+    """Whether its frames include the pixels outside the display window."""
 
+    @abstractmethod
     def encode(self, frame: DepthFrame) -> Any:  # noqa: ANN401 - each output has its own
         """Encode a frame; in any thread, in any order."""
-        ...
 
+    @abstractmethod
     def append(self, encoded: Any) -> None:  # noqa: ANN401
         """Write an encoded frame; called in the order of the frames."""
-        ...
+
+    @abstractmethod
+    def finish(self) -> tuple[str, ...]:
+        """Complete the output, and return warnings of one line."""
+
+
+def _new_container(
+    target: Path | OutputPipe, timing: Timing, labels: Mapping[str, str]
+) -> OutputContainer:
+    """A new file without streams; its container follows from the suffix, and is reproducible.
+
+    Labels, name -> text, are written to the header as metadata.
+
+    Raises:
+        OSError: it cannot be created.
+    """
+    options = {"fflags": "+bitexact"}
+    name, is_pipe = CONTAINERS[target.suffix.lower()], isinstance(target, OutputPipe)
+    if name in {"mp4", "mov"}:
+        # In a pipe, fragments: an index at the beginning could only be written after all frames.
+        layout = _FRAGMENTS if is_pipe else "+faststart"
+        ticks = str(timing.time_base.denominator)
+        options |= {"movflags": layout, "video_track_timescale": ticks}
+    if not isinstance(target, OutputPipe):
+        target.touch()  # problems with the folder are reported before the work begins
+    file = target if is_pipe else str(target)
+    container = av.open(file, "w", format=name, container_options=options)
+    container.metadata.update(labels)
+    return container
+
+
+def _add_video(
+    container: OutputContainer, codec: Codec, timing: Timing, width: int, height: int
+) -> VideoStream:
+    """Add a video stream for frames of a size."""
+    if codec is Codec.AV1:
+        os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
+    encoding = ENCODINGS[codec]
+    options = encoding.options_for(width, height)
+    stream = cast(
+        "VideoStream", container.add_stream(encoding.encoder, rate=timing.rate, options=options)
+    )
+    stream.width, stream.height = width, height
+    stream.pix_fmt = encoding.pixel_format
+    stream.time_base = timing.time_base
+    context = stream.codec_context
+    context.time_base = timing.time_base
+    keyframe_interval = max(1, min(round(_KEYFRAME_INTERVAL_S * timing.rate), _MAX_GOP))
+    context.gop_size = 1 if encoding.is_intra_only else keyframe_interval
+    if encoding.pixel_format != DEPTH_PIXELS:
+        context.colorspace = context.color_primaries = context.color_trc = _BT709
+        context.color_range = ColorRange.MPEG
+    return stream
+
+
+class VideoFile(VideoOutput):
+    """A video file that is written atomically, or a pipe; frames of one size with their times."""
+
+    _codec: Codec
+    _container: OutputContainer | None = None
+    _stream: VideoStream | None = None
+    _before: VideoFrame | None = None
+    _first_s = 0.0
+
+    def __init__(
+        self,
+        target: Path | OutputPipe,
+        timing: Timing,
+        guard: Guard | None,
+        audio: AudioTrack | None = None,
+    ) -> None:
+        """Prepare a file; it is opened with the first frame.
+
+        Args:
+            target: its suffix chooses the container, which has to support the codec.
+            timing: rate and time base.
+            guard: of existing files; None to replace any.
+            audio: the audio track; None for none.
+
+        Raises:
+            OutputError: there is no encoder.
+        """
+        check_encoder(self._codec)
+        super().__init__()
+        self._target, self._timing, self._guard, self._audio = target, timing, guard, audio
+
+    def __enter__(self) -> Self:
+        if not isinstance(self._target, OutputPipe):
+            self._target = self.enter_context(atomic_path(self._target, guard=self._guard))
+        self.callback(self._close)
+        return self
+
+    def _close(self) -> None:
+        if self._audio is not None:
+            self._audio.close()
+        if self._container is not None:
+            with suppress(av.FFmpegError):
+                self._container.close()
+            self._container = None
+
+    def _write(
+        self,
+        coded: VideoFrame,
+        frame: DepthFrame,
+        labels: Mapping[str, str],
+        number: int | None = None,
+    ) -> None:
+        """Append a frame in the pixel format of the codec.
+
+        Args:
+            coded: its pixels.
+            frame: its time; the first frame's becomes 0.
+            labels: name -> text, metadata for the file's header; used with the first frame only.
+            number: of the frame, to be stated with it in Matroska; None for no statement.
+
+        Raises:
+            OutputError: the encoder does not support such frames.
+            OSError: the file cannot be written.
+        """
+        if self._stream is None:
+            self._first_s = frame.time_s
+            self._open(coded, labels, frame.image.pixel_aspect)
+        at = round((frame.time_s - self._first_s) / self._timing.time_base)
+        if self._before is not None:
+            at = max(at, (self._before.pts or 0) + 1)
+        self._encode(coded, at, number)
 
     def finish(self) -> tuple[str, ...]:
-        """Complete the output.
+        """Complete the file.
 
         Returns:
             Warnings, one line each.
+
+        Raises:
+            OSError: the file cannot be written.
         """
-        ...
+        if self._container is None or self._stream is None or self._before is None:
+            return ()
+        end_s = float((self._before.pts or 0) * self._timing.time_base + 1 / self._timing.rate)
+        if self._audio is not None:
+            self._audio.mux_until(end_s)
+        self._container.mux(self._stream.encode())
+        container, self._container = self._container, None
+        container.close()
+        self._check_pipe()
+        return self._audio.warnings if self._audio is not None else ()
+
+    def _open(self, frame: VideoFrame, labels: Mapping[str, str], pixel_aspect: float) -> None:
+        container = self._container = _new_container(self._target, self._timing, labels)
+        size = frame.width, frame.height
+        self._stream = _add_video(container, self._codec, self._timing, *size)
+        if pixel_aspect != 1:  # PyAV cannot state it in the header of Matroska and WebM
+            aspect = Fraction(pixel_aspect).limit_denominator(_MAX_ASPECT)
+            self._stream.codec_context.sample_aspect_ratio = aspect
+        if self._audio is not None:
+            self._audio.open(container, self._first_s)
+            options = container.container_options
+            if self._audio.begins_soon and _FRAGMENTS in options.get("movflags", ""):
+                # The header waits for the first fragment, and states where the audio begins.
+                options["movflags"] += "+delay_moov"
+        try:
+            container.start_encoding()
+        except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:
+            problem = (
+                f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
+            )
+            raise OutputError(problem, _SEQUENCE_ADVICE) from error
+
+    def _encode(self, frame: VideoFrame, at: int, number: int | None = None) -> None:
+        if self._stream is None or self._container is None:
+            raise TypeError(self._stream)
+        time_base = self._timing.time_base
+        frame.pts, frame.time_base = at, time_base
+        frame.duration = max(1, round(1 / (self._timing.rate * time_base)))
+        if self._audio is not None:
+            self._audio.mux_until(float(at * time_base))
+        packets = self._stream.encode(frame)
+        if number is not None:
+            for packet in packets:  # FFV1 has no delay, so it is the frame's
+                state_number(packet, number)
+        self._container.mux(packets)
+        self._before = frame
+        self._check_pipe()
+
+    def _check_pipe(self) -> None:
+        if isinstance(self._target, OutputPipe):
+            self._target.check()
 
 
-_COLOURS = PreviewWriter()
+def _av_frame(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:
+    """A PyAV frame in the pixel format of a codec; thread-safe.
 
-
-@contextmanager
-def depth_video(
-    target: Path | OutputPipe,
-    timing: Timing,
-    scale: float,
-    guard: Guard | None,
-    colours: PreviewWriter = _COLOURS,
-) -> Iterator[VideoOutput]:
-    """A lossless depth video, written atomically or into a pipe.
-
-    Args:
-        target: ends in ``.mkv``.
-        timing: of the frames.
-        scale: units per metre.
-        guard: of existing files; None to replace any.
-        colours: whose ends are those of a normalized file.
+    Pixels are (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. For codecs with chroma subsampling,
+    an odd row or column is doubled.
     """
-    with video_file(target, Codec.FFV1, timing, guard) as file:
-        yield DepthVideoOutput(file, timing, scale, colours)
+    wanted = ENCODINGS[codec].pixel_format
+    if wanted == DEPTH_PIXELS:
+        return VideoFrame.from_ndarray(np.ascontiguousarray(pixels, np.uint16), DEPTH_PIXELS)
+    return VideoFrame.from_ndarray(_even(pixels), "rgb24").reformat(
+        format=wanted,
+        dst_colorspace=Colorspace.ITU709,
+        dst_color_range=ColorRange.MPEG,
+        dst_color_trc=None,
+        interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND,
+        threads=1,
+    )
 
 
-class DepthVideoOutput:
+def _even(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.uint8]:
+    height, width = pixels.shape[:2]
+    if height % 2 or width % 2:
+        pixels = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    return np.ascontiguousarray(pixels, np.uint8)
+
+
+class DepthVideoOutput(VideoFile):
     """Quantized depth as lossless 16-bit gray: 0 = no depth, saturating."""
 
-    has_overscan = False
+    _codec = Codec.FFV1
 
     def __init__(
-        self, file: VideoFile, timing: Timing, scale: float, colours: PreviewWriter
+        self,
+        target: Path | OutputPipe,
+        timing: Timing,
+        scale: float,
+        guard: Guard | None,
+        colours: PreviewWriter = _COLOURS,
     ) -> None:
-        self._file = file
-        self._timing = timing
-        self._scale = scale
-        self._colours = colours
+        """Prepare a ``.mkv`` file.
+
+        Args:
+            target: ends in ``.mkv``.
+            timing: of the frames.
+            scale: units per metre.
+            guard: of existing files; None to replace any.
+            colours: whose ends are those of a normalized file.
+        """
+        super().__init__(target, timing, guard)
+        self._scale, self._colours = scale, colours
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
         self._numbers = FrameLabels()
 
-    def encode(self, frame: DepthFrame) -> tuple[DepthFrame, av.VideoFrame, int]:
+    def encode(self, frame: DepthFrame) -> tuple[DepthFrame, VideoFrame, int]:
         """Quantize depth; also returns how many pixels were saturated."""
         depth = frame.depth
         if depth.is_metric:
@@ -117,9 +326,9 @@ class DepthVideoOutput:
         else:
             low, high = self._colours.range_of(frame.spread)
             steps, saturated = normalized(depth.values, depth.valid, low, high), 0
-        return frame, av_frame(steps, Codec.FFV1), saturated
+        return frame, _av_frame(steps, Codec.FFV1), saturated
 
-    def append(self, encoded: tuple[DepthFrame, av.VideoFrame, int]) -> None:
+    def append(self, encoded: tuple[DepthFrame, VideoFrame, int]) -> None:
         """Write a frame; with the first one, metadata: rate, scale, unit and model."""
         frame, coded_frame, saturated = encoded
         labels = {}
@@ -131,13 +340,13 @@ class DepthVideoOutput:
         # The container rounds times, so numbers do not follow from them.
         follows = self._numbers.step is not None and number == self._numbers.number(self._count, 0)
         stated = None if follows else number
-        self._file.write(coded_frame, frame.time_s, labels, stated, frame.image.pixel_aspect)
+        self._write(coded_frame, frame, labels, stated)
         self._saturated += saturated
         self._count += 1
 
     def finish(self) -> tuple[str, ...]:
         """Complete the file."""
-        self._file.finish()
+        super().finish()
         if self._first is not None and not self._first.depth.is_metric:
             kind = self._first.depth.kind
             return (f"{kind} depth has no unit; mkv is normalized to the preview's range",)
@@ -161,55 +370,35 @@ class DepthVideoOutput:
         return own | time_code_label(frame.image.time_code, self._timing)
 
 
-@contextmanager
-def preview_video(
-    target: Path | OutputPipe,
-    timing: Timing,
-    writer: PreviewWriter,
-    guard: Guard | None,
-    *,
-    codec: Codec = Codec.H264,
-    audio: AudioTrack | None = None,
-) -> Iterator[VideoOutput]:
-    """A preview, written atomically or into a pipe.
-
-    The target ends in ``.mp4``, ``.webm`` or ``.mov``, and that container supports the codec.
-    """
-    with video_file(target, codec, timing, guard, audio) as file:
-        yield PreviewVideoOutput(file, codec, timing, writer)
-
-
-class PreviewVideoOutput:
+class PreviewVideoOutput(VideoFile):
     """Previews in the colour range of each frame's ``spread``."""
 
-    has_overscan = False
-
     def __init__(
-        self, file: VideoFile, codec: Codec, timing: Timing, writer: PreviewWriter
+        self,
+        target: Path | OutputPipe,
+        timing: Timing,
+        writer: PreviewWriter,
+        guard: Guard | None,
+        *,
+        codec: Codec = Codec.H264,
+        audio: AudioTrack | None = None,
     ) -> None:
-        self._file = file
-        self._timing = timing
-        self._codec = codec
-        self._writer = writer
+        """Prepare a file in ``.mp4``, ``.webm`` or ``.mov``, which supports the codec."""
+        self._codec, self._writer = codec, writer
+        super().__init__(target, timing, guard, audio)
 
-    def encode(self, frame: DepthFrame) -> tuple[av.VideoFrame, DepthFrame]:
+    def encode(self, frame: DepthFrame) -> tuple[VideoFrame, DepthFrame]:
         """Render the preview of a frame; also returns the frame."""
         pixels = self._writer.render(frame.depth, frame.image, frame.spread)
-        return av_frame(pixels, self._codec), frame
+        return _av_frame(pixels, self._codec), frame
 
-    def append(self, encoded: tuple[av.VideoFrame, DepthFrame]) -> None:
+    def append(self, encoded: tuple[VideoFrame, DepthFrame]) -> None:
         """Write a frame."""
         coded_frame, frame = encoded
-        label = time_code_label(frame.image.time_code, self._timing)
-        aspect = frame.image.pixel_aspect
-        self._file.write(coded_frame, frame.time_s, label, pixel_aspect=aspect)
-
-    def finish(self) -> tuple[str, ...]:
-        """Complete the file and its audio."""
-        return self._file.finish()
+        self._write(coded_frame, frame, time_code_label(frame.image.time_code, self._timing))
 
 
-class SequenceOutput:
+class SequenceOutput(VideoOutput):
     """One file a frame, in one of the formats of images, each written atomically."""
 
     def __init__(
@@ -233,13 +422,10 @@ class SequenceOutput:
             has_overscan: whether frames include the pixels outside the display window.
         """
         self.has_overscan = has_overscan
-        self._label = label
-        self._folder = folder
-        self._name = name
-        self._writer = writer
-        self._guard = guard
-        self._warned = 0
-        self._warning = ""
+        super().__init__()
+        self._label, self._folder, self._name = label, folder, name
+        self._writer, self._guard = writer, guard
+        self._warned, self._warning = 0, ""
 
     def encode(self, frame: DepthFrame) -> tuple[str, ...]:
         """Write the file; in any order."""

@@ -15,7 +15,7 @@ from helpers.tiny import write_picture
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, depth_video
+from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -130,7 +130,7 @@ def depth_mkv(inside: Cli) -> Path:
     """Three frames of 1, 2 and 3 m, in centimetres."""
     path = inside.folder / "d.mkv"
     picture = np.zeros((4, 6), np.uint8)
-    with depth_video(path, Timing(Fraction(25)), 100, None) as output:
+    with DepthVideoOutput(path, Timing(Fraction(25)), 100, None) as output:
         for metres in (1, 2, 3):
             depth = DepthMap(np.full((4, 6), metres, np.float32), DepthKind.METRIC)
             output.append(

@@ -11,7 +11,7 @@ from helpers.videos import NTSC
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, preview_video
+from depthcli.video.outputs import DepthFrame, PreviewVideoOutput
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def test_odd_rows_and_columns_are_doubled(width: int, height: int, tmp_path: Pat
     depth = DepthMap(np.full((height, width), 2, np.float32))
     writer = PreviewWriter(colormap="viridis")
     picture = np.zeros((height, width), np.uint8)
-    with preview_video(path, Timing(NTSC), writer, None) as output:
+    with PreviewVideoOutput(path, Timing(NTSC), writer, None) as output:
         for time_s in (0, 1 / 30):
             shot = DepthFrame(Frame(picture, timestamp_s=time_s), depth, (1, 3))
             output.append(output.encode(shot))

@@ -17,7 +17,7 @@ from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert_video
 from depthcli.jobs.inspect import inspect_file
 from depthcli.video.depth_video import DepthVideo, depth_frames
 from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, depth_video
+from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -45,7 +45,7 @@ def write_frames(
     noise = np.random.default_rng(0)
     places = list(places)
     timing = Timing(rate, Fraction(1, 30_000), rate, step)
-    with depth_video(path, timing, 1000, None) as output:
+    with DepthVideoOutput(path, timing, 1000, None) as output:
         for count, place in enumerate(places):
             pixels = np.zeros(SIZE, np.uint8)
             time_s = float(place / rate)

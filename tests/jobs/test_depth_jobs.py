@@ -21,7 +21,7 @@ from depthcli.io.formats.table import Format
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, read_map
 from depthcli.jobs.inspect import DepthMapInfo, DepthVideoInfo, depth_at, inspect_file
 from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, depth_video
+from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,7 +75,7 @@ FRAMES_M = np.float32([[[1, 2, 3, np.nan]] * 2, [[np.nan] * 4] * 2, [[7, 0.5, 6,
 def depth_mkv(tmp_path: Path) -> Path:
     """Three frames of 4 x 2 pixels in centimetres, the second without depth."""
     path = tmp_path / "d.mkv"
-    with depth_video(path, Timing(NTSC), 100, None) as output:
+    with DepthVideoOutput(path, Timing(NTSC), 100, None) as output:
         for number, values in enumerate(FRAMES_M):
             frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=float(number / NTSC))
             output.append(output.encode(DepthFrame(frame, DepthMap(values), (0, 1))))

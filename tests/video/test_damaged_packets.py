@@ -13,7 +13,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, depth_video
+from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def random_steps(count: int) -> np.ndarray[Any, np.dtype[np.uint16]]:
 
 
 def write_own(path: Path, count: int) -> Path:
-    with depth_video(path, Timing(NTSC), 1000, None) as output:
+    with DepthVideoOutput(path, Timing(NTSC), 1000, None) as output:
         for index, steps in enumerate(random_steps(count)):
             frame = Frame(np.zeros((48, 64), np.uint8), timestamp_s=float(index / NTSC))
             depth = DepthMap((steps / 1000).astype(np.float32))

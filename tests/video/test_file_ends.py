@@ -15,7 +15,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.video.plan import VideoRequest
 from depthcli.jobs.video.run import video
 from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, depth_video
+from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def write_at(path: Path, places: Sequence[int]) -> Path:
 
 
 def write_maps(path: Path, times_s: Sequence[float], timing: Timing) -> Path:
-    with depth_video(path, timing, 1000, None) as output:
+    with DepthVideoOutput(path, timing, 1000, None) as output:
         for time_s in times_s:
             depth = DepthMap(np.ones((16, 16), np.float32))
             frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=time_s)

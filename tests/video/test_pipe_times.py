@@ -16,7 +16,7 @@ from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
 from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, preview_video
+from depthcli.video.outputs import DepthFrame, PreviewVideoOutput
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def write_preview(target: Path | OutputPipe, source: Path, first_s: int, seconds
     with VideoSource(source) as video:
         audio = AudioTrack(source, video.start_s or Fraction(0))
     values = np.random.default_rng(0).uniform(1, 9, (64, 64)).astype(np.float32)
-    with preview_video(target, Timing(FILM), PreviewWriter(), None, audio=audio) as output:
+    with PreviewVideoOutput(target, Timing(FILM), PreviewWriter(), None, audio=audio) as output:
         for i in range(int(seconds * FILM)):
             picture = Frame(np.zeros((64, 64), np.uint8), timestamp_s=float(first_s + i / FILM))
             depth = DepthMap(np.roll(values, 9 * i), DepthKind.METRIC)

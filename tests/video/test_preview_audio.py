@@ -15,7 +15,7 @@ from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.formats import preview_codec
 from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, preview_video
+from depthcli.video.outputs import DepthFrame, PreviewVideoOutput
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:
@@ -29,7 +29,9 @@ def write_preview(path: Path, source: Path) -> tuple[str, ...]:
         audio = AudioTrack(source, video.start_s)
     codec = preview_codec(path.suffix, None)
     timing = Timing(Fraction(25))
-    with preview_video(path, timing, PreviewWriter(), None, codec=codec, audio=audio) as output:
+    with PreviewVideoOutput(
+        path, timing, PreviewWriter(), None, codec=codec, audio=audio
+    ) as output:
         for index in range(100):
             frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=index / 25)
             depth = DepthMap(np.ones((16, 16), np.float32))
@@ -57,7 +59,9 @@ def test_the_sound_begins_with_the_first_frame(codec: str, layout: str, tmp_path
         path = tmp_path / f"{start_s.numerator}.mov"
         timing = Timing(Fraction(25))
         audio, coded = AudioTrack(source, start_s), preview_codec(".mov", None)
-        with preview_video(path, timing, PreviewWriter(), None, codec=coded, audio=audio) as output:
+        with PreviewVideoOutput(
+            path, timing, PreviewWriter(), None, codec=coded, audio=audio
+        ) as output:
             for index in range(30):
                 frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=index / 25)
                 depth = DepthMap(np.ones((16, 16), np.float32))

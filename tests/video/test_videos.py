@@ -31,7 +31,7 @@ from depthcli.video.audio import AudioTrack
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import Codec, preview_codec
 from depthcli.video.frames import Point, Span, Timing, exact_rate, rate_text
-from depthcli.video.outputs import DepthFrame, depth_video, preview_video
+from depthcli.video.outputs import DepthFrame, DepthVideoOutput, PreviewVideoOutput
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def write_depth(
     kind: DepthKind = DepthKind.METRIC,
 ) -> tuple[str, ...]:
     times_s = times_s or [float(i / rate) for i in range(len(maps))]
-    with depth_video(path, Timing(rate), scale, None) as output:
+    with DepthVideoOutput(path, Timing(rate), scale, None) as output:
         for values, time_s in zip(maps, times_s, strict=True):
             output.append(output.encode(shot(values, kind, time_s)))
         return output.finish()
@@ -114,7 +114,7 @@ def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Pa
 
 @pytest.mark.parametrize("rate", RATES, ids=rate_text)
 def test_a_preview_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) -> None:
-    with preview_video(tmp_path / "a.mp4", Timing(rate), PreviewWriter(), None) as output:
+    with PreviewVideoOutput(tmp_path / "a.mp4", Timing(rate), PreviewWriter(), None) as output:
         for i in range(40):
             depth = shot(np.ones((16, 16), np.float32), time_s=float(i / rate))
             output.append(output.encode(depth))
@@ -224,7 +224,7 @@ def test_a_size_that_the_codec_does_not_take_is_one_line(tmp_path: Path) -> None
     wide = np.zeros((2, 20_000), np.float32)
     with (
         pytest.raises(OutputError, match="choose an image sequence"),
-        preview_video(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output,
+        PreviewVideoOutput(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output,
     ):
         output.append(output.encode(shot(wide)))
     assert list(tmp_path.iterdir()) == []
@@ -549,7 +549,7 @@ def test_previews_of_every_codec(
     values = np.linspace(1, 5, 64, dtype=np.float32)[None].repeat(49, 0)
     for name in "ab":
         path = tmp_path / f"{name}.{suffix}"
-        with preview_video(path, Timing(NTSC), PreviewWriter(), None, codec=codec) as output:
+        with PreviewVideoOutput(path, Timing(NTSC), PreviewWriter(), None, codec=codec) as output:
             for i in range(12):
                 output.append(output.encode(shot(values + i / 12, time_s=i * 1001 / 30000)))
             output.finish()
@@ -566,7 +566,7 @@ def test_previews_of_every_codec(
 
 
 def test_a_preview_can_be_played_while_it_is_loaded(tmp_path: Path) -> None:
-    with preview_video(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output:
+    with PreviewVideoOutput(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output:
         output.append(output.encode(shot(np.ones((16, 16), np.float32))))
         output.finish()
     data = (tmp_path / "a.mp4").read_bytes()
@@ -613,7 +613,7 @@ def test_the_sound_comes_along_and_stays_in_time(
     with VideoSource(path) as video:
         audio = AudioTrack(path, video.start_s)
     which = preview_codec(out.suffix, None)
-    with preview_video(
+    with PreviewVideoOutput(
         out, Timing(Fraction(25)), PreviewWriter(), None, codec=which, audio=audio
     ) as output:
         for i in range(50):

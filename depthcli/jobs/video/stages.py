@@ -6,7 +6,7 @@ import dataclasses
 import time
 from array import array
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -48,10 +48,10 @@ from depthcli.video.frames import FrameSource, Timing
 from depthcli.video.numbering import base_name, numbered_name
 from depthcli.video.outputs import (
     DepthFrame,
+    DepthVideoOutput,
+    PreviewVideoOutput,
     SequenceOutput,
     VideoOutput,
-    depth_video,
-    preview_video,
 )
 from depthcli.video.source import open_frames
 
@@ -175,8 +175,8 @@ def open_output(
     source: FrameSource,
     rate: Fraction,
     guard: Guard | None,
-) -> AbstractContextManager[VideoOutput]:
-    """Open the output of one format.
+) -> VideoOutput:
+    """The output of one format, to be entered.
 
     Args:
         which: the format; not JSON, which is written after all others.
@@ -190,24 +190,20 @@ def open_output(
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
-    if which is VideoFormat.MKV:
-        colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
-        return depth_video(target, timing, writing.png_scale, guard, colours)
     picture = VIDEO_FORMATS[which].picture
     if picture is None:
-        raise ValueError(which)
+        colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
+        return DepthVideoOutput(target, timing, writing.png_scale, guard, colours)
     writer = writing.writer(picture)
     if not isinstance(writer, PreviewWriter):
-        name = partial(numbered_name, plan.names[which])
-        has_overscan = picture.facts.has_overscan
-        return nullcontext(
-            SequenceOutput(which.value, plan.folder, name, writer, guard, has_overscan=has_overscan)
+        name, has_overscan = partial(numbered_name, plan.names[which]), picture.facts.has_overscan
+        return SequenceOutput(
+            which.value, plan.folder, name, writer, guard, has_overscan=has_overscan
         )
     codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
-    audio = None
-    if plan.has_audio and source.start_s is not None:
-        audio = AudioTrack(plan.source, source.start_s)
-    return preview_video(target, timing, writer, guard, codec=codec, audio=audio)
+    starts_s = source.start_s if plan.has_audio else None
+    audio = None if starts_s is None else AudioTrack(plan.source, starts_s)
+    return PreviewVideoOutput(target, timing, writer, guard, codec=codec, audio=audio)
 
 
 @dataclass(frozen=True, slots=True)
