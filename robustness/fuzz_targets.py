@@ -453,7 +453,7 @@ def _read_headers(path: Path) -> None:
 
 
 def _read_journal(path: Path) -> None:
-    with FrameJournal(path.parent, path.name.removesuffix(".depthcli-frames")[1:], "tiny"):
+    with FrameJournal(path, "tiny"):
         pass
 
 

@@ -9,7 +9,7 @@ from depthcli.jobs.video.resume import FrameJournal
 
 def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    journal = FrameJournal(tmp_path, "a", "origin")
+    journal = FrameJournal(tmp_path / ".a.depthcli-frames", "origin")
     try:
         with journal, suppress(OSError):
             journal.add(1)

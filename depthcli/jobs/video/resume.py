@@ -2,13 +2,15 @@
 
 import json
 import re
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
+import numpy as np
+import numpy.typing as npt
+
 from depthcli._version import __version__
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.types import DepthKind
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.pipeline import Pipeline
@@ -24,41 +26,43 @@ _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
 class FrameJournal:
-    """A hidden file beside the frames: a fingerprint, then the numbers of finished frames.
+    """A hidden file beside numbered files: a fingerprint, then the numbers of finished frames.
 
     It is removed when the run is complete or has written no frame, and kept if it is interrupted.
 
     Attributes:
         is_resumed: whether an earlier run with the same fingerprint was stopped.
-        earlier: numbers of frames that an earlier run with the same fingerprint finished.
+        earlier: numbers of frames that it finished.
     """
 
-    def __init__(self, folder: Path, name: str, fingerprint: str) -> None:
+    def __init__(self, path: Path | None = None, fingerprint: str = "") -> None:
         """Read the journal of an earlier run, and begin to write.
 
         Args:
-            folder: of the frames; created if missing.
-            name: of the sequence.
+            path: of the journal; None to keep none.
             fingerprint: of input, model and options. Frames with another one do not count.
 
         Raises:
             OSError: the folder cannot be written to.
         """
-        folder.mkdir(parents=True, exist_ok=True)
-        self._path = _journal_path(folder, name)
-        earlier = _finished(self._path, fingerprint)
+        self._path, self._file = path, None
+        self.is_resumed, self.earlier = False, frozenset[int]()
+        if path is None:
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        earlier = _finished(path, fingerprint)
         self.is_resumed = earlier is not None
         self.earlier = earlier or frozenset()
         self._count = len(self.earlier)
-        self._path.unlink(missing_ok=True)
-        self._file = self._path.open("x", encoding="utf-8")
+        path.unlink(missing_ok=True)
+        self._file = path.open("x", encoding="utf-8")
         lines = (json.dumps(fingerprint), *map(str, sorted(self.earlier)))
         self._file.write("".join(f"{line}\n" for line in lines))
         self._file.flush()
 
     def add(self, number: int) -> None:
         """Record that all files of a frame are written."""
-        if number not in self.earlier:
+        if self._file is not None and number not in self.earlier:
             self._file.write(f"{number}\n")
             self._file.flush()
             self._count += 1
@@ -67,6 +71,8 @@ class FrameJournal:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._path is None or self._file is None:
+            return
         with suppress(OSError):  # of a full disk, which add has reported already
             self._file.close()
         if kind is None or not self._count:
@@ -83,43 +89,19 @@ def _finished(path: Path, fingerprint: str) -> frozenset[int] | None:
     return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
 
 
-def _journal_path(folder: Path, name: str) -> Path:
-    return folder / f".{name}.depthcli-frames"
+def kept_depth(plan: VideoPlan, number: int) -> npt.NDArray[np.float32] | None:
+    """Depth of a frame in the numbered files of an earlier run, (H, W); None if it is damaged.
 
-
-class EarlierFrames:
-    """Depth in the numbered files of an earlier run, and a record of the frames of this run.
-
-    All other outputs are written again from it.
+    All other outputs are made of it.
     """
-
-    def __init__(
-        self, plan: VideoPlan, kind: DepthKind, journal: FrameJournal | None = None
-    ) -> None:
-        self._plan, self._kind, self._journal = plan, kind, journal
-        best_first = (VideoFormat(name) for name in READABLE)
-        self._formats = [which for which in best_first if which in plan.names]
-
-    def kept(self, number: int) -> DepthMap | None:
-        """Depth of a frame that the earlier run wrote, else None; thread-safe."""
-        if self._journal is None or number not in self._journal.earlier:
-            return None
-        names = [numbered_name(self._plan.names[which], number) for which in self._formats]
-        try:
-            maps = [read_stored_depth(self._plan.folder / name).displayed for name in names]
-        except InputError:
-            return None
-        return DepthMap(maps[0].values, self._kind)  # NPY does not state the kind
-
-    @property
-    def is_resumed(self) -> bool:
-        """Whether the files are those of an earlier run that was stopped."""
-        return self._journal is not None and self._journal.is_resumed
-
-    def add(self, number: int) -> None:
-        """Record that a frame is written."""
-        if self._journal is not None:
-            self._journal.add(number)
+    best_first = map(VideoFormat, READABLE)
+    names = [plan.names[which] for which in best_first if which in plan.names]
+    paths = [plan.folder / numbered_name(name, number) for name in names]
+    try:
+        maps = [read_stored_depth(path).displayed for path in paths]
+    except InputError:
+        return None
+    return maps[0].values
 
 
 def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings) -> float | None:
@@ -137,11 +119,10 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
     return writing.png_scale
 
 
-@contextmanager
-def earlier_frames(
+def open_journal(
     plan: VideoPlan, source: FrameSource, pipeline: Pipeline, settings: VideoSettings
-) -> Iterator[EarlierFrames]:
-    """The frames of an earlier run, if it can be resumed.
+) -> FrameJournal:
+    """The record of this run, and of an earlier one if it can be resumed.
 
     Only numbered files are kept. A run cannot be resumed with smoothing, as frames then depend on
     previous ones; in an object store; or if the other outputs cannot be made from the depth that is
@@ -150,12 +131,10 @@ def earlier_frames(
     Raises:
         OutputError: the folder cannot be written to.
     """
-    kind = pipeline.card.output.kind
     numbered = [which for which in plan.names if which in SEQUENCES]
     if not numbered or isinstance(plan.folder, RemotePath):
-        yield EarlierFrames(plan, kind)
-        return
-    name = base_name(plan.names[numbered[0]])
+        return FrameJournal()
+    path = plan.folder / f".{base_name(plan.names[numbered[0]])}.depthcli-frames"
     is_whole = rounding_scale(plan, pipeline, settings) is not None or any(
         which.facts.is_exact and not (settings.writing.half and "half" in which.facts.options)
         for which in numbered
@@ -163,18 +142,14 @@ def earlier_frames(
     is_alone = set(plan.names) <= set(SEQUENCES)
     can_resume = not settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     try:
-        if not can_resume:
-            _journal_path(plan.folder, name).unlink(missing_ok=True)
-        origin = _origin(plan, source, pipeline, settings) if can_resume else ""
-        record: AbstractContextManager[FrameJournal | None] = (
-            FrameJournal(plan.folder, name, origin) if can_resume else nullcontext()
-        )
+        if can_resume:
+            return FrameJournal(path, _origin(plan, source, pipeline, settings))
+        path.unlink(missing_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
         where = error.filename or f"into {plan.folder}"
         raise OutputError(f"cannot write {where}: {reason}", "choose another {out}") from error
-    with record as journal:
-        yield EarlierFrames(plan, kind, journal)
+    return FrameJournal()
 
 
 def _origin(

@@ -40,7 +40,7 @@ from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.guard import Guard
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
-from depthcli.jobs.video.resume import earlier_frames, rounding_scale
+from depthcli.jobs.video.resume import kept_depth, open_journal, rounding_scale
 from depthcli.jobs.write import output_guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat, preview_codec
@@ -87,8 +87,8 @@ def write_video(
         ExitStack() as stack,
     ):
         rate = settings.span.rate(source.rate)
-        earlier = stack.enter_context(earlier_frames(plan, source, pipeline, settings))
-        guard = output_guard(source.paths, overwrite=plan.overwrite or earlier.is_resumed)
+        journal = stack.enter_context(open_journal(plan, source, pipeline, settings))
+        guard = output_guard(source.paths, overwrite=plan.overwrite or journal.is_resumed)
         outputs = [
             stack.enter_context(open_output(which, plan, settings.writing, source, rate, guard))
             for which in plan.names
@@ -96,7 +96,11 @@ def write_video(
         ]
         sidecar = _sidecar(plan, guard, stack)
         scale = rounding_scale(plan, pipeline, settings)
-        stages = FrameStages(pipeline, settings, earlier.kept, scale)
+
+        def kept(number: int) -> npt.NDArray[np.float32] | None:
+            return kept_depth(plan, number) if number in journal.earlier else None
+
+        stages = FrameStages(pipeline, settings, kept, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
         frames = _renumbered(source, settings)
         # Closed before the outputs, so that no thread writes into a file that is being removed.
@@ -104,7 +108,7 @@ def write_video(
             for count, number in enumerate(numbers):
                 if count == 0 and sidecar is None:
                     _remove_stale_sidecars(plan)
-                earlier.add(number)
+                journal.add(number)
                 advance(1)
         if stages.first is None:
             raise _no_frames(plan, source)
@@ -210,15 +214,12 @@ def open_output(
 class PredictedFrame:
     """A frame after prediction, before the stages that depend on other frames."""
 
-    image: Frame  #: the frame of the video
-    depth: DepthMap  #: its depth
+    shown: DepthFrame  #: the frame with its depth, and the percentiles of that
     thumbnail: npt.NDArray[np.float32]  #: its brightness at a reduced size, (h, w) float32
     #: depth for smoothing, (H, W) float32 of ``to_log``; None without smoothing
     steps: npt.NDArray[np.float32] | None
     #: depth for the flicker figure, (h, w) float32 of ``to_log``
     sampled: npt.NDArray[np.float32]
-    spread: tuple[float, float]  #: percentiles of its depth
-    is_kept: bool = False  #: whether an earlier run wrote it
 
 
 class FrameStages:
@@ -228,7 +229,7 @@ class FrameStages:
         self,
         pipeline: Pipeline,
         settings: VideoSettings,
-        kept: Callable[[int], DepthMap | None] = lambda _number: None,
+        kept: Callable[[int], npt.NDArray[np.float32] | None] = lambda _number: None,
         scale: float | None = None,
     ) -> None:
         """Initialize the state.
@@ -256,29 +257,32 @@ class FrameStages:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
         image = image.with_pixel_aspect(camera.pixel_aspect or image.pixel_aspect)
-        kept = self._kept(image.index)
-        if self.first is None:
-            kept = None  # the first frame is always predicted, for the report
-        depth = kept or self._pipeline.predict(image, camera).depth
-        if self._scale is not None and kept is None:
-            values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
-            depth = dataclasses.replace(depth, values=values)
+        # The first frame is always predicted, for the report.
+        kept = None if self.first is None else self._kept(image.index)
+        if kept is not None:
+            depth = DepthMap(kept, self._pipeline.card.output.kind)
+        else:
+            depth = self._pipeline.predict(image, camera).depth
+            if self._scale is not None:
+                values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
+                depth = dataclasses.replace(depth, values=values)
         depth, shown = _in_windows(depth, image.windows, is_kept=kept is not None)
         small_image = thumbnail(image.pixels)
         small = DepthMap(sample_cells(shown, small_image.shape), depth.kind)
         steps = to_log(depth) if self._settings.smooth_s else None
-        spread, is_kept = percentiles(small), kept is not None
-        return PredictedFrame(image, depth, small_image, steps, to_log(small), spread, is_kept)
+        frame = DepthFrame(image, depth, percentiles(small), is_kept=kept is not None)
+        return PredictedFrame(frame, small_image, steps, to_log(small))
 
     def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
         """The stages that need the frames in order; fast, in one thread."""
         for frame in frames:
-            now_s = frame.image.timestamp_s or 0.0
+            image = frame.shown.image
+            now_s = image.timestamp_s or 0.0
             interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
             self.times_s.append(now_s)
-            self.numbers.append(frame.image.index)
+            self.numbers.append(image.index)
             if self.first is None:
-                shown = DepthFrame(frame.image, frame.depth, frame.spread).displayed()
+                shown = frame.shown.displayed()
                 alone = dataclasses.replace(shown.image, pixels=np.zeros((1, 1), np.uint8))
                 self.first = (alone, shown.depth)
             yield self._smoothed(frame, interval_s)
@@ -287,15 +291,15 @@ class FrameStages:
         change = self._changes.step(frame.thumbnail)
         self.scenes += change.is_cut
         decay = ema_decay(interval_s, self._settings.lock_s)
-        spread = self._lock.step(*frame.spread, decay, is_cut=change.is_cut)
+        spread = self._lock.step(*frame.shown.spread, decay, is_cut=change.is_cut)
         self.raw.step(frame.sampled, change)
-        depth = frame.depth
+        depth = frame.shown.depth
         if frame.steps is not None:
             decay = ema_decay(interval_s, self._settings.smooth_s)
             steps = self._smoother.step(frame.steps, change, decay)
             self.smoothed.step(sample_cells(steps, frame.thumbnail.shape), change)
             depth = dataclasses.replace(depth, values=steps)
-        return DepthFrame(frame.image, depth, spread, frame.is_kept)
+        return dataclasses.replace(frame.shown, depth=depth, spread=spread)
 
     def restore(self, frame: DepthFrame) -> DepthFrame:
         """Convert the smoother's output back to depth; thread-safe."""
