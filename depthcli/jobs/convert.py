@@ -60,7 +60,7 @@ from depthcli.jobs.outputs import (
     is_folder,
 )
 from depthcli.jobs.write import FailedInput, failure_reason, output_guard
-from depthcli.video.depth_video import DepthVideo, depth_frames
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.numbering import is_pattern, numbered_name
 
 _RULES = FormatRules((), format_of, stem_of, FILE_SUFFIXES)
@@ -347,7 +347,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
         # Raised at the end, so that all frames before it are written.
         nonlocal problem
         try:
-            yield from depth_frames(video, name=safe_name(request.source), scale=request.scale)
+            yield from video.frames(safe_name(request.source))
         except InputError as error:
             problem = error
 

@@ -13,7 +13,7 @@ from depthcli.io.depth.read import StoredDepth, read_stored_depth
 from depthcli.io.depth.scale import depth_scale
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.io.storage.transfer import local_copy
-from depthcli.video.depth_video import DepthVideo, depth_frames
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import FALLBACK_RATE, rate_text
 from depthcli.video.time_code import time_code_text
 
@@ -77,15 +77,15 @@ def read_map(path: Path, *, scale: float | None = None, frame: int | None = None
                 "such as depth.%04d.exr)",
             )
         with local_copy(path) as video:
-            return _video_frame(DepthVideo(video, scale=scale), str(path), scale, frame)
+            return _video_frame(DepthVideo(video, scale=scale), str(path), frame)
     if frame is not None:
         raise UsageError(f"{path} is no depth video (.mkv)", "remove it", option="frame")
     return read_stored_depth(path, png_scale=scale)
 
 
-def _video_frame(video: DepthVideo, name: str, scale: float | None, number: int) -> StoredDepth:
+def _video_frame(video: DepthVideo, name: str, number: int) -> StoredDepth:
     count = 0
-    for count, stored in enumerate(depth_frames(video, name=name, scale=scale), start=1):
+    for count, stored in enumerate(video.frames(name), start=1):
         if count > number:
             return stored
     raise InputError(f"{name} has no frame {number}; its last one is {count - 1}")

@@ -71,10 +71,10 @@ class DepthVideo:
             if name.startswith(LABEL_PREFIX)
         }
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
-        self.rate = parse_rate(self.labels.get("frame_rate")) or exact_rate(fps or 0)
+        self.rate = parse_rate(self.labels.get("frame_rate", "")) or exact_rate(fps or 0)
         self.kind = kind_named(self.labels.get("kind"))
-        stated = depth_scale(self.labels, scale)
-        self.scale = stated and stated.units_per_metre
+        self._stated = depth_scale(self.labels, scale)
+        self.scale = self._stated and self._stated.units_per_metre
         frames = FrameLabels.parse(self.labels)
         if frames.source_rate is None and self.rate is not None:  # of another program
             time_code = header_time_code(container, stream, self.rate)
@@ -88,19 +88,40 @@ class DepthVideo:
         Their provenance has the time of each frame, as precise as the container stores it.
         In a normalized file, values are 0 to 1 over the range of the preview.
         """
-        return (depth for _, depth in self.numbered_maps())
+        return (stored.depth for stored in self.frames())
 
-    def numbered_maps(self) -> Iterator[tuple[int | None, DepthMap]]:
-        """Depth maps as iterating gives them, each after its frame's number.
+    def frames(self, name: str | None = None) -> Iterator[StoredDepth]:
+        """Its maps; the ``Frame`` of each has its number, time, rate and time code.
 
-        The number is None if the file does not state it beside the frame: it follows from the
-        labels then.
+        Numbers are those of ``depthcli video``, if it wrote the file; else they count from 0.
+
+        Args:
+            name: of the file, in messages; None for its path.
+
+        Raises:
+            InputError: a frame is damaged or missing; those before it have been yielded.
         """
-        source = provenance_of(self.labels) or Provenance()
-        scale = self.scale
-        for stated, time_s, steps in self._timed_steps():
+        source, labels = provenance_of(self.labels) or Provenance(), self.frame_labels
+        first_s, number, scale = None, labels.first - 1, self.scale
+        for count, (stated_number, time_s, steps) in enumerate(self._timed_steps()):
             values = denormalized(steps, 0, 1) if scale is None else dequantized(steps, scale)
-            yield stated, DepthMap(values, self.kind, replace(source, time_s=time_s))
+            depth = DepthMap(values, self.kind, replace(source, time_s=time_s))
+            first_s = time_s if first_s is None else first_s
+            found = (
+                labels.number(count, time_s - first_s) if stated_number is None else stated_number
+            )
+            # No two frames have one number, even if their times are too coarse for it.
+            number = max(found, number + 1)
+            frame = Frame(
+                np.zeros((1, 1), np.uint8),
+                index=number,
+                timestamp_s=time_s,
+                rate=self.rate,
+                pixel_aspect=labels.pixel_aspect,
+                windows=labels.windows(depth.width, depth.height),
+                time_code=labels.time_code_at(time_s - first_s),
+            )
+            yield StoredDepth(name or str(self.path), depth, self.labels, self._stated, frame)
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.
@@ -182,7 +203,7 @@ class FrameLabels:
     @classmethod
     def parse(cls, texts: Mapping[str, str]) -> Self:
         """Read those that a file states; the default for what it does not state."""
-        rate = parse_rate(texts.get("source_rate"))
+        rate = parse_rate(texts.get("source_rate", ""))
         step = number(texts.get("frame_step"))
         origin = re.fullmatch(r"(-?\d{1,8}),(-?\d{1,8})", texts.get("display_origin", ""), re.ASCII)
         return cls(
@@ -235,38 +256,3 @@ class FrameLabels:
 
     def _source_frames(self, after_s: float) -> int:
         return round(after_s * (self.source_rate or 0))
-
-
-def depth_frames(
-    video: DepthVideo, *, name: str | None = None, scale: float | None = None
-) -> Iterator[StoredDepth]:
-    """The maps of a depth video; the ``Frame`` of each has its number, time, rate and time code.
-
-    Numbers are those of ``depthcli video``, if it wrote the file; else they count from 0.
-
-    Args:
-        video: read from its beginning.
-        name: of the file, in messages; None for its path.
-        scale: units per metre that the user states; None for what the file states.
-
-    Raises:
-        InputError: a frame is damaged or missing; those before it have been yielded.
-    """
-    labels, stated = video.frame_labels, depth_scale(video.labels, scale)
-    first_s, number = None, labels.first - 1
-    for count, (stated_number, depth) in enumerate(video.numbered_maps()):
-        time_s = (depth.provenance and depth.provenance.time_s) or 0.0
-        first_s = time_s if first_s is None else first_s
-        found = labels.number(count, time_s - first_s) if stated_number is None else stated_number
-        # No two frames have one number, even if their times are too coarse for it.
-        number = max(found, number + 1)
-        frame = Frame(
-            np.zeros((1, 1), np.uint8),
-            index=number,
-            timestamp_s=time_s,
-            rate=video.rate,
-            pixel_aspect=labels.pixel_aspect,
-            windows=labels.windows(depth.width, depth.height),
-            time_code=labels.time_code_at(time_s - first_s),
-        )
-        yield StoredDepth(name or str(video.path), depth, video.labels, stated, frame)

@@ -112,6 +112,7 @@ class FrameSource(ABC):
 FALLBACK_RATE = Fraction(25)
 """Frames a second if the source states no rate."""
 _NTSC = tuple(Fraction(n * 1000, 1001) for n in (12, 15, 24, 30, 48, 60, 120, 240))
+_RATE = re.compile(r"\d{1,9}(\.\d{1,6})?|\d{1,15}/[1-9]\d{0,14}", re.ASCII)
 _DECIMALS = (2, 3)
 _TOLERANCE = 2e-5
 _MAX_DENOMINATOR = 1_000_000
@@ -148,10 +149,11 @@ def _is_rounded(fps: float, rate: Fraction) -> bool:
     return rate.denominator > 1 and any(fps == round(float(rate), n) for n in _DECIMALS)
 
 
-def parse_rate(text: str | None) -> Fraction | None:
-    """The rate that :func:`rate_text` writes; None for any other text."""
-    found = re.fullmatch(r"([1-9]\d{0,14})/([1-9]\d{0,14})", text or "", re.ASCII)
-    return Fraction(int(found[1]), int(found[2])) if found else None
+def parse_rate(text: str) -> Fraction | None:
+    """A frame rate: a fraction, or decimals as :func:`exact_rate` takes them; None for others."""
+    if _RATE.fullmatch(text) is None:
+        return None
+    return Fraction(text) or None if "/" in text else exact_rate(Fraction(text))
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ import pytest
 from helpers.file_trees import contents
 from helpers.videos import flat_frames, write_video
 
-from depthcli.cli.commands.video import parse_rate
+from depthcli.cli.commands.video import parse_fps
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
 from depthcli.video.depth_video import DepthVideo
@@ -92,7 +92,7 @@ def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> N
     [("24", Fraction(24)), ("23.976", FILM), ("24000/1001", FILM), ("12.5", Fraction(25, 2))],
 )
 def test_frame_rates_of_sequences(word: str, rate: Fraction) -> None:
-    assert parse_rate(word) == rate
+    assert parse_fps(word) == rate
 
 
 def test_linear_light_is_seen_as_on_a_display(tmp_path: Path) -> None:

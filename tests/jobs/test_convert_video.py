@@ -15,7 +15,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert_video
 from depthcli.jobs.inspect import inspect_file
-from depthcli.video.depth_video import DepthVideo, depth_frames
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 
@@ -94,11 +94,11 @@ def test_every_frame_becomes_a_file_with_its_number(tmp_path: Path, workers: int
 def test_frames_of_a_variable_rate_are_numbered_consecutively(tmp_path: Path) -> None:
     places = [Fraction(n, 10) for n in (0, 7, 22, 31, 38)]
     source = write_frames(tmp_path / "d.mkv", places, step=2)
-    frames = [stored.frame for stored in depth_frames(DepthVideo(source))]
+    frames = [stored.frame for stored in DepthVideo(source).frames()]
     assert [frame.index for frame in frames] == [1001, 1003, 1005, 1007, 1009]
     # At 240 frames a second, milliseconds are a quarter of a frame.
     source = write_frames(tmp_path / "f.mkv", (0, 1, 3, 4), Fraction(240))
-    frames = [stored.frame for stored in depth_frames(DepthVideo(source))]
+    frames = [stored.frame for stored in DepthVideo(source).frames()]
     assert [frame.index for frame in frames] == [1001, 1002, 1004, 1005]
 
 

@@ -17,8 +17,7 @@ from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict import PredictRequest, predict
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings
-from depthcli.jobs.video.run import video
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
 

@@ -28,8 +28,13 @@ from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_destination
-from depthcli.jobs.video.run import video
+from depthcli.jobs.video.plan import (
+    VideoRequest,
+    VideoSettings,
+    plan_video,
+    video,
+    video_destination,
+)
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, PreviewCodec, VideoFormat
 from depthcli.video.frames import Point, Span

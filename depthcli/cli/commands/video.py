@@ -38,7 +38,6 @@ app = typer.Typer(rich_markup_mode=None)
 _MINUTE = 60
 _POINT = re.compile(r"(?a)(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)")
 _MAX_POINT_LENGTH = 40
-_RATE = re.compile(r"(\d{1,9}(?:\.\d{1,6})?|\d{1,9}/(\d{1,9}))", re.ASCII)
 
 FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 """The options that each format uses, by parameter name."""
@@ -161,7 +160,7 @@ def video(
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.outputs import STDIO
-    from depthcli.jobs.video import run as job
+    from depthcli.jobs.video import plan as job
     from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
     from depthcli.jobs.write import FailedInput
     from depthcli.video.numbering import is_sequence
@@ -183,7 +182,7 @@ def video(
         reading=parse.reading(read),
         detail=parse.detail(detail),
         max_pixels=read.max_pixels,
-        fps=parse_rate(frames.fps),
+        fps=None if frames.fps is None else parse_fps(frames.fps),
         start_number=output.start_number,
     )
     request = VideoRequest(
@@ -236,22 +235,16 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     return Span(first, last, step)
 
 
-def parse_rate(word: str | None) -> Fraction | None:
+def parse_fps(word: str) -> Fraction:
     """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``.
 
     Raises:
         UsageError: it is not of this form.
     """
-    from fractions import Fraction
+    from depthcli.video.frames import parse_rate
 
-    from depthcli.video.frames import exact_rate
-
-    if word is None:
-        return None
-    match = _RATE.fullmatch(word.strip())
-    value = Fraction(match[0]) if match and Fraction(match[2] or 1) else None
-    found = value if value is None or "/" in word else exact_rate(value)
-    if not found:
+    found = parse_rate(word.strip())
+    if found is None:
         raise UsageError(
             f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001", option="fps"
         )

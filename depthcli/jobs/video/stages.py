@@ -63,7 +63,7 @@ def write_video(
     workers: int,
     progress: Progress = NO_PROGRESS,
 ) -> VideoResult:
-    """Do as :func:`depthcli.jobs.video.run.video`, with named outputs and a loaded model.
+    """Do as :func:`depthcli.jobs.video.plan.video`, with named outputs and a loaded model.
 
     ``workers`` is the number of threads besides the one that decodes and writes.
 
