@@ -108,7 +108,7 @@ def test_the_command_says_why_it_stopped(inside: Cli) -> None:
     half_good(inside.folder)
     done = inside("batch", "in", "--out", "out", "--max-failures", "0", "--workers", "1")
     assert done.returncode == 1
-        assert b"more than 0" in done.stderr
+    assert b"more than 0" in done.stderr
     assert b" of 105 inputs done" in done.stdout
     again = inside("batch", "in", "--out", "out", "--max-failures", "100", "--quiet")
     assert (again.returncode, b"stopped" in again.stderr) == (1, False)
