@@ -19,9 +19,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest.files import WHOLE, Shard, write_manifest
+from depthcli.io.manifest.files import (
+    OK,
+    WHOLE,
+    CacheKey,
+    ManifestRow,
+    OutputFile,
+    Shard,
+    write_manifest,
+)
 from depthcli.io.manifest.journal import Journal, known_rows
-from depthcli.io.manifest.row import OK, CacheKey, ManifestRow, OutputFile
 from depthcli.jobs.batch.manifests import read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files
 

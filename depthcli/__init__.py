@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from depthcli.inference.pipeline import Pipeline, load
     from depthcli.inference.session import Session
     from depthcli.io.calibration import read_calibration
-    from depthcli.io.images.convert import Picture
-    from depthcli.io.images.read import read_image
+    from depthcli.io.images.read import Picture, read_image
     from depthcli.models.card import ModelCard
     from depthcli.models.catalog import Model, find_model
 
@@ -99,8 +98,7 @@ _HOMES = {
     "depthcli.inference.pipeline": ("Pipeline", "load"),
     "depthcli.inference.session": ("Session",),
     "depthcli.io.calibration": ("read_calibration",),
-    "depthcli.io.images.convert": ("Picture",),
-    "depthcli.io.images.read": ("read_image",),
+    "depthcli.io.images.read": ("Picture", "read_image"),
     "depthcli.models.card": ("ModelCard",),
     "depthcli.models.catalog": ("Model", "find_model"),
 }

@@ -44,8 +44,7 @@ from depthcli.io.images.exif import parse_exif
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import image_size, read_image
 from depthcli.io.listing.folder import is_own_picture
-from depthcli.io.listing.path_list import listed_inputs, parse_list
-from depthcli.io.parquet import column_texts
+from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import FrameJournal
 from depthcli.models import onnx_file

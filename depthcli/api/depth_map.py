@@ -26,8 +26,7 @@ from depthcli.io.formats.table import (
     is_own,
     writer_class,
 )
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import path_of
 
 if TYPE_CHECKING:

@@ -25,15 +25,15 @@ from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction, load
 from depthcli.inference.providers import AUTO
-from depthcli.io.images.convert import frame_of
 from depthcli.io.images.pixels import check_white_level
+from depthcli.io.images.read import frame_of
 from depthcli.models.catalog import DEFAULT_MODEL
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator, Mapping
 
     from depthcli.core.anchors import AnchorPoints
-    from depthcli.io.images.convert import Picture
+    from depthcli.io.images.read import Picture
     from depthcli.models.card import ModelCard
 
 

@@ -37,17 +37,15 @@ from depthcli.io.listing.folder import (
     list_folder,
     skip_summary,
 )
-from depthcli.io.listing.path_list import list_objects, walk_sort_key
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import (
-    RemotePath,
     check_writable,
     join,
+    local_copy,
     path_of,
     safe_name,
     without_file_scheme,
 )
-from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.inspect import is_depth_video, read_map
 from depthcli.jobs.output_names import TreeNames
 from depthcli.jobs.outputs import (
@@ -228,7 +226,8 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = ANY) -> FolderPlan
     check_writable(path_of(out))
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         raise UsageError(f"{out} is the folder of the inputs", "choose another {out}")
-    found, skipped, loops = _listed(root, out, wanted)
+    listing = list_folder(root, leave_out=out, skip=wanted.excludes, refusal=_why_no_depth)
+    found, skipped = listing.media, listing.skipped
     names = TreeNames((file.name for file in found), _stem)
     refusals = [None if file.problem else wanted.refusal(file.name) for file in found]
     inputs = [file for file, refusal in zip(found, refusals, strict=True) if refusal is None]
@@ -248,7 +247,7 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = ANY) -> FolderPlan
             for file, target in zip(inputs, targets, strict=True)
         ]
     )
-    return FolderPlan(tuple(inputs), tuple(targets), tuple(skipped), loops)
+    return FolderPlan(tuple(inputs), tuple(targets), tuple(skipped), tuple(listing.loops))
 
 
 def convert_folder(
@@ -274,20 +273,6 @@ def convert_folder(
         closing(ordered_map(convert_one, pairs, workers=workers)) as results,
     ):
         yield from results
-
-
-def _listed(
-    root: str, out: str, wanted: NameFilter
-) -> tuple[tuple[InputFile, ...], list[Skipped], tuple[str, ...]]:
-    """The depth files by their names, the other files, and loops."""
-    place = path_of(root)
-    if not isinstance(place, RemotePath):
-        listing = list_folder(root, leave_out=out, skip=wanted.excludes, refusal=_why_no_depth)
-        return listing.media, list(listing.skipped), listing.loops
-    skipped: list[Skipped] = []
-    objects = list_objects(place, path_of(out), wanted.excludes, skipped.append, _why_no_depth)
-    # In the order of a local folder, not in that of the store.
-    return tuple(sorted(objects, key=lambda file: walk_sort_key(file.name))), skipped, ()
 
 
 def _why_no_depth(path: str) -> str | None:

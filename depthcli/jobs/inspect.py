@@ -11,8 +11,7 @@ from depthcli.core.types import DepthMap, DepthRange, Window
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import StoredDepth, read_stored_depth
 from depthcli.io.depth.scale import depth_scale
-from depthcli.io.storage.paths import path_of, safe_name
-from depthcli.io.storage.transfer import local_copy
+from depthcli.io.storage.paths import local_copy, path_of, safe_name
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import FALLBACK_RATE, rate_text
 from depthcli.video.time_code import time_code_text

@@ -14,8 +14,7 @@ from depthcli.errors import DepthcliError, InputError, ModelError, UsageError
 from depthcli.inference.measure import try_other_size, try_session
 from depthcli.inference.session import Session
 from depthcli.io.storage.atomic import replace_folder, workspace
-from depthcli.io.storage.paths import path_of, safe_name
-from depthcli.io.storage.transfer import local_copy
+from depthcli.io.storage.paths import local_copy, path_of, safe_name
 from depthcli.models import catalog, onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard, fit_to_graph
 from depthcli.models.catalog import Model, ModelLocation, file_of_card, find_model, location_at

@@ -14,7 +14,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
-from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.atomic import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.outputs import STDIO
 from depthcli.jobs.predict import PicturePlan, PictureResult, PredictRequest

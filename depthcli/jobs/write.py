@@ -12,8 +12,7 @@ from depthcli.errors import (
     is_out_of_memory,
 )
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.temporary import temporary_folder
 
 

@@ -23,8 +23,7 @@ from depthcli.io.depth.metadata import metadata_texts, step_unit
 from depthcli.io.depth.scale import UINT16_MAX, normalized, quantized
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import LABEL_PREFIX, Writer
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
 from depthcli.video.decoder import state_number

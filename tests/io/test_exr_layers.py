@@ -9,7 +9,7 @@ import OpenEXR
 import pytest
 
 from depthcli.errors import InputError
-from depthcli.io.exr.layers import colour_channels, depth_channel
+from depthcli.io.exr.file import colour_channels, depth_channel
 from depthcli.io.images.read import read_image
 from depthcli.video.source import open_frames
 

@@ -12,8 +12,7 @@ from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import Format, WriterOptions, is_own
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.atomic import Guard, atomic_path
 
 if TYPE_CHECKING:
     from pathlib import Path

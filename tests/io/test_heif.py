@@ -13,7 +13,7 @@ from helpers import made
 from helpers.heifs import heic, pillow_heif
 
 from depthcli.errors import InputError
-from depthcli.io.images.isobmff import is_heif
+from depthcli.io.images.heif import is_heif
 from depthcli.io.images.read import check, read_image
 from depthcli.io.listing.folder import Skipped, conversion_hint, is_picture
 

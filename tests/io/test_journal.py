@@ -12,19 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.manifest.files import WHOLE, Shard, row_files
-from depthcli.io.manifest.journal import Journal, RowIndex, known_rows
-from depthcli.io.manifest.row import (
+from depthcli.io.manifest.files import (
     FAILED,
     OK,
+    WHOLE,
     CacheKey,
     ManifestRow,
     OutputFile,
+    Shard,
     checksum,
     is_intact,
     output_entry,
     parse_row,
+    row_files,
 )
+from depthcli.io.manifest.journal import Journal, RowIndex, known_rows
 
 JOURNAL_NAME = ".depthcli-batch.jsonl"
 MANIFEST_NAME = "manifest.jsonl"

@@ -27,7 +27,7 @@ from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.formats.png16 import stretched
 from depthcli.io.formats.preview import PreviewWriter, nearness
 from depthcli.io.formats.sidecar import SidecarWriter
-from depthcli.io.images.convert import frame_of
+from depthcli.io.images.read import frame_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -26,8 +26,16 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.paths import RemotePath, join, path_of, read_bytes, read_regular, safe_name
-from depthcli.io.storage.transfer import local_copy, object_checksum
+from depthcli.io.storage.paths import (
+    RemotePath,
+    join,
+    local_copy,
+    object_checksum,
+    path_of,
+    read_bytes,
+    read_regular,
+    safe_name,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -12,14 +12,12 @@ from helpers.file_trees import contents
 from helpers.stores import remote
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.listing.folder import InputFile, Skipped
-from depthcli.io.listing.path_list import list_objects, walk_sort_key
+from depthcli.io.listing.folder import InputFile, Skipped, list_folder
 from depthcli.io.manifest.files import RowsFolder
 
 if TYPE_CHECKING:
     from helpers.stores import Bucket, Faults
 
-    from depthcli.io.storage.paths import RemotePath
 
 PART = r"out/\.depthcli-batch\.jsonl\.\d{20}-[0-9a-f]{8}"
 JOURNAL = ".depthcli-batch.jsonl"
@@ -123,52 +121,34 @@ def test_the_manifest_takes_the_place_of_parts(bucket: Bucket, faults: Faults) -
     }
 
 
-def test_pictures_of_a_bucket_and_what_is_none(bucket: Bucket) -> None:
+def test_folder_of_a_store_is_listed_like_a_local_one(bucket: Bucket) -> None:
     names = [
-        *(
-            "a.jpg",
-            "in/",
-            "in/.b.jpg",
-            "in/.c/d.jpg",
-            "in/e.txt",
-            "in/f.depth.mkv",
-            "in/g.JPG",
-        ),
+        *("a.jpg", "in/", "in/.b.jpg", "in/.c/d.jpg", "in/e.txt", "in/f.depth.mkv", "in/g.JPG"),
         *("in/h/i.mp4", "in/h/j/k.png", "in/l/m.jpg", "in/l/n/o.jpg", "in/p", "in/q.out/r.jpg"),
         *("in/out/s.jpg", "in/out.jpg", "in/l.jpg"),
     ]
     for name in names:
         bucket.put(name, b"")
-    aside: list[Skipped] = []
-    root = remote(bucket.uri("in"))
-    found = list(list_objects(root, root / "out", {"l", "h/j"}.__contains__, aside.append))
-    wanted = ["g.JPG", "h/i.mp4", "l.jpg", "out.jpg", "q.out/r.jpg"]
-    assert found == [InputFile(name, bucket.uri(f"in/{name}")) for name in wanted]
-    assert aside == [
+    root = bucket.uri("in")
+    found = list_folder(root, leave_out=f"{root}/out", skip={"l", "h/j"}.__contains__)
+    wanted = ["g.JPG", "l.jpg", "out.jpg", "h/i.mp4", "q.out/r.jpg"]
+    assert found.media == [InputFile(name, bucket.uri(f"in/{name}")) for name in wanted]
+    assert found.skipped == [
         Skipped(".b.jpg", "hidden"),
         Skipped("e.txt", ".txt"),
         Skipped("f.depth.mkv", "written by depthcli"),
         Skipped("p", "without suffix"),
     ]
-    whole = remote(bucket.uri())
-    every = list(list_objects(whole, Path("elsewhere"), lambda _: False, aside.append))
+    every = list_folder(bucket.uri(), leave_out="elsewhere").media
     assert [one.name for one in every if "out/" in one.name] == ["in/out/s.jpg", "in/q.out/r.jpg"]
     assert every[0] == InputFile("a.jpg", bucket.uri("a.jpg"))
 
 
-def test_what_cannot_be_listed(bucket: Bucket, faults: Faults) -> None:
-    def listed(root: RemotePath) -> list[InputFile]:
-        return list(list_objects(root, Path("out"), lambda _: False, lambda _: None))
-
-    with pytest.raises(UsageError, match="in is not a folder"):
-        listed(remote(bucket.uri("in")))
+def test_empty_or_forbidden_folder_of_a_store_is_a_usage_error(
+    bucket: Bucket, faults: Faults
+) -> None:
+    with pytest.raises(UsageError):
+        list_folder(bucket.uri("in"), leave_out="out")
     faults.fault = lambda *_: "403"
-    with pytest.raises(UsageError, match=r"in cannot be listed: access denied; check the cred"):
-        listed(remote(bucket.uri("in")))
-
-
-def test_the_order_of_a_store_is_that_of_a_walk_of_folders() -> None:
-    names = ["a.b", "a/b", "a/b/c", "a/é", "a-b", "a/\udcff", "b", "Z"]
-    assert sorted(names, key=walk_sort_key) == [
-        *("Z", "a-b", "a.b", "b", "a/b", "a/é", "a/\udcff", "a/b/c"),
-    ]
+    with pytest.raises(UsageError, match="access denied"):
+        list_folder(bucket.uri("in"), leave_out="out")

@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.exr.layers import depth_channel
+from depthcli.io.exr.file import depth_channel
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer

@@ -35,8 +35,8 @@ def test_media_of_a_tree_in_the_order_of_their_names(tmp_path: Path) -> None:
     listing = list_folder(str(tmp_path))
     assert [found.name for found in listing.media] == ["a.jpeg", "b.gif", "b/z.PNG", "b/a/c.mp4"]
     assert [found.path for found in listing.media][2] == str(tmp_path / "b/z.PNG")
-    assert listing.skipped == ((".hidden.jpg", "hidden"), ("c.txt", ".txt"))
-    assert listing.loops == ()
+    assert listing.skipped == [(".hidden.jpg", "hidden"), ("c.txt", ".txt")]
+    assert listing.loops == []
 
 
 def test_links_are_followed_but_not_round_in_circles(tmp_path: Path) -> None:
@@ -49,7 +49,7 @@ def test_links_are_followed_but_not_round_in_circles(tmp_path: Path) -> None:
     assert [found.name for found in listing.media] == [
         *("broken.png", "itself.png", "far/b.png", "hall/a.png"),
     ]
-    assert listing.loops == ("hall/up",)
+    assert listing.loops == ["hall/up"]
 
 
 def test_folders_that_are_left_out(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_what_is_skipped_is_counted_by_its_reason() -> None:
     assert skip_summary(more).endswith("1 .a, 1 .b, 2 others)")
     assert skip_summary(skipped[:1]) == "1 file skipped (1 hidden)"
     assert (conversion_hint(skipped) or "").endswith("pip install pillow-heif")
-    assert (conversion_hint(skipped[3:4]) or "").startswith("1 picture of a format")
+    assert ".heic" in (conversion_hint(skipped[3:4]) or "")
     assert (conversion_hint(skipped[7:8]) or "").endswith("; convert to JPEG, PNG or TIFF")
     assert conversion_hint(skipped[:3]) is None
 

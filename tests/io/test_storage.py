@@ -29,19 +29,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_what_a_killed_process_left_is_written_over(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    with atomic_path(path) as temporary:
-        left = temporary
-        temporary.write_bytes(b"whole")
-    left.write_bytes(b"half of a longer output")
-    with atomic_path(path) as temporary:
-        assert temporary == left
-        temporary.write_bytes(b"again")
-    assert [found.name for found in tmp_path.iterdir()] == ["a.png"]
-    assert path.read_bytes() == b"again"
-
-
 def test_two_at_one_output_do_not_meet(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     with atomic_path(path) as one:
@@ -59,18 +46,6 @@ def test_two_at_one_output_do_not_meet(tmp_path: Path) -> None:
     assert handle is not None  # nobody has it any more
     os.close(handle)
     assert [found.name for found in tmp_path.iterdir()] == ["a.png"]
-
-
-def test_a_link_in_the_place_of_a_temporary_is_not_followed(tmp_path: Path) -> None:
-    precious = tmp_path / "precious"
-    precious.write_bytes(b"mine")
-    with atomic_path(tmp_path / "a.png") as temporary:
-        name = temporary.name
-        temporary.touch()
-    (tmp_path / name).symlink_to(precious)
-    with atomic_path(tmp_path / "a.png") as temporary:
-        temporary.write_bytes(b"depth")
-    assert precious.read_bytes() == b"mine"
 
 
 def test_a_lock_is_of_one_at_a_time(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from depthcli.jobs.batch.workers import WorkerSpec
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.io.manifest.row import CacheKey
+    from depthcli.io.manifest.files import CacheKey
 
 WRITING = WriterOptions()
 OPTIONS = BatchOptions()

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import pytest
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.files import Shard
-from depthcli.io.manifest.journal import Journal
-from depthcli.io.manifest.row import (
+from depthcli.io.manifest.files import (
     FAILED,
     OK,
     AnchorEntry,
     CacheKey,
     ManifestRow,
     OutputFile,
+    Shard,
 )
+from depthcli.io.manifest.journal import Journal
 from depthcli.jobs.batch.manifests import (
     ModelInputs,
     Summary,

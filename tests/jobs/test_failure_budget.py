@@ -10,7 +10,7 @@ from helpers.batches import request
 from helpers.tiny import synthetic_picture, write_picture
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.row import OK, CacheKey, ManifestRow, parse_row
+from depthcli.io.manifest.files import OK, CacheKey, ManifestRow, parse_row
 from depthcli.jobs.batch.run import Batch, FailureBudget, Tally
 from depthcli.jobs.batch.tasks import BatchResult
 

@@ -18,7 +18,7 @@ from depthcli.jobs.batch.tasks import BatchOptions
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from depthcli.io.manifest.row import ManifestRow
+    from depthcli.io.manifest.files import ManifestRow
 
 
 def listed(

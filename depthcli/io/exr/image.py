@@ -151,8 +151,7 @@ def read_exr_image(
         InputError: missing, damaged, without colours or the layer, or too large.
     """
     # OpenEXR is slow to load.
-    from depthcli.io.exr.file import read_exr_channels  # noqa: PLC0415
-    from depthcli.io.exr.layers import colour_channels  # noqa: PLC0415
+    from depthcli.io.exr.file import colour_channels, read_exr_channels  # noqa: PLC0415
 
     name = name or str(path)
     channels = read_exr_channels(path, name=name, max_pixels=max_pixels)

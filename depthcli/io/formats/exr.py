@@ -12,8 +12,13 @@ from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, ov
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth
-from depthcli.io.exr.file import StoredChannel, read_exr_channels, write_exr
-from depthcli.io.exr.layers import depth_channel, layer_of
+from depthcli.io.exr.file import (
+    StoredChannel,
+    depth_channel,
+    layer_of,
+    read_exr_channels,
+    write_exr,
+)
 from depthcli.io.formats.sidecar import with_sidecar
 
 _COLOURS = ("G", "B", "RY", "BY")

@@ -1,14 +1,115 @@
-"""HEIF files coded in HEVC, such as HEIC; the only module that imports pillow-heif."""
+"""AVIF and HEIF files (ISO/IEC 14496-12 and 23008-12): their boxes; those in HEVC decoded."""
 
+import re
+import struct
 from typing import Any
 
 import numpy as np
 
 from depthcli.core.options import INSTALL_HEIF
 from depthcli.errors import InputError
-from depthcli.io.images.isobmff import is_cut_in_box, property_orientation
-from depthcli.io.images.opencv import Decoded, Header
+from depthcli.io.images.opencv import ANIMATED, Decoded, Header
 from depthcli.io.listing.folder import is_installed
+
+_HEVC_BRANDS = frozenset((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"))
+_AVIF_BRANDS = frozenset((b"avif", b"avis"))
+_MAX_BRANDS_BYTES = 256
+_HEADER_BYTES = 8  # of a box, before its content
+_LONG_HEADER_BYTES = 16  # of one whose size takes 64 bits, as of some cameras' pixels
+_ISPE = re.compile(rb"ispe")
+_NCLX = re.compile(rb"colrnclx..(..)", re.DOTALL)
+_CONFIGURATION = re.compile(rb"av1C\x81.(.)", re.DOTALL)
+_HIGH, _TWELVE = 0x40, 0x20  # bits of a configuration: more than 8 bits, and then 12
+_ROTATED = (1, 8, 3, 6)  # EXIF orientations that quarter turns counter-clockwise make upright
+_MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such turns do
+
+
+def is_avif(data: bytes) -> bool:
+    """Whether a file is HEIF coded in AV1."""
+    brands = _brands(data)
+    return bool(brands & _AVIF_BRANDS) or (b"mif1" in brands and b"av1C" in find_box(data, b"meta"))
+
+
+def is_heif(data: bytes) -> bool:
+    """Whether a file is HEIF coded in HEVC; AVIF, which has the same boxes, is not."""
+    brands = _brands(data)
+    if brands & _AVIF_BRANDS:
+        return False
+    return bool(brands & _HEVC_BRANDS) or (b"mif1" in brands and b"hvcC" in find_box(data, b"meta"))
+
+
+def avif_header(data: bytes) -> Header:
+    """Largest size of an AVIF's items, tiles and thumbnails among them, and what else is stated.
+
+    Raises:
+        InputError: it is truncated.
+    """
+    claims = data[: data.find(b"mdat")]
+    starts = [found.end() + 4 for found in _ISPE.finditer(claims)]
+    sizes = [struct.unpack_from(">II", claims, start) for start in starts]
+    if not sizes:
+        raise InputError("is truncated (its header is incomplete)", "copy it again")
+    width, height = max(sizes, key=lambda size: size[0] * size[1])
+    bits, colours = _CONFIGURATION.search(data), _NCLX.search(claims)
+    flags = bits[1][0] if bits else 0
+    return Header(
+        width,
+        height,
+        ANIMATED if data[8:12] == b"avis" else None,
+        white=None if not flags & _HIGH else 0xFFF if flags & _TWELVE else 0x3FF,
+        orientation=property_orientation(data),
+        transfer=int.from_bytes(colours[1], "big") if colours else 0,
+    )
+
+
+def property_orientation(data: bytes) -> int:
+    """EXIF orientation that is the same as a file's irot and imir properties."""
+    meta = find_box(data, b"meta")[4:]  # a version comes before its boxes
+    properties = find_box(find_box(meta, b"iprp"), b"ipco")
+    turn, axis = find_box(properties, b"irot")[:1], find_box(properties, b"imir")[:1]
+    quarters = turn[0] & 3 if turn else 0
+    if not axis:
+        return _ROTATED[quarters]
+    # Mirroring after a rotation is the opposite rotation after mirroring; top to bottom adds 180°.
+    return _MIRRORED[-quarters % 4 if axis[0] & 1 else (2 - quarters) % 4]
+
+
+def find_box(data: bytes, wanted: bytes) -> bytes:
+    """Content of the first box of a kind, as far as it is there; empty if there is none."""
+    start, end = _extent(data, wanted)
+    return data[start:end]
+
+
+def is_cut_in_box(data: bytes, wanted: bytes) -> bool:
+    """Whether a file ends before the first box of a kind does, or has none."""
+    start, end = _extent(data, wanted)
+    return not start < end <= len(data)
+
+
+def _extent(data: bytes, wanted: bytes) -> tuple[int, int]:
+    """Where the content of the first box of a kind begins and ends; (0, 0) if there is none."""
+    at = 0
+    while at + _HEADER_BYTES <= len(data):
+        length, kind = struct.unpack_from(">I4s", data, at)
+        header = _HEADER_BYTES
+        if length == 1 and at + _LONG_HEADER_BYTES <= len(data):
+            header, (length,) = _LONG_HEADER_BYTES, struct.unpack_from(">Q", data, at + header)
+        if length == 0:  # to the end of the file
+            length = len(data) - at
+        if kind == wanted:
+            return at + header, at + length
+        if length < header:
+            break
+        at += length
+    return 0, 0
+
+
+def _brands(data: bytes) -> set[bytes]:
+    if data[4:8] != b"ftyp":
+        return set()
+    found = find_box(data, b"ftyp")[:_MAX_BRANDS_BYTES]
+    return {found[at : at + 4] for at in range(0, len(found), 4)}
+
 
 _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha

@@ -3,7 +3,7 @@
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -89,24 +89,16 @@ def skip_summary(skipped: Sequence[Skipped]) -> str:
 
 
 def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
-    """Advice about pictures of formats that are not read; None if there are none."""
-    found = Counter(file.reason for file in skipped if file.reason in (*EXTRAS, *CAMERA_RAW))
-    if not found:
+    """Advice about images of formats that are not read in a folder; None if there are none."""
+    found = Counter(file.reason for file in skipped)
+    unread = sorted(suffix for suffix in found if suffix in (*EXTRAS, *CAMERA_RAW))
+    if not unread:
         return None
-    installs = sorted({EXTRAS[suffix][1] for suffix in found if suffix in EXTRAS})
-    or_install = "".join(f", or {install}" for install in installs)
-    pictures = "picture" if found.total() == 1 else "pictures"
+    installs = sorted({EXTRAS[suffix][1] for suffix in unread if suffix in EXTRAS})
     return (
-        f"{found.total()} {pictures} of a format that is not read ({', '.join(sorted(found))}) "
-        f"skipped; convert to JPEG, PNG or TIFF{or_install}"
+        f"{sum(found[suffix] for suffix in unread)} skipped of formats that are not read "
+        f"({', '.join(unread)}); {', or '.join(('convert to JPEG, PNG or TIFF', *installs))}"
     )
-
-
-def exr_hint(skipped: Sequence[Skipped]) -> str | None:
-    """Advice for EXR files that a batch skips; None if there are none."""
-    if all(file.reason != ".exr" for file in skipped):
-        return None
-    return "'depthcli video' reads a sequence of EXR, 'predict' and a list of 'batch' single ones"
 
 
 PICTURE_SUFFIXES = (
@@ -145,10 +137,10 @@ class Listing(NamedTuple):
 
     #: inputs, by default pictures and videos, and unreadable folders, in an order that depends on
     #: names alone
-    media: tuple[InputFile, ...]
+    media: list[InputFile]
     #: other files: by default neither picture nor video by their suffix, hidden, or outputs
-    skipped: tuple[Skipped, ...]
-    loops: tuple[str, ...]  #: folders left out because they lead back to a folder that they are in
+    skipped: list[Skipped]
+    loops: list[str]  #: folders left out because they lead back to a folder that they are in
 
 
 def is_video(name: str) -> bool:
@@ -189,10 +181,10 @@ def list_folder(
     skip: Callable[[str], bool] = lambda _: False,
     refusal: Callable[[str], str | None] = why_skipped,
 ) -> Listing:
-    """Walk a tree; links to folders are followed, loops are not.
+    """Walk a tree, depth first; links to folders are followed, loops are not.
 
     Args:
-        root: the folder.
+        root: the folder, which may be in a store.
         leave_out: a folder that is not entered, under any of its names; it may be missing.
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
         refusal: why a file of this path is no input; None if it is one.
@@ -200,66 +192,90 @@ def list_folder(
     Returns:
         What is there; files are not opened (except PNGs named like outputs), so any of them may
         turn out to be unreadable.
+
+    Raises:
+        UsageError: a store cannot be listed, or there is nothing below the root.
     """
-    avoided = _identity(leave_out) if leave_out is not None else None
-    walk = _FolderWalk(avoided, skip, refusal)
-    media = tuple(walk.run(root))
-    return Listing(media, tuple(walk.skipped), tuple(walk.loops))
-
-
-class _FolderWalk:
-    """One depth-first walk: a stack of folders to enter, each with its parent folders."""
-
-    def __init__(
-        self,
-        avoided: _Identity,
-        skip: Callable[[str], bool],
-        refusal: Callable[[str], str | None],
-    ) -> None:
-        self._avoided, self._skip, self._refusal = avoided, skip, refusal
-        self.skipped: list[Skipped] = []
-        self.loops: list[str] = []
-
-    def run(self, root: str) -> Iterator[InputFile]:
-        stack: list[tuple[str, str, tuple[_Identity, ...]]] = [(root, "", (_identity(root),))]
-        while stack:
-            folder, name, above = stack.pop()
-            try:
-                with os.scandir(folder) as entries:
-                    children = sorted(entries, key=lambda entry: os.fsencode(entry.name))
-            except OSError as error:
-                reason = f"{folder} cannot be listed: {error.strerror}"
-                yield InputFile(name or ".", folder, reason)
-                continue
-            folders = []
-            for child in children:
-                child_name = f"{name}/{child.name}" if name else child.name
-                if _is_directory_entry(child):
-                    entered = self._enter(child, child_name, above)
-                    folders += [(child.path, child_name, entered)] if entered else []
-                    continue
-                skipped = self._refusal(child.path)
-                if skipped is None:
-                    yield InputFile(child_name, child.path)
+    place = path_of(root)
+    if isinstance(place, RemotePath):
+        return _list_objects(place, path_of(leave_out or ""), skip, refusal)
+    avoided = None if leave_out is None else _identity(leave_out)
+    found = Listing([], [], [])
+    stack: list[tuple[str, str, tuple[_Identity, ...]]] = [(root, "", (_identity(root),))]
+    while stack:  # of folders, each with those above it
+        folder, name, above = stack.pop()
+        try:
+            with os.scandir(folder) as entries:
+                children = sorted(entries, key=lambda entry: os.fsencode(entry.name))
+        except OSError as error:
+            problem = f"{folder} cannot be listed: {error.strerror}"
+            found.media.append(InputFile(name or ".", folder, problem))
+            continue
+        folders = []
+        for child in children:
+            child_name = f"{name}/{child.name}" if name else child.name
+            if not _is_directory_entry(child):
+                reason = refusal(child.path)
+                if reason is None:
+                    found.media.append(InputFile(child_name, child.path))
                 else:
-                    self.skipped.append(Skipped(child_name, skipped))
-            stack.extend(reversed(folders))
+                    found.skipped.append(Skipped(child_name, reason))
+                continue
+            identity = _identity(child.path)
+            if child.name.startswith(".") or skip(child_name):
+                continue
+            if identity in above and identity:
+                found.loops.append(child_name)
+            elif identity is None or identity != avoided:  # listing the first will say why
+                folders.append((child.path, child_name, (*above, identity)))
+        stack.extend(reversed(folders))
+    return found
 
-    def _enter(
-        self, child: os.DirEntry[str], name: str, above: tuple[_Identity, ...]
-    ) -> tuple[_Identity, ...] | None:
-        """The parent folders of a folder's content; None if the folder is not entered."""
-        identity = _identity(child.path)
-        if child.name.startswith(".") or self._skip(name):
-            return None
-        if identity is None:  # listing it will say why
-            return above
-        if identity == self._avoided:
-            return None
-        if identity in above:
-            self.loops.append(name)
-            return None
-        return (*above, identity)
+
+def _list_objects(
+    root: RemotePath,
+    leave_out: Path,
+    skip: Callable[[str], bool],
+    refusal: Callable[[str], str | None],
+) -> Listing:
+    """Walk the objects of a store, in the order of a local folder."""
+    out = f"{leave_out.relative_to(root)}/" if leave_out.is_relative_to(root) else None
+    start, folder, is_entered = f"{root.base}/{root.key}".rstrip("/"), None, True
+    found = Listing([], [], [])
+    try:
+        for name in root.walk_names():
+            above = name.rpartition("/")[0]
+            if above != folder:  # names come folder by folder
+                folder, is_entered = above, not _is_skipped(above, skip)
+            # Some tools create an empty object for the folder itself.
+            if not name or not is_entered or (out and name.startswith(out)):
+                continue
+            path = f"{start}/{name}"
+            reason = refusal(path)
+            if reason is None:
+                found.media.append(InputFile(name, path))
+            else:
+                found.skipped.append(Skipped(name, reason))
+    except OSError as error:
+        raise UsageError(f"{root} cannot be listed: {error.strerror}") from error
+    if folder is None:
+        raise UsageError(f"{root} is not a folder", "name one, or give {files} a list")
+    found.media.sort(key=lambda file: _walk_sort_key(file.name))
+    return found
+
+
+def _walk_sort_key(name: str) -> list[tuple[bool, bytes]]:
+    """Key that sorts names in the order of a walk of folders: files before folders."""
+    *above, last = name.encode("utf-8", "surrogateescape").split(b"/")
+    return [*((True, part) for part in above), (False, last)]
+
+
+def _is_skipped(folder: str, skip: Callable[[str], bool]) -> bool:
+    parts = folder.split("/") if folder else []
+    return any(
+        part.startswith(".") or skip("/".join(parts[: depth + 1]))
+        for depth, part in enumerate(parts)
+    )
 
 
 def _is_directory_entry(entry: os.DirEntry[str]) -> bool:

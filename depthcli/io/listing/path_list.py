@@ -1,18 +1,31 @@
 """Lists of inputs: one path a line, as ``find`` and ``git ls-files`` print them, or a table."""
 
+from __future__ import annotations
+
 import csv
 import os
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from io import TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from depthcli.core.options import INSTALL_PYARROW, one_line
 from depthcli.errors import InputError, UsageError
-from depthcli.io.listing.folder import InputFile, Skipped, why_skipped
-from depthcli.io.parquet import column_texts, select_column
-from depthcli.io.storage.paths import RemotePath, is_remote, join, path_of, without_file_scheme
-from depthcli.io.storage.transfer import local_copy
+from depthcli.io.listing.folder import InputFile, is_exr, is_media
+from depthcli.io.storage.paths import (
+    RemotePath,
+    is_remote,
+    join,
+    local_copy,
+    path_of,
+    without_file_scheme,
+)
+
+if TYPE_CHECKING:
+    import pyarrow.parquet as pq
 
 _MAX_PROBED = 1000
 _DELIMITERS = {".csv": ",", ".tsv": "\t"}
@@ -58,12 +71,15 @@ def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
     file = TextIOWrapper(data, newline="", encoding="utf-8-sig", errors="surrogateescape")
     rows = csv.reader(file, delimiter=delimiter)
     header = next(rows, [])
-    place = header.index(select_column(header, column, path))
+    # Without a first line of names, a list of one column begins with an image.
+    is_list = column is None and len(header) == 1 and (is_media(header[0]) or is_exr(header[0]))
+    place = 0 if is_list else header.index(_select_column(header, column, path))
 
     def texts() -> Iterator[str]:
         with file:
             try:
-                yield from (row[place] for row in rows if len(row) > place and row[place])
+                first = (header,) if is_list else ()
+                yield from (r[place] for r in chain(first, rows) if len(r) > place and r[place])
             except csv.Error as error:
                 raise UsageError(f"{path}, line {rows.line_num}: {error}") from error
 
@@ -95,10 +111,8 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
     Args:
         words: absolute paths, or paths from ``root``; or from the working directory, as ``find
             root`` prints them, if more of the first thousand exist there.
-        root: the folder whose tree is kept; if it is in a store, paths are always relative to it. A
-            path outside it is named by all its folders. None for the working directory and relative
-            paths; absolute ones are then named by all their folders, so that names do not depend on
-            it.
+        root: the folder whose tree is kept, None for the working directory. A path outside it, or
+            an absolute one without it, is named by all its folders.
     """
     words = map(_local_path, words)
     first = list(islice(words, _MAX_PROBED))
@@ -151,49 +165,60 @@ def _whole_name(path: str) -> str:
     return os.path.splitdrive(path)[1].lstrip(os.sep).replace(os.sep, "/")
 
 
-def list_objects(
-    root: RemotePath,
-    leave_out: Path,
-    skip: Callable[[str], bool],
-    on_skipped: Callable[[Skipped], None],
-    refusal: Callable[[str], str | None] = why_skipped,
-) -> Iterator[InputFile]:
-    """Pictures and videos, in the order of the store, page by page; arguments as of a local folder.
-
-    Raises:
-        UsageError: the store cannot be listed, or there is nothing below it.
-    """
-    out = f"{leave_out.relative_to(root)}/" if leave_out.is_relative_to(root) else None
-    start, folder, is_entered = f"{root.base}/{root.key}".rstrip("/"), None, True
+@contextmanager
+def _open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
+    """An open file; what pyarrow raises for a damaged one becomes one kind of error."""
     try:
-        for name in root.walk_names():
-            above = name.rpartition("/")[0]
-            if above != folder:  # names come folder by folder
-                folder, is_entered = above, not _is_skipped(above, skip)
-            # Some tools create an empty object for the folder itself.
-            if not name or not is_entered or (out and name.startswith(out)):
-                continue
-            path = f"{start}/{name}"
-            reason = refusal(path)
-            if reason is None:
-                yield InputFile(name, path)
-            else:
-                on_skipped(Skipped(name, reason))
-    except OSError as error:
-        raise UsageError(f"{root} cannot be listed: {error.strerror}") from error
-    if folder is None:
-        raise UsageError(f"{root} is not a folder", "name one, or give {files} a list")
+        import pyarrow as pa  # noqa: PLC0415 - an extra
+        import pyarrow.parquet as pq  # noqa: PLC0415
+    except ImportError:
+        raise UsageError(f"Parquet files need pyarrow; {INSTALL_PYARROW}") from None
+    path.open("rb").close()  # pyarrow's message about a missing file has several lines
+    try:
+        with pq.ParquetFile(path) as file:
+            yield file
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # it is the disk
+            raise
+        reason = one_line(" ".join(str(error).split()))
+        raise UsageError(f"{path} is not a complete Parquet file: {reason}") from error
 
 
-def walk_sort_key(name: str) -> list[tuple[bool, bytes]]:
-    """Key that sorts names in the order of a walk of folders: files before folders."""
-    *above, last = name.encode("utf-8", "surrogateescape").split(b"/")
-    return [*((True, part) for part in above), (False, last)]
+def _select_column(columns: Sequence[str], column: str | None, path: Path) -> str:
+    """The name of the column to read: the given one, the only one, or ``path``."""
+    wanted = column or (columns[0] if len(columns) == 1 else "path")
+    if wanted not in columns:
+        there = f"its columns are {', '.join(columns)}" if columns else "it has no columns"
+        raise UsageError(f"{path} has no column {wanted!r}; {there}", "name one with {column}")
+    return wanted
 
 
-def _is_skipped(folder: str, skip: Callable[[str], bool]) -> bool:
-    parts = folder.split("/") if folder else []
-    return any(
-        part.startswith(".") or skip("/".join(parts[: depth + 1]))
-        for depth, part in enumerate(parts)
-    )
+def _text_column(file: pq.ParquetFile, column: str | None, path: Path) -> str:
+    import pyarrow as pa  # noqa: PLC0415 - an extra
+
+    schema = file.schema_arrow
+    wanted = _select_column(schema.names, column, path)
+    kind = schema.field(wanted).type
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
+        raise UsageError(f"column {wanted!r} of {path} holds {kind}, not texts; name another one")
+    return wanted
+
+
+def column_texts(path: Path, column: str | None) -> Iterator[str]:
+    """The texts of a column of a file or of a folder of files, a row group at a time."""
+    paths = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
+    if not paths:
+        raise UsageError(f"no .parquet file in {path}")
+    for one in paths:  # before any is read
+        with _open_parquet(one) as file:
+            _text_column(file, column, one)
+    return (text for one in paths for text in _texts(one, column))
+
+
+def _texts(path: Path, column: str | None) -> Iterator[str]:
+    with _open_parquet(path) as file:
+        wanted = _text_column(file, column, path)
+        for batch in file.iter_batches(columns=[wanted]):
+            yield from filter(None, batch.column(0).to_pylist())

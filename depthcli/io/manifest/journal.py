@@ -14,6 +14,7 @@ from pathlib import Path
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest.files import (
     WHOLE,
+    ManifestRow,
     RowFile,
     RowsFolder,
     Shard,
@@ -21,7 +22,6 @@ from depthcli.io.manifest.files import (
     row_files,
     write_manifest,
 )
-from depthcli.io.manifest.row import ManifestRow
 from depthcli.io.storage.temporary import folder_lock, open_locked
 
 _CACHE_KIB = 65536

@@ -73,28 +73,30 @@ class Address(NamedTuple):
     name: str  #: what messages call it
 
 
-class ObjectInfo(NamedTuple):
-    """Size, time and metadata of an object."""
-
-    size: int  #: in bytes
-    time_s: int  #: when it was written, in seconds since the epoch
-    metadata: Mapping[str, str]  #: user metadata that was stored with it
-
-
-def object_info(address: Address) -> ObjectInfo:
-    """Size, time and metadata of an object, by a HEAD request."""
+def head(address: Address) -> tuple[int, int, Mapping[str, str]]:
+    """Size in bytes, time in seconds since the epoch, and user metadata of an object."""
     found = _send_request("get", address, options={"head": True})
     time_s = int(found.meta["last_modified"].timestamp())
-    return ObjectInfo(found.meta["size"], time_s, dict(found.attributes))
+    return found.meta["size"], time_s, dict(found.attributes)
+
+
+def fetch(address: Address, max_bytes: int | None = None) -> tuple[int, Iterator[bytes]]:
+    """Size of an object, and its content, a few megabytes at a time, by one request."""
+    found = _send_request("get", address)
+    size = found.meta["size"]
+    if max_bytes is not None and size > max_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", address.name)
+
+    def parts() -> Iterator[bytes]:
+        with _as_os_errors(address):
+            yield from map(bytes, found.stream(min_chunk_size=_PART_BYTES))
+
+    return size, parts()
 
 
 def read(address: Address, max_bytes: int | None = None) -> bytes:
-    """An object's content, by one request."""
-    found = _send_request("get", address)
-    if max_bytes is not None and found.meta["size"] > max_bytes:
-        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", address.name)
-    with _as_os_errors(address):
-        return bytes(found.bytes())
+    """An object's content."""
+    return b"".join(fetch(address, max_bytes)[1])
 
 
 def read_first(address: Address, length: int) -> bytes:
@@ -107,15 +109,6 @@ def read_first(address: Address, length: int) -> bytes:
         if error.errno == errno.ENOTSUP:  # some servers only send whole files
             return read(address)[:length]
         raise
-
-
-def parts(address: Address) -> Iterator[bytes]:
-    """An object's content, a few megabytes at a time; the first item is its size in decimals."""
-    found = _send_request("get", address)
-    yield str(found.meta["size"]).encode()
-    with _as_os_errors(address):
-        for part in found.stream(min_chunk_size=_PART_BYTES):
-            yield bytes(part)
 
 
 def put(address: Address, file: Path, metadata: Mapping[str, str] | None = None) -> None:

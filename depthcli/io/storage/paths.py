@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import io
 import os
 import re
 import stat
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from depthcli.errors import InputError, UsageError
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.storage import objects
+from depthcli.io.storage.temporary import temporary_folder
 
 SCHEMES = ("s3", "gs", "az", "http", "https")
 _HTTP = ("http", "https")
@@ -149,13 +153,12 @@ class RemotePath(Path, PurePosixPath):
     def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
         """Size and time of the object; a prefix with objects below it is a folder."""
         try:
-            known = objects.object_info(self.address)
+            size, time_s = objects.head(self.address)[:2]
         except FileNotFoundError:
             if not self.is_dir():
                 raise
             return os.stat_result((stat.S_IFDIR, *bytes(9)))
-        times_s = (known.time_s,) * 3
-        return os.stat_result((stat.S_IFREG, *bytes(5), known.size, *times_s))
+        return os.stat_result((stat.S_IFREG, *bytes(5), size, time_s, time_s, time_s))
 
     def exists(self, **_: Any) -> bool:  # noqa: ANN401 - as a path has it
         """Whether there is such an object or folder."""
@@ -170,7 +173,7 @@ class RemotePath(Path, PurePosixPath):
         try:
             # A signed address allows reading only; without the right to list, S3 answers 403 for
             # missing objects.
-            return bool(self.query or objects.object_info(self.address))
+            return bool(self.query or objects.head(self.address))
         except (FileNotFoundError, PermissionError):
             return False
 
@@ -318,3 +321,64 @@ def _base_folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
     if sys.platform == "darwin":
         return home / "Library" / "Application Support" / _PROGRAM
     return home / elsewhere / _PROGRAM
+
+
+SHA256_KEY = "sha256"
+
+
+@contextmanager
+def local_copy(
+    path: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
+) -> Iterator[Path]:
+    """A local copy of a remote file, for libraries that need one; a local path is not copied.
+
+    The copy has the same name, and is removed after the block, whose errors name the path, not the
+    copy.
+
+    Raises:
+        InputError: it cannot be read, or has more than ``max_bytes``.
+    """
+    if not isinstance(path, RemotePath):
+        yield path
+        return
+    with temporary_folder() as folder:
+        copy = folder / path.name
+        try:
+            download(path, copy, progress, max_bytes=max_bytes)
+        except OSError as error:
+            raise InputError(f"{path} cannot be read: {error.strerror}") from error
+        try:
+            yield copy
+        except DepthcliError as error:
+            raise type(error)(str(error).replace(str(copy), str(path))) from error
+
+
+def download(
+    path: RemotePath, file: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
+) -> None:
+    """Download an object to a file, with a few megabytes in memory."""
+    size, content = objects.fetch(path.address, max_bytes)
+    advance = progress.begin(path.name, size, "bytes")
+    with file.open("wb") as target:
+        for part in content:
+            advance(target.write(part))
+
+
+@contextmanager
+def uploaded(path: RemotePath) -> Iterator[Path]:
+    """A file to write, which is uploaded when the block succeeds, with its checksum as metadata."""
+    with temporary_folder() as folder:
+        file = folder / path.name
+        yield file
+        with file.open("rb") as content:
+            digest = hashlib.file_digest(content, "sha256").hexdigest()
+        objects.put(path.address, file, {SHA256_KEY: digest})
+
+
+def object_checksum(path: RemotePath) -> tuple[int, str] | None:
+    """Size and SHA-256 of an object, read only without a checksum in its metadata; None if none."""
+    try:
+        size, _, metadata = objects.head(path.address)
+        return size, metadata.get(SHA256_KEY) or hashlib.sha256(path.read_bytes()).hexdigest()
+    except FileNotFoundError:
+        return None

@@ -3,7 +3,6 @@
 A process locks its own, so that another one can tell stale files from those that are being written.
 """
 
-import hashlib
 import os
 import re
 import sys
@@ -20,11 +19,7 @@ from depthcli.errors import OutputError
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder in the system's temporary one, removed when the block or the process ends.
-
-    Raises:
-        OutputError: it cannot be created.
-    """
+    """A folder in the system's temporary one, removed when the block or the process ends."""
     from tempfile import TemporaryDirectory  # noqa: PLC0415 - 2 ms, and seldom used
 
     try:
@@ -37,11 +32,7 @@ def temporary_folder() -> Iterator[Path]:
 
 @contextmanager
 def temporary_copy(data: bytes, name: str) -> Iterator[Path]:
-    """A file of this content in a temporary folder.
-
-    Raises:
-        OutputError: there is no room for it.
-    """
+    """A file of this content in a temporary folder."""
     with temporary_folder() as folder:
         copy = folder / name
         try:
@@ -63,12 +54,7 @@ for _name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):
 
 
 def lock(handle: int, *, shared: bool = False) -> bool:
-    """Lock an open file, exclusively or shared.
-
-    Returns:
-        Whether it was free; True as well where locks are not supported, such as on some network
-        file systems.
-    """
+    """Lock an open file; returns whether it was free, or the file system has no locks."""
     try:
         import fcntl  # noqa: PLC0415 - not on Windows
     except ImportError:
@@ -139,23 +125,21 @@ _searched: set[Path] = set()
 def temporary_beside(path: Path) -> Iterator[Path]:
     """A temporary path in the same folder; its file is removed if the block or the process fails.
 
-    The name depends on the path's, so that the next process overwrites the file of a killed one;
-    the file is locked, so that a second process with the same output takes a random name. Other
-    stale files in the folder are removed first.
+    It is locked, so that other processes do not take it for stale. Stale files in the folder are
+    removed first.
     """
     with _lock:
         is_new = path.parent not in _searched
         _searched.add(path.parent)
     if is_new:
         remove_stale(path.parent, most=_MAX_ENTRIES)
-    usual, other = hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16], os.urandom(8).hex()
-    temporary = path.with_name(f".depthcli-{usual}{path.suffix}")
-    handle = _locked(temporary)
-    if handle is None:
-        temporary = path.with_name(f".depthcli-{other}{path.suffix}")
-        handle = _locked(temporary)
+    temporary = path.with_name(f".depthcli-{os.urandom(8).hex()}{path.suffix}")
+    handle = None
     with _lock:
-        _own.add(temporary)
+        _own.add(temporary)  # a signal may arrive as soon as it exists, even in this thread
+        # Windows does not rename what is open; a folder may be read-only.
+        with suppress(OSError):
+            handle = None if sys.platform == "win32" else open_locked(temporary)
     try:
         yield temporary
     except BaseException:
@@ -166,24 +150,6 @@ def temporary_beside(path: Path) -> Iterator[Path]:
             os.close(handle)
         with _lock:
             _own.discard(temporary)
-
-
-def _locked(temporary: Path) -> int | None:
-    """A handle of a temporary file, locked by this process; None if it cannot be locked."""
-    if sys.platform == "win32":  # which does not rename what is open
-        return None
-    handle = None
-    with _lock:
-        is_new = not os.path.lexists(temporary)
-        if is_new:
-            _own.add(temporary)  # a signal may arrive as soon as it exists, even in this thread
-        with suppress(OSError):  # another user's, or the folder is not writable
-            handle = open_locked(temporary)
-        if handle is not None:
-            _own.add(temporary)
-        elif is_new:
-            _own.discard(temporary)
-    return handle
 
 
 def remove_own() -> None:
@@ -200,12 +166,7 @@ def remove_own() -> None:
 
 
 def remove_stale(folder: Path, most: int | None = None) -> None:
-    """Remove the temporary files of killed processes in a folder.
-
-    Args:
-        folder: is searched without its subfolders.
-        most: limit of the entries that are searched; None for all.
-    """
+    """Remove temporary files of killed processes among a folder's (``most``) entries."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in islice(entries, most):
             if re.fullmatch(_NAME, entry.name):

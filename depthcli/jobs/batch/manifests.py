@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.files import WHOLE, RowFile, RowsFolder, row_files
+from depthcli.io.manifest.files import FAILED, WHOLE, RowFile, RowsFolder, row_files
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
-from depthcli.io.manifest.row import FAILED
 
 
 @dataclass(frozen=True, slots=True)

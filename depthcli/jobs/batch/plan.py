@@ -20,14 +20,13 @@ from depthcli.io.listing.folder import (
     RealPaths,
     Skipped,
     conversion_hint,
-    exr_hint,
     is_own_output,
     is_video,
     list_folder,
     skip_summary,
     why_skipped,
 )
-from depthcli.io.listing.path_list import list_objects, listed_inputs, walk_sort_key
+from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest.files import WHOLE, Shard
 from depthcli.io.storage.paths import (
     RemotePath,
@@ -256,10 +255,10 @@ def _check_any(skipped: Sequence[Skipped], where: str) -> None:
         raise UsageError(
             f"nothing of {where} is left: {skip_summary(skipped)}", "change {include} or {exclude}"
         )
-    hints = filter(None, (conversion_hint(skipped), exr_hint(skipped)))
-    raise InputError(
-        "; ".join((f"no picture or video in {where}: {skip_summary(skipped)}", *hints))
-    )
+    hint = conversion_hint(skipped) or ""
+    if not hint and any(file.reason == ".exr" for file in skipped):
+        hint = "EXR is read by 'predict', by 'video' (a sequence), and by 'batch' from a list"
+    raise InputError(f"no image or video in {where}: {skip_summary(skipped)}", hint)
 
 
 def plan_folder(
@@ -290,17 +289,10 @@ def plan_folder(
             option="out",
         )
     collector = InputCollector(out, wanted, shard, cameras)
-    if isinstance(place, RemotePath):
-        objects = list_objects(place, path_of(out), wanted.excludes, collector.skip)
-        plan = collector.plan(objects, safe_name(root))
-        # In the order of a local folder, not in that of the store.
-        inputs = sorted(plan.inputs, key=lambda one: walk_sort_key(one.name))
-        plan = replace(plan, inputs=tuple(inputs))
-    else:
-        listing = list_folder(root, leave_out=out, skip=wanted.excludes)
-        for file in listing.skipped:
-            collector.skip(file)
-        plan = collector.plan(listing.media, root, loops=listing.loops)
+    listing = list_folder(root, leave_out=out, skip=wanted.excludes)
+    for file in listing.skipped:
+        collector.skip(file)
+    plan = collector.plan(listing.media, safe_name(root), loops=tuple(listing.loops))
     _check_outside(plan, root)
     return plan
 

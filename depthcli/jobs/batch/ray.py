@@ -29,7 +29,7 @@ from depthcli.core.options import INSTALL_RAY, one_line
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.images.opencv import silent_opencv
-from depthcli.io.manifest.row import CacheKey
+from depthcli.io.manifest.files import CacheKey
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
 from depthcli.jobs.batch.workers import ImageTask, ImageWorker, VideoTask, VideoWorker, WorkerSpec

@@ -22,12 +22,10 @@ from depthcli.inference.session import Session
 from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.images.read import check
 from depthcli.io.listing.folder import InputFile, is_video
-from depthcli.io.manifest.files import RowsFolder
+from depthcli.io.manifest.files import CacheKey, RowsFolder
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
-from depthcli.io.manifest.row import CacheKey
-from depthcli.io.storage.paths import RemotePath, read_bytes, safe_name
+from depthcli.io.storage.paths import RemotePath, local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
-from depthcli.io.storage.transfer import local_copy
 from depthcli.jobs.batch.plan import BatchPlan
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
 from depthcli.jobs.batch.workers import Engine, ThreadEngine, WorkerSpec, video_checksum

@@ -17,10 +17,9 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import InputFile, RealPaths, is_video
-from depthcli.io.manifest import row as manifest
+from depthcli.io.manifest import files as manifest
 from depthcli.io.manifest.journal import Rows
-from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.atomic import Guard, is_same_file
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan

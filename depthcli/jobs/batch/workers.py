@@ -22,10 +22,9 @@ from depthcli.inference.session import Session
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
-from depthcli.io.manifest.row import FAILED, OK, AnchorEntry, CacheKey, ManifestRow, output_entry
-from depthcli.io.storage.guard import Guard
-from depthcli.io.storage.paths import path_of, read_bytes
-from depthcli.io.storage.transfer import local_copy
+from depthcli.io.manifest.files import FAILED, OK, AnchorEntry, CacheKey, ManifestRow, output_entry
+from depthcli.io.storage.atomic import Guard
+from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.jobs.video.stages import write_video

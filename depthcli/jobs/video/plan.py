@@ -402,7 +402,7 @@ def _local_plan(plan: VideoPlan, progress: Progress) -> Iterator[VideoPlan]:
     if not isinstance(plan.source, RemotePath) or is_sequence(plan.source):
         yield plan
         return
-    from depthcli.io.storage.transfer import local_copy  # noqa: PLC0415 - for those who need it
+    from depthcli.io.storage.paths import local_copy  # noqa: PLC0415 - for those who need it
 
     with local_copy(plan.source, progress) as copy:
         with copy.open("rb") as file:

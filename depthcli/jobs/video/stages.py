@@ -37,8 +37,7 @@ from depthcli.io.depth.scale import dequantized, quantized
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.table import WriterOptions
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.guard import Guard
+from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import kept_depth, open_journal, rounding_scale
 from depthcli.jobs.write import output_guard
