@@ -107,6 +107,8 @@ def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a d
             kind = Annotated[kind, field.metadata[OPTION]]
         option = copy.copy(kind.__metadata__[0])
         option.rich_help_panel = option.rich_help_panel or heading
+        if field.default is False and option.default is ... and not option.param_decls:
+            option.param_decls = (f"--{field.name.replace('_', '-')}",)  # and no --no-…
         kind = Annotated[kind.__origin__, option]
         default = inspect.Parameter.empty if field.default is MISSING else field.default
         yield _keyword(field.name, default, kind)

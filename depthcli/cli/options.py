@@ -44,14 +44,15 @@ field_of_view = checked(HFOV_DEG)
 focal_length = checked(FOCAL_PX)
 
 
-def option(default: Any, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as typer.Option
-    """A field of a group that is an option, with the settings of ``typer.Option``."""
-    return field(default=default, metadata={OPTION: typer.Option(*names, **settings)})
+def option(text: str, *names: str, default: Any = None, **settings: Any) -> Any:  # noqa: ANN401
+    """A field of a group that is an option: its help, and what ``typer.Option`` takes."""
+    made = typer.Option(*names, help=text, **settings)
+    return field(default=default, metadata={OPTION: made})
 
 
-def usual(default: Any, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as typer.Option
+def usual(text: str, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as typer.Option
     """An option that stands first in the help, before the groups."""
-    return option(default, *names, rich_help_panel=USUAL, **settings)
+    return option(text, *names, rich_help_panel=USUAL, **settings)
 
 
 UpsampleOption = Annotated[
@@ -65,22 +66,20 @@ class RuntimeOptions:
     """Model and speed."""
 
     provider: str = option(
-        "auto",
+        "Execution provider: auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml "
+        "or openvino. One that is requested by name must be available.",
+        default="auto",
         metavar="NAME",
         autocompletion=completion.providers,
-        help="Execution provider: auto, cpu, cuda, tensorrt, rocm, migraphx, directml, coreml "
-        "or openvino. One that is requested by name must be available.",
     )
     provider_option: list[str] | None = option(
-        None,
+        "Option of the provider given with --provider, such as device_id=1; repeatable.",
         metavar="KEY=VALUE",
-        help="Option of the provider given with --provider, such as device_id=1; repeatable.",
     )
     threads: int | None = option(
-        None,
+        "Inference threads, of each worker where there are several. Default: cores / workers.",
         min=1,
         max=MAX_THREADS,
-        help="Inference threads, of each worker where there are several. Default: cores / workers.",
     )
 
 
@@ -89,11 +88,10 @@ class ModelOptions:
     """Model and speed."""
 
     model: str | None = usual(
-        None,
+        "Name ('depthcli models list'), .onnx file, or folder with a card.json.",
         "--model",
         metavar="MODEL",
         autocompletion=completion.models,
-        help="Name ('depthcli models list'), .onnx file, or folder with a card.json.",
     )
     runtime: RuntimeOptions
 
@@ -103,34 +101,28 @@ class CameraOptions:
     """Camera."""
 
     focal_px: float | None = usual(
-        None,
-        callback=focal_length,
-        help="Focal length in pixels of the image; scales metric depth.",
+        "Focal length in pixels of the image; scales metric depth.", callback=focal_length
     )
     hfov: float | None = usual(
-        None,
-        callback=field_of_view,
-        help="Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, "
+        "Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, "
         "else the model's camera.",
+        callback=field_of_view,
     )
     centre_px: str | None = option(
-        None,
-        metavar="CX,CY",
-        help="Principal point in pixels, for point clouds and for the metadata of the outputs; "
+        "Principal point in pixels, for point clouds and for the metadata of the outputs; "
         "0,0 is the middle of the first pixel. Default: the middle of the image; for 'convert' "
         "that of the input, if it states one.",
+        metavar="CX,CY",
     )
     calibration: str | None = option(
-        None,
-        metavar="FILE",
-        help="Calibration of the camera, instead of --focal-px and --centre-px: camera_info "
+        "Calibration of the camera, instead of --focal-px and --centre-px: camera_info "
         "YAML of ROS, or YAML, XML or JSON of OpenCV.",
+        metavar="FILE",
     )
     rectified: bool = option(
-        False,
-        "--rectified",
-        help="The images are rectified: the camera is that of projection_matrix (P) in "
+        "The images are rectified: the camera is that of projection_matrix (P) in "
         "--calibration, without distortion.",
+        default=False,
     )
 
 
@@ -139,23 +131,20 @@ class AnchorOptions:
     """Known depth."""
 
     anchor: list[str] | None = option(
-        None,
-        metavar="X,Y,METRES",
-        help="Point of known depth: column and row from 0 at the top left, and metres; "
+        "Point of known depth: column and row from 0 at the top left, and metres; "
         "repeatable. One point fits the scale, two or more also a shift.",
+        metavar="X,Y,METRES",
     )
     anchors: str | None = option(
-        None,
-        metavar="FILE",
-        help="Known depth, such as that of a lidar: a CSV table with the columns x, y and "
+        "Known depth, such as that of a lidar: a CSV table with the columns x, y and "
         "depth_m, or a sparse depth map of the image's size (16-bit PNG, EXR, NPY; 0 or NaN "
         "is unknown). For 'batch', a folder with such a file for each image.",
+        metavar="FILE",
     )
     anchors_scale: float | None = option(
-        None,
-        callback=png_scale_range,
-        help="Units per metre of --anchors in PNG or NPY of integers (default of PNG: from the "
+        "Units per metre of --anchors in PNG or NPY of integers (default of PNG: from the "
         "file, else 1000).",
+        callback=png_scale_range,
     )
 
 
@@ -164,22 +153,20 @@ class ReadOptions:
     """Reading images."""
 
     white_level: int | None = option(
-        None,
+        "Value of white in 16-bit images of a camera with fewer bits: 1023 (10 bits), "
+        "4095 (12), 16383 (14). Default: 65535.",
         min=1,
         max=65535,
-        help="Value of white in 16-bit images of a camera with fewer bits: 1023 (10 bits), "
-        "4095 (12), 16383 (14). Default: 65535.",
     )
     exposure: float = option(
-        0.0,
+        "Exposure of EXR images in stops: 1 doubles their linear light, -1 halves it.",
+        default=0.0,
         callback=checked(EXPOSURE),
         metavar="STOPS",
-        help="Exposure of EXR images in stops: 1 doubles their linear light, -1 halves it.",
     )
     layer: str | None = option(
-        None,
-        help="Layer or part of EXR images to read, such as 'beauty'. Default: that without a "
-        "name, else the likeliest by its name.",
+        "Layer or part of EXR images to read, such as 'beauty'. Default: that without a "
+        "name, else the likeliest by its name."
     )
 
 
@@ -187,7 +174,7 @@ class ReadOptions:
 class ImageOptions(ReadOptions):
     """Reading images."""
 
-    max_pixels: int = option(MAX_PIXELS, min=1, help="Maximum number of pixels of an image.")
+    max_pixels: int = option("Maximum number of pixels of an image.", default=MAX_PIXELS, min=1)
 
 
 @group
@@ -196,9 +183,8 @@ class DetailOptions:
 
     upsample: UpsampleOption = Upsampling.GUIDED
     tile: str | None = option(
-        None,
+        "Refine the depth in tiles of this width; auto is 3/4 of the image's width.",
         metavar="auto|PIXELS",
-        help="Refine the depth in tiles of this width; auto is 3/4 of the image's width.",
     )
 
 
@@ -207,15 +193,12 @@ class PngOptions:
     """16-bit PNG."""
 
     png_scale: float | None = option(
-        None,
-        callback=png_scale_range,
-        help="PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
+        "PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
         "4000 (Matterport).",
+        callback=png_scale_range,
     )
     png_normalize: bool = option(
-        False,
-        "--png-normalize",
-        help="Normalize each png16 to 1-65535; the depth range is stored in its metadata.",
+        "Normalize each png16 to 1-65535; the depth range is stored in its metadata.", default=False
     )
 
 
@@ -224,11 +207,10 @@ class ExrOptions:
     """EXR."""
 
     exr_channel: ExrChannel = option(
-        ExrChannel.Y,
-        help="EXR channel name: most programs show Y; depth nodes of compositors expect Z or "
-        "depth.Z.",
+        "EXR channel name: most programs show Y; depth nodes of compositors expect Z or depth.Z.",
+        default=ExrChannel.Y,
     )
-    half: bool = option(False, "--half", help="Write EXR as 16-bit half floats.")
+    half: bool = option("Write EXR as 16-bit half floats.", default=False)
 
 
 @group
@@ -236,29 +218,24 @@ class PreviewOptions:
     """Preview."""
 
     colormap: Colormap | None = usual(
-        None, help="Colormap of the preview. Default: inferno, or gray with --near white or black."
+        "Colormap of the preview. Default: inferno, or gray with --near white or black."
     )
     near: Near | None = option(
-        None,
-        help="Colour of near depth: warm, or white or black with gray. Default: warm, or white "
-        "with gray.",
+        "Colour of near depth: warm, or white or black with gray. Default: warm, or white "
+        "with gray."
     )
     vmin: float | None = option(
-        None,
-        callback=_finite,
-        help="Lower end of the depth range of previews (and of a normalized depth video), in "
+        "Lower end of the depth range of previews (and of a normalized depth video), in "
         "metres if metric. Default: 2nd percentile.",
+        callback=_finite,
     )
     vmax: float | None = option(
-        None,
-        callback=_finite,
-        help="Upper end of the depth range of previews (and of a normalized depth video), in "
+        "Upper end of the depth range of previews (and of a normalized depth video), in "
         "metres if metric. Default: 98th percentile.",
+        callback=_finite,
     )
-    legend: bool = option(False, "--legend", help="Draw a colour scale beside the preview.")
-    side_by_side: bool = option(
-        False, "--side-by-side", help="Show the input image beside the preview."
-    )
+    legend: bool = option("Draw a colour scale beside the preview.", default=False)
+    side_by_side: bool = option("Show the input image beside the preview.", default=False)
 
 
 @group
@@ -280,7 +257,9 @@ class ScreenOptions:
     """Screen."""
 
     as_json: bool = usual(
-        False, "--json", help="Print JSON to stdout: an object per input, or one for the whole run."
+        "Print JSON to stdout: an object per input, or one for the whole run.",
+        "--json",
+        default=False,
     )
     quiet: QuietOption = False
 

@@ -59,20 +59,16 @@ class OutputOptions:
     """Output."""
 
     out: str = usual(
-        "",
+        "Output folder, required; keeps the folder structure of DIR.",
         "-o",
         "--out",
+        default="",
         metavar="OUT",
-        help="Output folder, required; keeps the folder structure of DIR.",
     )
-    formats: list[Format] | None = usual(
-        None, "--format", help="Output format; repeatable. Default: png16."
-    )
+    formats: list[Format] | None = usual("Output format; repeatable. Default: png16.", "--format")
     sidecar: SidecarOption = False
     overwrite: OverwriteOption = False
-    dry_run: bool = usual(
-        False, "--dry-run", help="Show what would be done without writing anything."
-    )
+    dry_run: bool = usual("Show what would be done without writing anything.", default=False)
 
 
 @group
@@ -80,27 +76,23 @@ class InputOptions:
     """Choosing inputs."""
 
     files: str | None = option(
-        None,
-        metavar="LIST",
-        help="File with one input path per line, relative to DIR or to the working "
+        "File with one input path per line, relative to DIR or to the working "
         "directory, '-' for stdin; or a .parquet, .csv or .tsv file with a column of paths.",
+        metavar="LIST",
     )
     column: str | None = option(
-        None,
-        metavar="NAME",
-        help="Column of a Parquet or CSV list. Default: its only column, or 'path'.",
+        "Column of a Parquet or CSV list. Default: its only column, or 'path'.", metavar="NAME"
     )
     shard: str | None = option(
-        None,
-        metavar="I/N",
-        help="Process part I of N, chosen by a hash of each name; the parts can run at the "
+        "Process part I of N, chosen by a hash of each name; the parts can run at the "
         "same time, on any machines, into one OUT.",
+        metavar="I/N",
     )
     include: list[str] | None = option(
-        None, metavar="GLOB", help="Process only matching files ('*.jpg', 'left/**'); repeatable."
+        "Process only matching files ('*.jpg', 'left/**'); repeatable.", metavar="GLOB"
     )
     exclude: list[str] | None = option(
-        None, metavar="GLOB", help="Skip matching files and folders; repeatable."
+        "Skip matching files and folders; repeatable.", metavar="GLOB"
     )
 
 
@@ -110,34 +102,28 @@ class EngineOptions:
 
     workers: WorkersOption = None
     batch_size: int | None = option(
-        None,
+        "Images of equal size per inference. Default: 1 on the CPU, 8 on other providers.",
         min=1,
         max=MAX_THREADS,
-        help="Images of equal size per inference. Default: 1 on the CPU, 8 on other providers.",
     )
     max_failures: str | None = option(
-        None,
-        metavar="N|N%",
-        help="Stop when more than N inputs have failed, or more than N% of the last 100 that "
+        "Stop when more than N inputs have failed, or more than N% of the last 100 that "
         "were processed (at the beginning, too: after more than N failures). Default: never.",
+        metavar="N|N%",
     )
     engine: EngineName = option(
-        EngineName.THREADS, help="What processes the inputs: this process, or a Ray cluster."
+        "What processes the inputs: this process, or a Ray cluster.", default=EngineName.THREADS
     )
     ray_address: str | None = option(
-        None,
-        metavar="ADDRESS",
-        help="Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
+        "Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
         "RAY_ADDRESS, or the cluster this machine belongs to.",
+        metavar="ADDRESS",
     )
     cpus_per_worker: float | None = option(
-        None, min=0.01, callback=not_negative, help="CPUs of each worker on Ray. Default: 1."
+        "CPUs of each worker on Ray. Default: 1.", min=0.01, callback=not_negative
     )
     gpus_per_worker: float | None = option(
-        None,
-        min=0,
-        callback=not_negative,
-        help="GPUs of each worker on Ray, 0.25 for a quarter. Default: 0.",
+        "GPUs of each worker on Ray, 0.25 for a quarter. Default: 0.", min=0, callback=not_negative
     )
 
     @property
@@ -155,10 +141,9 @@ class CamerasOptions(CameraOptions):
     """Camera."""
 
     cameras: str | None = option(
-        None,
-        metavar="FILE",
-        help="CSV file with the camera of each input: column id, its path from DIR with or "
+        "CSV file with the camera of each input: column id, its path from DIR with or "
         "without suffix; focal_px or hfov_deg; and optionally cx and cy, the principal point.",
+        metavar="FILE",
     )
 
 

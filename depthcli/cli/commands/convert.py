@@ -32,24 +32,19 @@ class InputOptions:
     """Input."""
 
     from_scale: float | None = usual(
-        None,
-        callback=png_scale_range,
-        help="Units per metre of a PNG or video (default: from the file, else 1000), or NPY "
+        "Units per metre of a PNG or video (default: from the file, else 1000), or NPY "
         "of integers.",
+        callback=png_scale_range,
     )
     frame: FrameOption = None
     picture: str | None = option(
-        None,
-        metavar="IMG",
-        help="Image of the same size, for the colours of a point cloud or --side-by-side.",
+        "Image of the same size, for the colours of a point cloud or --side-by-side.", metavar="IMG"
     )
     include: list[str] | None = option(
-        None,
-        metavar="GLOB",
-        help="Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.",
+        "Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.", metavar="GLOB"
     )
     exclude: list[str] | None = option(
-        None, metavar="GLOB", help="Of a folder, skip matching files and folders; repeatable."
+        "Of a folder, skip matching files and folders; repeatable.", metavar="GLOB"
     )
 
 
@@ -59,15 +54,12 @@ class StatedCameraOptions(CameraOptions):
 
     # Unlike those of predict, they do not scale depth.
     focal_px: float | None = option(
-        None,
-        callback=focal_length,
-        help="Focal length in pixels, for point clouds and for the metadata of the outputs; "
+        "Focal length in pixels, for point clouds and for the metadata of the outputs; "
         "depth stays as it is. Default: what the input states.",
+        callback=focal_length,
     )
     hfov: float | None = option(
-        None,
-        callback=field_of_view,
-        help="Horizontal field of view in degrees, instead of --focal-px.",
+        "Horizontal field of view in degrees, instead of --focal-px.", callback=field_of_view
     )
 
 

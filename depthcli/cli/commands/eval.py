@@ -52,9 +52,8 @@ class ProtocolDetail(DetailOptions):
     """Metrics."""
 
     upsample: Upsampling = option(
-        Upsampling.BILINEAR,
-        help="Upsampling of the models' depth: bilinear as in the protocol, or guided as in "
-        "predict.",
+        "Upsampling of the models' depth: bilinear as in the protocol, or guided as in predict.",
+        default=Upsampling.BILINEAR,
     )
 
 
@@ -63,44 +62,37 @@ class ModelOptions:
     """Metrics."""
 
     model: list[str] | None = usual(
-        None,
+        "Name or path of a model; repeatable. Default: the bundled model.",
         "--model",
         metavar="MODEL",
         autocompletion=completion.models,
-        help="Name or path of a model; repeatable. Default: the bundled model.",
     )
     predictions: list[Path] | None = usual(
-        None,
+        "Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable.",
         metavar="DIR",
-        help="Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable.",
     )
     predictions_kind: str | None = option(
-        None,
+        "Depth kind of --predictions, if the files do not state it.",
         metavar="metric|relative|inverse",
-        help="Depth kind of --predictions, if the files do not state it.",
     )
     predictions_scale: float | None = option(
-        None,
-        callback=png_scale_range,
-        help="Units per metre of --predictions in PNG and in NPY of integers, if the files do "
+        "Units per metre of --predictions in PNG and in NPY of integers, if the files do "
         "not state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
+        callback=png_scale_range,
     )
     detail: ProtocolDetail
     workers: WorkersOption = None
-    average: Averaging = option(Averaging.IMAGE, help="Average over images, or over all pixels.")
+    average: Averaging = option("Average over images, or over all pixels.", default=Averaging.IMAGE)
     compare_at: int | None = option(
-        None,
+        "Resize prediction and ground truth to N×N first (for example 256).",
         metavar="N",
         min=1,
         max=20_000,
-        help="Resize prediction and ground truth to N×N first (for example 256).",
     )
     boundary: bool = option(
-        False, "--boundary", help="Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1."
+        "Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1.", default=False
     )
-    per_image: bool = option(
-        False, "--per-image", help="With --json, also print the scores of each image."
-    )
+    per_image: bool = option("With --json, also print the scores of each image.", default=False)
 
     @property
     def kind(self) -> "DepthKind | None":
@@ -124,22 +116,19 @@ class TableOptions:
     """Table and figures."""
 
     align: list[Alignment] | None = usual(
-        None,
-        help="Alignment to ground truth per image: none, median (scale), depth or disparity "
-        "(least-squares scale and shift); repeatable, one row each. Default: none.",
+        "Alignment to ground truth per image: none, median (scale), depth or disparity "
+        "(least-squares scale and shift); repeatable, one row each. Default: none."
     )
     limit: int | None = option(
-        None, metavar="N", min=1, help="Evaluate only N images, spread evenly over the split."
+        "Evaluate only N images, spread evenly over the split.", metavar="N", min=1
     )
     runtime: RuntimeOptions
-    csv: Path | None = option(None, metavar="FILE", help="Also write the table as CSV.")
+    csv: Path | None = option("Also write the table as CSV.", metavar="FILE")
     figures: Path | None = option(
-        None, metavar="DIR", help="Write figures of sample images, in gray and in colour."
+        "Write figures of sample images, in gray and in colour.", metavar="DIR"
     )
-    ids: str | None = option(None, metavar="A,B", help="Image ids to show in the figures.")
-    html: Path | None = option(
-        None, metavar="FILE", help="Write table and figures to one HTML file."
-    )
+    ids: str | None = option("Image ids to show in the figures.", metavar="A,B")
+    html: Path | None = option("Write table and figures to one HTML file.", metavar="FILE")
     screen: ScreenOptions
 
     @property

@@ -31,24 +31,19 @@ class NetworkOptions:
     """Network."""
 
     weights: WeightsOption = Weights.AVERAGED
-    fp16: bool = option(False, "--fp16", help="Store weights as float16; computes in float32.")
+    fp16: bool = option("Store weights as float16; computes in float32.", default=False)
     int8: Path | None = option(
-        None,
+        "Quantize weights and activations to int8, calibrated and checked on the images in DIR.",
         metavar="DIR",
-        help="Quantize weights and activations to int8, calibrated and checked on the "
-        "images in DIR.",
     )
     mirror: bool = option(
-        False,
-        "--mirror",
-        help="Average with the prediction for the mirrored image; doubles the cost.",
+        "Average with the prediction for the mirrored image; doubles the cost.", default=False
     )
-    opset: int = option(17, min=16, max=20, help="ONNX opset version.")
+    opset: int = option("ONNX opset version.", default=17, min=16, max=20)
     tolerance: float | None = option(
-        None,
-        callback=not_negative,
-        help="Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
+        "Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
         "0.02, with --int8 0.2.",
+        callback=not_negative,
     )
 
 
@@ -56,22 +51,20 @@ class NetworkOptions:
 class CardOptions:
     """Model card."""
 
-    name: str = usual("custom", "--name", metavar="NAME", help="Model name in the card.")
-    model_version: str = option("1.0.0", metavar="VERSION", help="Model version in the card.")
+    name: str = usual("Model name in the card.", "--name", default="custom", metavar="NAME")
+    model_version: str = option("Model version in the card.", default="1.0.0", metavar="VERSION")
     license_name: str = option(
-        "NOASSERTION", "--license", help="SPDX license identifier of the weights, for the card."
+        "SPDX license identifier of the weights, for the card.", "--license", default="NOASSERTION"
     )
     hfov: float | None = option(
-        None,
-        callback=field_of_view,
-        help="Horizontal field of view of the training images in degrees, for the card. "
+        "Horizontal field of view of the training images in degrees, for the card. "
         "Only if the run does not know its camera: NYU's and that of cameras.csv are known.",
+        callback=field_of_view,
     )
     float_model: str | None = option(
-        None,
-        metavar="NAME",
-        help="With --int8: name of the same model in floats, for the card; it is used in "
+        "With --int8: name of the same model in floats, for the card; it is used in "
         "place of this one on GPUs and OpenVINO.",
+        metavar="NAME",
     )
 
 

@@ -32,17 +32,15 @@ class OutputOptions:
     """Output."""
 
     out: str | None = usual(
-        None,
+        "Output file (for one input), folder (existing, or ending in '/'), or '-' for "
+        "stdout. Default: next to each input.",
         "-o",
         "--out",
         metavar="OUT",
-        help="Output file (for one input), folder (existing, or ending in '/'), or '-' for "
-        "stdout. Default: next to each input.",
     )
     formats: list[Format] | None = usual(
-        None,
+        "Output format; repeatable. Default: from the suffix of -o, else png16 and preview.",
         "--format",
-        help="Output format; repeatable. Default: from the suffix of -o, else png16 and preview.",
     )
     sidecar: SidecarOption = False
     overwrite: OverwriteOption = False

@@ -33,17 +33,15 @@ class RunOptions:
     """Several runs."""
 
     methods: list[str] | None = option(
-        None,
+        "Train these methods one after another, each in the folder METHOD-seedK of --out "
+        "(for example cut,proposed); repeatable.",
         metavar="A,B",
         autocompletion=completion.method_lists,
-        help="Train these methods one after another, each in the folder METHOD-seedK of --out "
-        "(for example cut,proposed); repeatable.",
     )
     seeds: list[str] | None = option(
-        None,
-        metavar="K,L",
-        help="One run of each method for each of these seeds, in the folder METHOD-seedK of "
+        "One run of each method for each of these seeds, in the folder METHOD-seedK of "
         "--out (for example 0,1); repeatable.",
+        metavar="K,L",
     )
 
 
@@ -52,22 +50,19 @@ class DataOptions:
     """Data and initial weights."""
 
     data: Path | None = usual(
-        None,
-        help="NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
-        "folder with rgb/ and depth/; for masked, any folder of images.",
+        "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
+        "folder with rgb/ and depth/; for masked, any folder of images."
     )
     pseudo_labels: Path | None = option(
-        None,
-        metavar="DIR",
-        help="Additional pairs with less reliable depth, such as predictions of another model: "
+        "Additional pairs with less reliable depth, such as predictions of another model: "
         "rgb/ and depth/ in millimetres.",
+        metavar="DIR",
     )
     init: list[Path] | None = option(
-        None,
-        metavar="MODEL|CKPT",
-        help="Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
+        "Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
         "Repeatable: from the mean of their weights. A .pth file is a pretrained encoder, and "
         "hub that of timm.",
+        metavar="MODEL|CKPT",
     )
 
 
@@ -76,22 +71,20 @@ class ConfigOptions:
     """Configuration."""
 
     preset: str | None = usual(
-        None,
+        f"Configuration preset: {', '.join(preset_names())}.",
         metavar="NAME",
         autocompletion=completion.presets,
-        help=f"Configuration preset: {', '.join(preset_names())}.",
     )
     config: list[Path] | None = option(
-        None, metavar="FILE", help="TOML file that overrides the configuration; repeatable."
+        "TOML file that overrides the configuration; repeatable.", metavar="FILE"
     )
     settings: list[str] | None = usual(
-        None,
+        "Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
+        "repeatable.",
         "--set",
         metavar="NAME=VALUE",
-        help="Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
-        "repeatable.",
     )
-    show_config: bool = usual(False, "--show-config", help="Print the full configuration and exit.")
+    show_config: bool = usual("Print the full configuration and exit.", default=False)
 
 
 @group
@@ -99,25 +92,24 @@ class DeviceOptions:
     """Time and devices."""
 
     max_minutes: float | None = usual(
-        None,
+        "Time limit in minutes, for all runs together; they can be resumed.",
         min=0.0,
         callback=not_negative,
-        help="Time limit in minutes, for all runs together; they can be resumed.",
     )
     accelerator: str = option(
-        "auto",
+        "auto, cpu, cuda or mps.",
+        default="auto",
         metavar="NAME",
         autocompletion=completion.accelerators,
-        help="auto, cpu, cuda or mps.",
     )
     devices: int = option(
-        1,
+        "Number of GPUs (or CPU processes) for data-parallel training.",
+        default=1,
         min=1,
         max=MAX_THREADS,
-        help="Number of GPUs (or CPU processes) for data-parallel training.",
     )
     threads: int | None = option(
-        None, min=1, max=MAX_THREADS, help="CPU threads. Default: the fastest in a short trial."
+        "CPU threads. Default: the fastest in a short trial.", min=1, max=MAX_THREADS
     )
 
 

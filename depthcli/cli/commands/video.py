@@ -48,28 +48,25 @@ class OutputOptions:
     """Output."""
 
     out: str | None = usual(
-        None,
+        "Output .mkv, .mp4, .webm or .mov file, numbered files (d.%04d.exr), folder "
+        "(existing, ending in '/', or without suffix), or '-' for stdout. Default: next to the "
+        "video.",
         "-o",
         "--out",
         metavar="OUT",
-        help="Output .mkv, .mp4, .webm or .mov file, numbered files (d.%04d.exr), folder "
-        "(existing, ending in '/', or without suffix), or '-' for stdout. Default: next to the "
-        "video.",
     )
     formats: list[VideoFormat] | None = usual(
-        None,
-        "--format",
-        help="Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
+        "Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
         "(previews), png16, exr, npy (one file per frame), json. Default: from the suffix of "
         "OUT, else mkv and mp4, or mkv alone to stdout.",
+        "--format",
     )
     sidecar: SidecarOption = False
     overwrite: OverwriteOption = False
     start_number: int | None = option(
-        None,
+        "Number of the first frame in names of files. Default: its number in the input.",
         min=0,
         max=1_000_000_000,
-        help="Number of the first frame in names of files. Default: its number in the input.",
     )
 
 
@@ -78,21 +75,18 @@ class FrameOptions:
     """Choosing frames."""
 
     start: str | None = option(
-        None, metavar="TIME", help="First frame: seconds (12.5, 1:02.5) or a frame number (300f)."
+        "First frame: seconds (12.5, 1:02.5) or a frame number (300f).", metavar="TIME"
     )
     end: str | None = option(
-        None, metavar="TIME", help="End frame (exclusive), in the same notation as --start."
+        "End frame (exclusive), in the same notation as --start.", metavar="TIME"
     )
     every: str | None = option(
-        None,
-        metavar="STEP",
-        help="Process every STEP-th frame (2), or one frame per interval (0.5s).",
+        "Process every STEP-th frame (2), or one frame per interval (0.5s).", metavar="STEP"
     )
     fps: str | None = option(
-        None,
-        metavar="RATE",
-        help="Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
+        "Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
         "its EXR headers state, else 25.",
+        metavar="RATE",
     )
 
 
@@ -101,17 +95,15 @@ class PreviewVideoOptions:
     """Preview."""
 
     lock: float = option(
-        1.0,
+        "Time constant in seconds for stabilizing the preview's range. 0: range of each frame.",
+        default=1.0,
         callback=not_negative,
-        help="Time constant in seconds for stabilizing the preview's range. 0: range of each "
-        "frame.",
     )
     codec: PreviewCodec | None = option(
-        None,
-        help="Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
-        "Default: h264 in mp4, vp9 in webm, prores in mov.",
+        "Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
+        "Default: h264 in mp4, vp9 in webm, prores in mov."
     )
-    audio: bool = option(True, help="Include the audio of the video in previews.")
+    audio: bool = option("Include the audio of the video in previews.", default=True)
 
 
 @group
@@ -119,10 +111,10 @@ class SmoothOptions(DetailOptions):
     """Detail."""
 
     smooth: float = option(
-        0.0,
-        callback=not_negative,
-        help="Time constant of temporal smoothing in static regions, in seconds (for example "
+        "Time constant of temporal smoothing in static regions, in seconds (for example "
         "0.2). 0 disables it.",
+        default=0.0,
+        callback=not_negative,
     )
 
 
