@@ -8,19 +8,18 @@ a dataclass and takes 28 ms to load.)
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass, replace
 from enum import Enum
 from fractions import Fraction
-from functools import cache, partial
+from functools import cache
 from pathlib import PurePath
 from types import NoneType, UnionType
 from typing import (
     Annotated,
     Any,
     Literal,
-    TypeAlias,
     TypeVar,
     Union,
     cast,
@@ -32,7 +31,6 @@ from typing import (
 from depthcli.core.options import Rule, short_repr
 
 _T = TypeVar("_T")
-_Read: TypeAlias = Callable[[Any], Any]
 _INT64_END = 2**63
 _MAX_CHARS = 60
 _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
@@ -81,7 +79,7 @@ def validated(kind: type[_T], value: object) -> _T:
     Raises:
         FieldError: something is missing, unknown, of another type or out of range.
     """
-    result: _T = _reader(cast("Any", kind))(value)
+    result: _T = _converted(kind, value)
     return result
 
 
@@ -92,12 +90,13 @@ def merged(base: _T, changes: object) -> _T:
         FieldError: something is unknown, of another type or out of range.
     """
     given: Any = base
-    readers = dict(_field_readers(cast("Any", type(base))))
-    for name in readers:
+    hints, _ = _hints(type(given))
+
+    def read(name: str, value: object) -> object:
         old = getattr(base, name)
-        if is_dataclass(old):
-            readers[name] = partial(merged, old)
-    result: _T = replace(given, **_read_fields(readers, changes))
+        return merged(old, value) if is_dataclass(old) else _converted(hints[name], value)
+
+    result: _T = replace(given, **_read_fields(hints, changes, read))
     return result
 
 
@@ -112,150 +111,107 @@ _DECODER = json.JSONDecoder(object_pairs_hook=_unique_keys)
 
 
 @cache
-def _field_readers(kind: type) -> dict[str, _Read]:
-    """The reader of each field of a dataclass."""
-    hints = get_type_hints(kind, include_extras=True)
-    return {field.name: _reader(hints[field.name]) for field in fields(kind)}
+def _hints(kind: type) -> tuple[dict[str, Any], frozenset[str]]:
+    """The annotations of a dataclass's fields, and the names of those without a default."""
+    every = get_type_hints(kind, include_extras=True)
+    own = fields(cast("Any", kind))
+    required = {f.name for f in own if (f.default, f.default_factory) == (MISSING, MISSING)}
+    return {field.name: every[field.name] for field in own}, frozenset(required)
 
 
-def _read_fields(readers: dict[Any, _Read], values: object) -> dict[Any, Any]:
+def _read_fields(
+    names: Collection[Any], values: object, read: Callable[[Any, object], object]
+) -> dict[Any, Any]:
     if not isinstance(values, dict):
-        raise FieldError.expected(f"a group of {', '.join(readers)}", values)
-    unknown = values.keys() - readers.keys()
-    if unknown:
-        known = f"is unknown; choose from {', '.join(readers)}"
-        raise FieldError(known).within(min(unknown, key=str))
-    read, name = {}, None
+        raise FieldError.expected(f"a group of {', '.join(names)}", values)
+    for name in values:
+        if name not in names:
+            raise FieldError(f"is unknown; choose from {', '.join(names)}").within(name)
+    found, name = {}, None
     try:
         for name, value in values.items():
-            read[name] = readers[name](value)
+            found[name] = read(name, value)
     except FieldError as error:
         raise error.within(name) from None
-    return read
+    return found
 
 
 @cache
-def _reader(hint: Any, rule: Rule | None = None) -> _Read:  # noqa: ANN401, PLR0911 - one a kind
-    """A function that converts a value to a type, or raises a ``FieldError``.
-
-    Args:
-        hint: an annotation.
-        rule: describes the value in messages; None for the name of its type.
-    """
-    origin, parts = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        return _with_rule(_reader(*parts), parts[1])
-    if origin in (Union, UnionType) and parts[1] is NoneType:
-        read = _reader(parts[0], rule)
-        return lambda value: None if value is None else read(value)
-    if origin in (Union, UnionType):
-        return _either(*map(_reader, parts))
-    if origin is Literal or (isinstance(hint, type) and issubclass(hint, Enum)):
-        words = {str(choice): choice for choice in parts or hint}
-        return _choice(words)
-    if origin is tuple:
-        return _sequence_reader(_reader(parts[0]), rule.what if rule else "a list")
-    if origin is not None:  # dict, Mapping
-        return _mapping_reader(_reader(parts[1]), rule.what if rule else "an object")
-    if hint is Any:
-        return _any_json
-    if is_dataclass(hint):
-        return _dataclass_reader(hint)
-    return _scalar_reader(hint, rule or Rule(_TYPE_NAMES[hint], bool))
+def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:  # noqa: ANN401
+    return get_origin(hint), get_args(hint)
 
 
-def _dataclass_reader(kind: Any) -> _Read:  # noqa: ANN401
-    optional = {
-        f.name for f in fields(kind) if (f.default, f.default_factory) != (MISSING, MISSING)
-    }
-
-    def read(values: Any) -> Any:  # noqa: ANN401
-        given = _read_fields(_field_readers(kind), values)
-        for name in _field_readers(kind):
-            if name not in given and name not in optional:
-                raise FieldError("is missing", name)
-        return kind(**given)
-
-    return read
-
-
-def _scalar_reader(kind: type, rule: Rule) -> _Read:
-    def read(value: Any) -> Any:  # noqa: ANN401
-        is_int = type(value) is int and -_INT64_END <= value < _INT64_END
-        if kind is float and is_int:
-            return float(value)
-        if (
-            type(value) is not kind
-            or (kind is int and not is_int)
-            or (kind is float and rule.is_finite and not math.isfinite(cast("float", value)))
-        ):
-            raise FieldError.expected(rule.what, value)
+def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa: ANN401
+    """A value as an annotation demands it; the rule describes it in messages."""
+    if hint is str and type(value) is str:  # most fields, of a million rows of a manifest
         return value
-
-    return read
-
-
-def _with_rule(read: _Read, rule: Rule) -> _Read:
-    def read_checked(value: Any) -> Any:  # noqa: ANN401
-        result = read(value)
-        if result is not None and not rule.holds(result):
-            raise FieldError.expected(rule.what, value)
+    origin, parts = _parts(hint)
+    if origin is Annotated:
+        result = _converted(parts[0], value, parts[1])
+        if result is not None and not parts[1].holds(result):
+            raise FieldError.expected(parts[1].what, value)
         return result
-
-    return read_checked
-
-
-def _either(first: _Read, second: _Read) -> _Read:
-    """A reader of two types, whose errors are those of the first."""
-
-    def read(value: Any) -> Any:  # noqa: ANN401
+    if origin in (Union, UnionType):
+        if parts[1] is NoneType:
+            return None if value is None else _converted(parts[0], value, rule)
         try:
-            return first(value)
+            return _converted(parts[0], value)
         except FieldError:
             with suppress(FieldError):
-                return second(value)
+                return _converted(parts[1], value)
             raise
-
-    return read
-
-
-def _choice(choices: dict[str, Any]) -> _Read:
-    def read(value: Any) -> Any:  # noqa: ANN401
-        if not isinstance(value, str) or value not in choices:
-            raise FieldError.expected(f"one of {', '.join(choices)}", value)
-        return choices[value]
-
-    return read
+    if is_dataclass(hint):
+        hints, required = _hints(cast("type", hint))
+        given = _read_fields(hints, value, lambda name, item: _converted(hints[name], item))
+        if missing := [name for name in hints if name in required and name not in given]:
+            raise FieldError("is missing", missing[0])
+        return cast("Any", hint)(**given)
+    return _plain(hint, value, rule) if origin is None else _items(origin, parts, value, rule)
 
 
-def _sequence_reader(read: _Read, what: str) -> Callable[[Any], tuple[Any, ...]]:
-    def read_all(value: Any) -> tuple[Any, ...]:  # noqa: ANN401
+def _items(origin: Any, parts: tuple[Any, ...], value: Any, rule: Rule | None) -> Any:  # noqa: ANN401
+    """One of some words, a tuple, or a mapping."""
+    if origin is Literal:
+        return _choice({str(choice): choice for choice in parts}, value)
+    if origin is tuple:
         if not isinstance(value, (list, tuple)):
-            raise FieldError.expected(what, value)
-        readers = dict.fromkeys(range(len(value)), read)
-        return tuple(_read_fields(readers, dict(enumerate(value))).values())
-
-    return read_all
-
-
-def _mapping_reader(read: _Read, what: str) -> Callable[[Any], dict[str, Any]]:
-    def read_all(value: Any) -> dict[str, Any]:  # noqa: ANN401
-        if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
-            raise FieldError.expected(what, value)
-        return _read_fields(dict.fromkeys(value, read), value)
-
-    return read_all
+            raise FieldError.expected(rule.what if rule else "a list", value)
+        numbered = dict(enumerate(value))
+        read = _read_fields(numbered, numbered, lambda _, item: _converted(parts[0], item))
+        return tuple(read.values())
+    if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
+        raise FieldError.expected(rule.what if rule else "an object", value)
+    return _read_fields(value, value, lambda _, item: _converted(parts[1], item))
 
 
-def _any_json(value: Any) -> Any:  # noqa: ANN401
-    """Any JSON value."""
-    if isinstance(value, dict):
-        return {name: _any_json(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_any_json(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        raise FieldError.expected("a finite number", value)
+def _plain(hint: Any, value: Any, rule: Rule | None) -> Any:  # noqa: ANN401
+    """A word of an enumeration, a number, a text, or any JSON value."""
+    if hint is Any:
+        if isinstance(value, dict):
+            return {name: _plain(Any, item, None) for name, item in value.items()}
+        if isinstance(value, list):
+            return [_plain(Any, item, None) for item in value]
+        if isinstance(value, float) and not math.isfinite(value):
+            raise FieldError.expected("a finite number", value)
+        return value
+    if issubclass(hint, Enum):
+        return _choice({str(choice): choice for choice in hint}, value)
+    is_int = type(value) is int and -_INT64_END <= value < _INT64_END
+    if hint is float and is_int:
+        return float(value)
+    if (
+        type(value) is not hint
+        or (hint is int and not is_int)
+        or (hint is float and (rule is None or rule.is_finite) and not math.isfinite(value))
+    ):
+        raise FieldError.expected(rule.what if rule else _TYPE_NAMES[hint], value)
     return value
+
+
+def _choice(choices: dict[str, Any], value: object) -> object:
+    if not isinstance(value, str) or value not in choices:
+        raise FieldError.expected(f"one of {', '.join(choices)}", value)
+    return choices[value]
 
 
 def fingerprint(*values: object) -> str:
