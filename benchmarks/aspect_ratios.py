@@ -108,7 +108,7 @@ def main() -> None:
     options = parser.parse_args()
     task = plan_nyu(open_nyu(options.data), options.split, options.limit)
     plain = Detail(Upsampling.BILINEAR)
-    pipeline = depthcli.load(options.model, provider="cpu", threads=1, detail=plain)
+    pipeline = depthcli.load_model(options.model, provider="cpu", threads=1, detail=plain).pipeline
     crops = Crops(task, pipeline)
     print(f"{pipeline.card.name} {pipeline.card.version}, {len(task.test)} pictures")
     print_shapes(crops)

@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=15)
     parser.add_argument("--all", action="store_true", help="every filter, library and level")
     options = parser.parse_args()
-    pipeline = depthcli.load(provider="cpu")
+    pipeline = depthcli.load_model(provider="cpu").pipeline
     maps = [pipeline.predict(depthcli.read_image(path)).depth for path in options.pictures]
     texts = {f"depthcli:{name}": text for name, text in metadata_texts(maps[0]).items()}
     depths = [quantized(depth.values, 1000)[0] for depth in maps]

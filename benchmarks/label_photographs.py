@@ -91,7 +91,8 @@ def main() -> None:
     options = parser.parse_args()
     plain = depthcli.Detail(upsampling="bilinear")
     models = [
-        depthcli.load(model, provider="cpu", threads=1, detail=plain) for model in options.model
+        depthcli.load_model(model, provider="cpu", threads=1, detail=plain).pipeline
+        for model in options.model
     ]
     scales = [width / models[0].card.input.width for width in WIDTHS]
     teachers = [Teacher(resized(model, scale), scale) for model in models for scale in scales]

@@ -47,7 +47,7 @@ def main() -> None:
 
 def ten_runs(name: str, threads: int) -> partial[None]:
     """A model, made ready to run ten times on a picture of noise."""
-    pipeline = depthcli.load(name, provider="cpu", threads=threads)
+    pipeline = depthcli.load_model(name, provider="cpu", threads=threads).pipeline
     spec = pipeline.card.input
     shape = (1, spec.colour.channels, spec.height, spec.width)
     batch = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)

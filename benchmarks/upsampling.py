@@ -53,7 +53,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=60)
     options = parser.parse_args()
     task = plan_nyu(open_nyu(options.data), options.split, options.limit)
-    session = depthcli.load(options.model, provider="cpu", threads=1).session
+    session = depthcli.load_model(options.model, provider="cpu", threads=1).pipeline.session
     _print_scores(task, session)
     cv2.setNumThreads(1)
     pixels = task.dataset.image(task.test[0])

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
         TrainingError,
         UsageError,
     )
-    from depthcli.inference.pipeline import Pipeline, load
+    from depthcli.inference.pipeline import Pipeline
     from depthcli.inference.session import Session
     from depthcli.io.calibration import read_calibration
     from depthcli.io.images.read import Picture, read_image
@@ -79,7 +79,6 @@ __all__ = [
     "VideoSource",
     "__version__",
     "find_model",
-    "load",
     "load_model",
     "read_calibration",
     "read_depth",
@@ -95,7 +94,7 @@ _HOMES = {
     "depthcli.core.point_cloud": ("PointCloud",),
     "depthcli.core.types": ("AnchorFit", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),
-    "depthcli.inference.pipeline": ("Pipeline", "load"),
+    "depthcli.inference.pipeline": ("Pipeline",),
     "depthcli.inference.session": ("Session",),
     "depthcli.io.calibration": ("read_calibration",),
     "depthcli.io.images.read": ("Picture", "read_image"),

@@ -50,9 +50,9 @@ def true_m() -> np.ndarray:
 
 
 def _depth(model: str, **detail: str) -> depthcli.DepthMap:
-    pipeline = depthcli.load(
+    pipeline = depthcli.load_model(
         ROOT / "models" / model, provider="cpu", detail=depthcli.Detail(**detail)
-    )
+    ).pipeline
     return pipeline.predict(depthcli.read_image(ROOT / "docs" / "room.jpg")).depth
 
 
@@ -76,7 +76,7 @@ def test_gives_the_bytes_that_it_gave_on_the_same_platform(model: str) -> None:
     if hashes is None:
         pytest.skip(f"no hashes were recorded on {_platform()}")
     pixels = np.random.default_rng(0).integers(0, 256, (240, 320, 3), np.uint8)  # decoders differ
-    pipeline = depthcli.load(ROOT / "models" / model, provider="cpu")
+    pipeline = depthcli.load_model(ROOT / "models" / model, provider="cpu").pipeline
     values_m = pipeline.predict(Frame(pixels)).depth.values
     assert hashlib.sha256(values_m.tobytes()).hexdigest() == hashes[model]
 
@@ -154,7 +154,7 @@ def test_graph_is_folded_and_loads_in_old_runtimes(model: str) -> None:
 
 
 def test_takes_any_size_and_batch(model: str) -> None:
-    session = depthcli.load(ROOT / "models" / model, provider="cpu").session
+    session = depthcli.load_model(ROOT / "models" / model, provider="cpu").pipeline.session
     for shape in ((3, 1, 144, 192), (1, 1, 192, 144), (1, 1, 288, 384)):
         assert session.run(np.zeros(shape, np.float32)).shape[0] == shape[0]
 

@@ -13,17 +13,17 @@ import os
 import warnings
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.api.depth_map import Anchors, DepthMap, anchor_points
-from depthcli.core import types
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DEFAULT_DETAIL, Detail
 from depthcli.core.parallel import ordered_map
 from depthcli.core.types import Frame, displayed_depth, displayed_frame
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.inference.camera import focal_warnings
-from depthcli.inference.pipeline import Pipeline, Prediction, load
+from depthcli.inference.loading import SessionLoader
+from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.providers import AUTO
 from depthcli.io.images.pixels import check_white_level
 from depthcli.io.images.read import frame_of
@@ -37,56 +37,38 @@ if TYPE_CHECKING:
     from depthcli.models.card import ModelCard
 
 
-class PictureBatch(NamedTuple):
-    """Pictures that are processed together."""
-
-    pictures: list[Picture]
-    error: Exception | None  #: what ended the caller's iterator after them, if anything did
-
-    def frames(self, white_level: int | None) -> tuple[list[Frame], Exception | None]:
-        """The pictures before the first one that cannot be used, and the error after them."""
-        found: list[Frame] = []
-        try:
-            for picture in self.pictures:
-                level = None if isinstance(picture, Frame) else white_level
-                found.append(frame_of(picture, level))
-        except Exception as error:  # noqa: BLE001 - raised at its position
-            return found, error
-        return found, self.error
-
-
-def picture_batches(
+def _batches(
     pictures: Iterable[Picture], size: int, white_level: int | None
-) -> Iterator[PictureBatch]:
-    """Up to ``size`` pictures at a time.
+) -> Iterator[list[Picture | Exception]]:
+    """Up to ``size`` images at a time; what ends the iterator is the last one.
 
     Pixels in memory are copied here, since the caller may overwrite a buffer, or close a PIL
-    picture, before the batch is processed; files are not read.
+    image, before the batch is processed; files are not read.
     """
-    rest, error = iter(pictures), None
-    while error is None:
-        some: list[Picture] = []
+    rest = iter(pictures)
+    batch: list[Picture | Exception] = []
+    while not (batch and isinstance(batch[-1], Exception)):
+        batch = []
         try:
             for picture in itertools.islice(rest, size):
-                some.append(_own(picture, white_level))  # noqa: PERF401 - kept at an error
-        except Exception as problem:  # noqa: BLE001 - raised at its position
-            error = problem
-        if not some and error is None:
+                if isinstance(picture, (bytearray, memoryview)):
+                    batch.append(bytes(picture))
+                elif isinstance(picture, (str, bytes, os.PathLike)):
+                    batch.append(picture)
+                else:
+                    frame = frame_of(picture, white_level)
+                    is_shared = frame is picture
+                    batch.append(replace(frame, pixels=frame.pixels.copy()) if is_shared else frame)
+        except Exception as error:  # noqa: BLE001 - raised at its position
+            batch.append(error)
+        if not batch:
             return
-        yield PictureBatch(some, error)
+        yield batch
 
 
-def _own(picture: Picture, white_level: int | None) -> Picture:
-    if isinstance(picture, (bytearray, memoryview)):
-        return bytes(picture)
-    if isinstance(picture, (str, bytes, os.PathLike)):
-        return picture
-    frame = frame_of(picture, white_level)
-    return replace(frame, pixels=frame.pixels.copy()) if frame is picture else frame
-
-
+_Displayed: TypeAlias = tuple[DepthMap, tuple[str, ...]]
 _BATCH_RANK = 4
-_SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, types.Frame)
+_SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, Frame)
 
 
 def load_model(
@@ -112,12 +94,10 @@ def load_model(
         ProviderError: the named provider is not available.
         UsageError: no provider has that name, or it takes no options and some are given.
     """
-    pipeline = load(
-        model, provider=provider, threads=threads, detail=detail, provider_options=provider_options
-    )
-    for text in pipeline.session.warnings:
+    session = SessionLoader(model, provider, threads, provider_options or {}).load()
+    for text in session.warnings:
         warnings.warn(text, DepthcliWarning, stacklevel=2)
-    return DepthModel(pipeline)
+    return DepthModel(Pipeline(session, detail))
 
 
 class DepthModel:
@@ -178,10 +158,10 @@ class DepthModel:
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else anchor_points(anchors)
         frame = frame_of(picture, white_level)
-        found = _finished(self.pipeline.predict(frame, camera, points), frame)
-        for text in (*self._focal_warnings(camera, points), *found.warnings):
+        depth, texts = _displayed(self.pipeline.predict(frame, camera, points), frame)
+        for text in (*self._focal_warnings(camera, points), *texts):
             warnings.warn(text, DepthcliWarning, stacklevel=2)
-        return found.depth
+        return depth
 
     def predict_many(
         self,
@@ -221,45 +201,52 @@ class DepthModel:
         for text in self._focal_warnings(camera, points):
             warnings.warn(text, DepthcliWarning, stacklevel=2)
 
-        def predicted(batch: PictureBatch) -> list[_Finished | Exception]:
-            frames, error = batch.frames(white_level)
+        def predicted(batch: list[Picture | Exception]) -> list[_Displayed | Exception]:
+            frames: list[Frame] = []
+            problem = None
+            for picture in batch:
+                try:
+                    if isinstance(picture, Exception):
+                        raise picture  # noqa: TRY301 - as one that is raised here
+                    level = None if isinstance(picture, Frame) else white_level
+                    frames.append(frame_of(picture, level))
+                except Exception as error:  # noqa: BLE001 - raised at its position
+                    problem = error
+                    break
             cameras, known = [camera] * len(frames), [points] * len(frames)
-            predictions = self.pipeline.predict_many(frames, cameras, known)
-            found: list[_Finished | Exception] = [
-                one if isinstance(one, Exception) else _finished(one, frame)
-                for one, frame in zip(predictions, frames, strict=True)
+            found = self.pipeline.predict_many(frames, cameras, known)
+            done = [
+                one if isinstance(one, Exception) else _displayed(one, frame)
+                for one, frame in zip(found, frames, strict=True)
             ]
-            return found if error is None else [*found, error]
+            return done if problem is None else [*done, problem]
 
-        batches = picture_batches(pictures, batch_size, white_level)
-        return _maps(ordered_map(predicted, batches, workers=workers))
+        return _maps(
+            ordered_map(predicted, _batches(pictures, batch_size, white_level), workers=workers)
+        )
 
     def _focal_warnings(self, camera: Intrinsics, points: AnchorPoints | None) -> tuple[str, ...]:
         return focal_warnings(self.card, camera) if points is None else ()
 
 
-class _Finished(NamedTuple):
-    depth: DepthMap
-    warnings: tuple[str, ...]  # about the picture and its map, which they name
-
-
-def _finished(prediction: Prediction, frame: types.Frame) -> _Finished:
-    """The map in the display window, with its picture."""
+def _displayed(prediction: Prediction, frame: Frame) -> _Displayed:
+    """The map in the display window, and warnings that name its image."""
     shown = displayed_depth(prediction.depth, frame.windows)
     name = frame.path or "a picture"
     texts = tuple(f"{name}: {text}" for text in (*frame.warnings, *prediction.warnings))
-    return _Finished(DepthMap.of(shown, displayed_frame(frame)), texts)
+    return DepthMap.of(shown, displayed_frame(frame)), texts
 
 
-def _maps(batches: Generator[list[_Finished | Exception], None, None]) -> Iterator[DepthMap]:
+def _maps(batches: Generator[list[_Displayed | Exception], None, None]) -> Iterator[DepthMap]:
     """The maps of batches, up to the first error."""
     with closing(batches):
         for found in (one for batch in batches for one in batch):
             if isinstance(found, Exception):
                 raise found
-            for text in found.warnings:
+            depth, texts = found
+            for text in texts:
                 warnings.warn(text, DepthcliWarning, stacklevel=2)
-            yield found.depth
+            yield depth
 
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:

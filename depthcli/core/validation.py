@@ -90,7 +90,7 @@ def merged(base: _T, changes: object) -> _T:
         FieldError: something is unknown, of another type or out of range.
     """
     given: Any = base
-    hints, _ = _hints(type(given))
+    hints, _ = _hints(cast("Any", type(base)))
 
     def read(name: str, value: object) -> object:
         old = getattr(base, name)
@@ -141,7 +141,7 @@ def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:  # noqa: ANN401
     return get_origin(hint), get_args(hint)
 
 
-def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa: ANN401
+def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa: ANN401, PLR0911
     """A value as an annotation demands it; the rule describes it in messages."""
     if hint is str and type(value) is str:  # most fields, of a million rows of a manifest
         return value

@@ -1,8 +1,7 @@
 """From an image to its finished depth map, for every command and the Python API."""
 
 import math
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +13,6 @@ from depthcli.core.options import AUTO_TILE, DEFAULT_DETAIL, Detail
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
 from depthcli.errors import InputError, ModelError
 from depthcli.inference.camera import intrinsics_of, metric_scale
-from depthcli.inference.loading import SessionLoader
-from depthcli.inference.providers import AUTO
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare
 from depthcli.models.card import InputSpec, ModelCard
@@ -207,19 +204,3 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
             "give a wider {tile}, or leave it out",
         )
     return chosen if chosen < width else None
-
-
-def load(
-    model: str | os.PathLike[str] | None = None,
-    *,
-    provider: str = AUTO,
-    threads: int | None = None,
-    detail: Detail = DEFAULT_DETAIL,
-    provider_options: Mapping[str, str] | None = None,
-) -> Pipeline:
-    """The layer below ``load_model``, with the same arguments and errors.
-
-    Warnings are in the session's ``warnings``. The model may be None for the default one.
-    """
-    loader = SessionLoader(model, provider, threads, provider_options or {})
-    return Pipeline(loader.load(), detail)

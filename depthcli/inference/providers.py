@@ -46,17 +46,6 @@ def available_providers() -> tuple[str, ...]:
     return tuple(name for name, full in PROVIDERS.items() if full in built)
 
 
-def check_name(provider: str) -> None:
-    """Check that a name is ``auto`` or a provider.
-
-    Raises:
-        UsageError: no provider has this name.
-    """
-    if provider not in {AUTO, *PROVIDERS}:
-        names = ", ".join((AUTO, *PROVIDERS))
-        raise UsageError(f"no provider named {provider!r}; give one of {names}")
-
-
 def wanted_providers(provider: str) -> tuple[str, ...]:
     """The providers to try, best first, for ``auto`` or a name of ``PROVIDERS``.
 
@@ -67,20 +56,19 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
     available = available_providers()
     if provider == AUTO:
         return tuple(name for name in _AUTO_ORDER if name in available)
-    check_name(provider)
+    if provider not in PROVIDERS:
+        names = ", ".join((AUTO, *PROVIDERS))
+        raise UsageError(f"no provider named {provider!r}; give one of {names}")
     if provider not in available:
+        package = _PACKAGES.get(provider)
+        install = "install the onnxruntime build for it"
+        if package is not None:
+            install = f"run 'pip uninstall onnxruntime' and 'pip install {package}'"
         raise ProviderError(
             f"provider {provider!r} is not in this onnxruntime (it has {', '.join(available)}); "
-            f"{_how_to_install(provider)}, or choose the provider 'auto'"
+            f"{install}, or choose the provider 'auto'"
         )
     return (provider,)
-
-
-def _how_to_install(provider: str) -> str:
-    package = _PACKAGES.get(provider)
-    if package is None:
-        return "install the onnxruntime build for it"
-    return f"run 'pip uninstall onnxruntime' and 'pip install {package}'"
 
 
 def prefers_int8(provider: str) -> bool:
@@ -123,8 +111,3 @@ def fallback_warnings(asked: str, best: str, active: str) -> tuple[str, ...]:
             "see 'depthcli doctor', or choose the provider 'auto'"
         )
     return (f"provider {best!r} does not start here, running on {active!r}",)
-
-
-def short_name(full: str) -> str:
-    """The command line's name for onnxruntime's."""
-    return next((name for name, value in PROVIDERS.items() if value == full), full)

@@ -19,47 +19,26 @@ from depthcli.models.catalog import Model
 
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _NAMES = frozenset({"depth", "disparity", "predicted_depth", "metric_depth"})
-_RANKS = (0, 3, 4)  # 0: of no stated shape
 _IMAGE_RANK = 4
 
 
-def map_output(session: ort.InferenceSession, model: Model) -> str:
-    """Name of the output that is the depth map.
-
-    It is the one that the card names, else the only one that has a map's shape or, of several, the
-    only one that is called depth, disparity, predicted_depth or metric_depth.
-
-    Raises:
-        ModelError: there is no such output, several could be meant, or it holds no numbers.
-    """
+def _map_output(session: ort.InferenceSession, model: Model) -> str:
+    """Name of the output that is the depth map: the card's, the only one, or one of ``_NAMES``."""
     outputs: list[Any] = session.get_outputs()
     wanted = model.card.onnx.output
-    found = outputs
-    if wanted is not None:
-        found = [one for one in outputs if one.name == wanted]
-    elif len(outputs) > 1:
-        found = [one for one in outputs if _may_be_map(one.type, one.shape)] or outputs
-        if len(found) > 1:
-            found = [one for one in found if one.name in _NAMES]
-    if len(found) != 1 and outputs:
+    names = _NAMES if wanted is None else {wanted}
+    found = [one for one in outputs if one.name in names]
+    if wanted is None and len(outputs) == 1:
+        found = outputs
+    if len(found) != 1:
         listed = one_line(", ".join(f"{one.name} {one.shape}" for one in outputs))
         which = "which of them is the depth map" if wanted is None else "one of them"
         raise ModelError(
             f"{model.path} has the outputs {listed}; state {which} in the card, as onnx.output"
         )
-    gives = found[0].type if found else "nothing"
-    if not _NUMBERS.fullmatch(gives):
-        raise ModelError(f"{model.path} gives {gives}, not numbers; use a depth model")
+    if not _NUMBERS.fullmatch(found[0].type):
+        raise ModelError(f"{model.path} gives {found[0].type}, not numbers; use a depth model")
     return str(found[0].name)
-
-
-def _may_be_map(kind: str, shape: list[Any]) -> bool:
-    """Whether it is numbers of shape (N, h, w), (N, 1, h, w) or (N, h, w, 1), as far as stated."""
-    if not _NUMBERS.fullmatch(kind) or len(shape) not in _RANKS:
-        return False
-    return len(shape) != _IMAGE_RANK or any(
-        length == 1 or not isinstance(length, int) for length in (shape[1], shape[3])
-    )
 
 
 _FATAL_ONLY = 4
@@ -107,14 +86,15 @@ class Session:
         self.provider_options = dict(options)
         self._session = _start(model, wanted, threads, options)
         self._run_options = ort.RunOptions()
-        self.provider = providers.short_name(self._session.get_providers()[0])
+        active = self._session.get_providers()[0]
+        self.provider = next((name for name, full in PROVIDERS.items() if full == active), active)
         self.warnings = providers.fallback_warnings(provider, wanted[0], self.provider)
         # DirectML allows one run at a time in a session:
         # https://onnxruntime.ai/docs/execution-providers/DirectML-ExecutionProvider.html
         self._run_lock: AbstractContextManager[Any] = (
             threading.Lock() if self.provider == DIRECTML else nullcontext()
         )
-        self._output = map_output(self._session, model)
+        self._output = _map_output(self._session, model)
         self._input, shape = _image_input(self._session, model)
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 

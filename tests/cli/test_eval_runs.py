@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.rooms import Rooms, rooms, write_rooms
+from helpers.tiny import load
 from lightning_fabric import Fabric
 
 from depthcli.cli.app import main
@@ -23,7 +24,6 @@ from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
 from depthcli.errors import ExitCode
-from depthcli.inference.pipeline import load
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import updated
 from depthcli.training.loop import Limits, fit

@@ -22,5 +22,5 @@ def test_choices_are_taken_as_plain_words_too() -> None:
 
 def test_tiles_of_a_negative_width_are_refused() -> None:
     assert Detail(tile_px=AUTO_TILE).tile_px == AUTO_TILE == 0
-    with pytest.raises(UsageError, match="-1"):
+    with pytest.raises(UsageError):
         Detail(tile_px=-1)

@@ -33,5 +33,5 @@ def test_points_have_the_colours_of_their_pixels() -> None:
 
 
 def test_what_has_no_metres_has_no_points() -> None:
-    with pytest.raises(UsageError, match="needs metres"):
+    with pytest.raises(UsageError):
         point_cloud(DepthMap(DEPTH.values, DepthKind.RELATIVE), 10.0)

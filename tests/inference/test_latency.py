@@ -6,10 +6,9 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers.tiny import write_model
+from helpers.tiny import load, write_model
 
 from depthcli.inference import measure as latency
-from depthcli.inference.pipeline import load
 from depthcli.inference.session import Session
 
 if TYPE_CHECKING:

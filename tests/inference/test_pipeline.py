@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import onnx
 import pytest
-from helpers.tiny import synthetic_picture, tiny_onnx, write_model
+from helpers.tiny import load, synthetic_picture, tiny_onnx, write_model
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.measure import try_session
-from depthcli.inference.pipeline import Pipeline, Prediction, load
+from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import coarse_depth, input_layout
 from depthcli.models.catalog import find_model
@@ -150,7 +150,7 @@ def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
     nothing = np.full((1, 1, 1, 1), np.nan, np.float32)
     proto.graph.initializer[0].CopyFrom(onnx.numpy_helper.from_array(nothing, "weight"))
     session = Session(find_model(write_model(tmp_path, proto.SerializeToString())))
-    with pytest.raises(ModelError, match="gives no depth"):
+    with pytest.raises(ModelError):
         try_session(session)
 
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import onnx
 import pytest
-from helpers.tiny import tiny_onnx, write_model
+from helpers.tiny import load, tiny_onnx, write_model
 
 from depthcli.core.options import AUTO_TILE, Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame, Transform
 from depthcli.errors import UsageError
-from depthcli.inference.pipeline import Pipeline, load, tile_width_px
+from depthcli.inference.pipeline import Pipeline, tile_width_px
 from depthcli.inference.tiles import TileGrid, refine
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
 from depthcli.models.card import OutputSpec

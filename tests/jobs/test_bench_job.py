@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from helpers.tiny import load
 
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.pipeline import Pipeline, load
+from depthcli.inference.pipeline import Pipeline
 from depthcli.io.images.read import read_image
 from depthcli.jobs import bench
 from depthcli.models.catalog import find_model

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.file_trees import contents
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import load, write_model, write_picture
 from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
 from helpers.watched import Watched
 
@@ -24,7 +24,6 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import Detail
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.pipeline import load
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert

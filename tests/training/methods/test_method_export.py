@@ -7,13 +7,13 @@ import onnxruntime
 import pytest
 import torch
 from helpers.rooms import room_data, rooms
+from helpers.tiny import load
 from helpers.tiny_methods import tiny
 from lightning_fabric import Fabric
 
 from depthcli.core.options import Detail, Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.export.onnx import ExportOptions, export_checkpoint
-from depthcli.inference.pipeline import load
 from depthcli.inference.transforms import prepare
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, load_generator
