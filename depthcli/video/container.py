@@ -146,8 +146,6 @@ def _check_file(path: Path) -> None:
         size = regular_size(path)
         with path.open("rb"):  # not read: files such as /proc/kmsg state no size and never end
             pass
-    except FileNotFoundError:
-        raise InputError(f"{path} is missing: no such file") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
     if not size:

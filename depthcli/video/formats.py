@@ -19,10 +19,8 @@ class VideoFormatFacts:
     suffix: str  #: end of the default output name; of a sequence, with ``FRAME_NUMBER``
     #: file suffix that chooses this format where the user names a file; None if none does
     file_suffix: str | None
-    #: the format of pictures whose writer writes its frames; None if there is none
+    #: the format of images whose writer writes its frames; None if there is none
     picture: Format | None
-    #: the format of pictures that this replaces for videos in a batch; None if it replaces none
-    counterpart: Format | None
     #: options of the command that it uses, by the names of their parameters
     options: tuple[str, ...]
 
@@ -42,17 +40,15 @@ class VideoFormatFacts:
         return self.picture is Format.PREVIEW
 
 
-def _preview(file_suffix: str, counterpart: Format | None = None) -> VideoFormatFacts:
+def _preview(file_suffix: str) -> VideoFormatFacts:
     options = (*FORMATS[Format.PREVIEW].options, "lock", "codec", "audio")
-    suffix = f".preview{file_suffix}"
-    return VideoFormatFacts(suffix, file_suffix, Format.PREVIEW, counterpart, options)
+    return VideoFormatFacts(f".preview{file_suffix}", file_suffix, Format.PREVIEW, options)
 
 
-def _frames(picture: Format, *, is_counterpart: bool = True) -> VideoFormatFacts:
+def _frames(picture: Format) -> VideoFormatFacts:
     facts = FORMATS[picture]
     suffix = f".depth.{FRAME_NUMBER}{facts.file_suffix}"
-    counterpart = picture if is_counterpart else None
-    return VideoFormatFacts(suffix, None, picture, counterpart, facts.parameters)
+    return VideoFormatFacts(suffix, None, picture, facts.parameters)
 
 
 class VideoFormat(StrEnum):
@@ -73,24 +69,17 @@ class VideoFormat(StrEnum):
     MKV = (
         "mkv",
         VideoFormatFacts(
-            ".depth.mkv",
-            ".mkv",
-            None,
-            Format.PNG16,
-            ("png_scale", "centre_px", "lock", "vmin", "vmax"),
+            ".depth.mkv", ".mkv", None, ("png_scale", "centre_px", "lock", "vmin", "vmax")
         ),
     )
-    MP4 = "mp4", _preview(".mp4", Format.PREVIEW)
+    MP4 = "mp4", _preview(".mp4")
     WEBM = "webm", _preview(".webm")
     MOV = "mov", _preview(".mov")
-    PNG16 = "png16", _frames(Format.PNG16, is_counterpart=False)
+    PNG16 = "png16", _frames(Format.PNG16)
     EXR = "exr", _frames(Format.EXR)
     NPY = "npy", _frames(Format.NPY)
     # What the numbers of the others mean.
-    JSON = (
-        "json",
-        VideoFormatFacts(".depth.json", ".json", None, Format.JSON, Format.JSON.facts.parameters),
-    )
+    JSON = "json", VideoFormatFacts(".depth.json", ".json", None, Format.JSON.facts.parameters)
     # Every other format of images that is read back is that of a sequence as well.
     _ignore_ = "picture"
     for picture in Format:
@@ -98,24 +87,26 @@ class VideoFormat(StrEnum):
             vars()[picture.name] = picture.value, _frames(picture)
 
 
-VIDEO_FORMATS = {which: which.facts for which in VideoFormat}
-SEQUENCES = tuple(which for which, facts in VIDEO_FORMATS.items() if facts.is_sequence)
+SEQUENCES = tuple(which for which in VideoFormat if which.facts.is_sequence)
 COUNTERPARTS = {
-    facts.counterpart: which for which, facts in VIDEO_FORMATS.items() if facts.counterpart
+    **{which.facts.picture: which for which in SEQUENCES if which.facts.picture},
+    Format.PNG16: VideoFormat.MKV,
+    Format.PREVIEW: VideoFormat.MP4,
+    Format.JSON: VideoFormat.JSON,
 }
-"""The format that a batch writes for videos, by the format it writes for pictures."""
+"""The format that a batch writes for videos, by the format it writes for images."""
 
 
 def video_format_of(path: str | PurePath) -> VideoFormat | None:
     """The format of a whole video that a file's suffix chooses; None if it chooses none."""
     suffix = PurePath(path).suffix.lower()
-    return next((which for which, f in VIDEO_FORMATS.items() if f.file_suffix == suffix), None)
+    return next((which for which in VideoFormat if which.facts.file_suffix == suffix), None)
 
 
 def sequence_of(path: str | PurePath) -> VideoFormat | None:
     """The format that the suffix of numbered files chooses; None if it chooses none."""
     suffix = PurePath(path).suffix.lower()
-    return next((w for w in SEQUENCES if VIDEO_FORMATS[w].suffix.endswith(suffix or "\0")), None)
+    return next((w for w in SEQUENCES if w.facts.suffix.endswith(suffix or "\0")), None)
 
 
 def video_stem_of(path: str | PurePath) -> str:
@@ -123,9 +114,8 @@ def video_stem_of(path: str | PurePath) -> str:
 
     What selects no format is part of the name: ``shot.v003`` is its own stem.
     """
-    whole = [facts.suffix for facts in VIDEO_FORMATS.values() if facts.file_suffix]
-    short = [facts.file_suffix for facts in VIDEO_FORMATS.values() if facts.file_suffix]
-    return stem_of(path, (*whole, *short))
+    files = [which.facts for which in VideoFormat if which.facts.file_suffix]
+    return stem_of(path, (*(f.suffix for f in files), *(f.file_suffix or "" for f in files)))
 
 
 DEPTH_PIXELS = "gray16le"
@@ -223,19 +213,17 @@ PREVIEW_CODECS = {
 """Codecs of previews by the file's suffix, the default one first."""
 
 
-def preview_codec(suffix: str, asked: Codec | None) -> Codec:
+def preview_codec(suffix: str, asked: str | None) -> Codec:
     """The codec of a preview: the given one, or the default of its container.
 
     Raises:
         UsageError: the container does not support that codec.
     """
     choices = PREVIEW_CODECS[suffix]
-    if asked is None:
-        return choices[0]
-    if asked not in choices:
+    if asked is not None and asked not in choices:
         names = " or ".join(choices)
         raise UsageError(f"a {suffix} file holds no {asked}", f"give {{codec}} {names}")
-    return asked
+    return choices[0] if asked is None else Codec(asked)
 
 
 def check_encoder(codec: Codec) -> None:

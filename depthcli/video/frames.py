@@ -38,8 +38,6 @@ class Span:
 
     def count(self, frames: int, rate: Fraction) -> int:
         """Number of frames selected from a video of ``frames`` evenly spaced ones."""
-        if self == WHOLE:
-            return frames
         return sum(self.selected((index, index / rate) for index in range(frames)))
 
     def selected(self, frames: Iterable[tuple[int, Fraction]]) -> Iterator[bool]:

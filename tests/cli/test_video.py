@@ -202,7 +202,7 @@ def test_places_in_a_video(word: str, bare: bool, point: Point) -> None:
 
 
 @pytest.mark.parametrize("word", ["-1", "1e3", "1.5f", "1:2f", "a", "1:2:3:4", "nan", "٣"])
-def test_what_is_no_place(word: str) -> None:
+def test_words_that_are_no_place(word: str) -> None:
     with pytest.raises(UsageError):
         parse_span(word, None, None)
 
@@ -225,7 +225,6 @@ def test_stretched_frames_have_no_scale(cli: Cli) -> None:
     assert json.loads((cli.folder / "clip.depth.json").read_text())["scale"] is None
     done = cli(*words, "--format", "mkv")
     assert done.returncode == 2
-    assert b"mkv is in millimetres" in done.stderr
 
 
 def test_the_principal_point_is_stored_and_makes_the_same_points(inside: Cli) -> None:

@@ -48,7 +48,7 @@ def test_the_suffix_is_kept_where_inputs_share_a_stem(
     assert {name: video_base(tmp_path / name) for name in bases} == bases
 
 
-def test_what_depthcli_wrote_does_not_count(inside: Cli) -> None:
+def test_own_outputs_do_not_count(inside: Cli) -> None:
     (inside.folder / "p").mkdir()
     for number in (1, 2):
         cv2.imwrite(str(inside.folder / "p" / f"{number}.png"), np.zeros((8, 8, 3), np.uint8))

@@ -26,7 +26,6 @@ from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
 from depthcli.video.container import InputPipe, OutputPipe
 from depthcli.video.formats import (
     SEQUENCES,
-    VIDEO_FORMATS,
     Codec,
     PreviewCodec,
     VideoFormat,
@@ -122,7 +121,7 @@ class VideoPlan:
         """The output path of a format, or standard output."""
         if self.stdout is None:
             return self.path(which)
-        return OutputPipe(self.stdout, VIDEO_FORMATS[which].file_suffix or "")
+        return OutputPipe(self.stdout, which.facts.file_suffix or "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,16 +324,15 @@ def plan_video(request: VideoRequest) -> VideoPlan:
             base = base / video_base(file)
         folder = base.parent
         names = {which: path.name for which, path in destination.outputs(base).items()}
-    asked = None if request.codec is None else Codec(request.codec)
     plan = VideoPlan(
         name=safe_name(name),
         source=source,
         folder=folder,
         names=names,
         codecs={
-            which: preview_codec(f".{which}", asked)
+            which: preview_codec(f".{which}", request.codec)
             for which in names
-            if VIDEO_FORMATS[which].is_preview
+            if which.facts.is_preview
         },
         has_audio=request.has_audio,
         stdout=request.stdout if output == STDIO else None,

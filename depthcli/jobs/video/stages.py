@@ -42,7 +42,7 @@ from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import kept_depth, open_journal, rounding_scale
 from depthcli.jobs.write import output_guard
 from depthcli.video.audio import AudioTrack
-from depthcli.video.formats import SEQUENCES, VIDEO_FORMATS, VideoFormat, preview_codec
+from depthcli.video.formats import SEQUENCES, VideoFormat, preview_codec
 from depthcli.video.frames import FrameSource, Timing
 from depthcli.video.numbering import base_name, numbered_name
 from depthcli.video.outputs import (
@@ -123,7 +123,7 @@ def write_video(
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
     """Remove the sidecar of an earlier run, which would state its camera for files without one."""
     for which, name in plan.names.items():
-        picture = VIDEO_FORMATS[which].picture
+        picture = which.facts.picture
         if which in SEQUENCES and picture is not None and not picture.facts.has_camera:
             remove_video_sidecar(plan.folder / f"{base_name(name)}.json")
 
@@ -193,7 +193,7 @@ def open_output(
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
-    picture = VIDEO_FORMATS[which].picture
+    picture = which.facts.picture
     if picture is None:
         colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
         return DepthVideoOutput(target, timing, writing.png_scale, guard, colours)
