@@ -33,17 +33,23 @@ _RULES = FormatRules(
 )
 
 
+def picture_destination(
+    output: str | None = None, asked: Sequence[Format] = (), *, sidecar: bool = False
+) -> Destination[Format]:
+    """Where the outputs of pictures go, and their formats.
+
+    Raises:
+        UsageError: as :meth:`Destination.parse` does.
+    """
+    return Destination.parse(output, asked, _RULES, Format.JSON if sidecar else None)
+
+
 @dataclass(frozen=True, slots=True)
 class PredictRequest:
     """Pictures, and how to process them."""
 
     pictures: tuple[str, ...]  #: names of files; ``-`` is ``stdin``
-    #: a file for one picture, a folder (it exists, or ends in ``/``), ``-`` for ``stdout``; None
-    #: for files beside each picture
-    output: str | None = None
-    #: formats to write; empty for that of the output's suffix, else PNG and preview
-    formats: tuple[Format, ...] = ()
-    sidecar: bool = False  #: write the JSON as well
+    destination: Destination[Format] = field(default_factory=picture_destination)
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
     #: points of known depth, or a file of them for all images
@@ -89,8 +95,7 @@ def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
     Raises:
         UsageError: the outputs do not fit the pictures, or collide.
     """
-    destination = picture_destination(request.output, request.formats, sidecar=request.sidecar)
-    plans = plan_pictures(request.pictures, destination)
+    plans = plan_pictures(request.pictures, request.destination)
     loading = request.model.start()
     # Imported here, while the model loads; by its name, as it imports this module.
     pictures = resolve_name("depthcli.jobs.predict_images:predict_pictures")
@@ -112,17 +117,6 @@ def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
             "name a picture, or use 'depthcli convert' for depth files",
         )
     return others, own
-
-
-def picture_destination(
-    output: str | None, asked: Sequence[Format], *, sidecar: bool = False
-) -> Destination[Format]:
-    """Where the outputs of pictures go, and their formats.
-
-    Raises:
-        UsageError: as :meth:`Destination.parse` does.
-    """
-    return Destination.parse(output, asked, _RULES, Format.JSON if sidecar else None)
 
 
 def plan_pictures(

@@ -16,7 +16,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.images.read import read_image
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
-from depthcli.jobs.predict import PredictRequest, predict
+from depthcli.jobs.predict import PredictRequest, picture_destination, predict
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -73,7 +73,9 @@ def test_it_is_a_warning_of_the_picture(tmp_path: Path) -> None:
     source.parent.mkdir()
     source.write_bytes(saved("TIFF", 3))
     loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
-    (result,) = predict(PredictRequest((str(source),), f"{tmp_path / 'one'}/", model=loader))
+    (result,) = predict(
+        PredictRequest((str(source),), picture_destination(f"{tmp_path / 'one'}/"), model=loader)
+    )
     assert result.warnings == TOLD
     plan = plan_folder(str(source.parent), str(tmp_path / "out"))
     assert [one.row.warnings for one in Batch(BatchRequest(plan, model=loader))] == [TOLD]

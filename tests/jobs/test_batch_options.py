@@ -15,7 +15,7 @@ from depthcli.core.options import GPU_BATCH, Detail, Upsampling
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
-from depthcli.jobs.predict import PredictRequest, predict
+from depthcli.jobs.predict import PredictRequest, picture_destination, predict
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video
 from depthcli.video.formats import VideoFormat
 
@@ -38,7 +38,7 @@ def test_a_file_in_a_batch_becomes_what_it_becomes_alone(
     alone, loader = f"{tmp_path}/alone/", asked.model
     picture = str(tmp_path / "in" / "a.png")
     words = {"model": loader, "camera": camera, "writing": WRITING, "detail": DETAIL}
-    list(predict(PredictRequest((picture,), alone, formats, **words)))
+    list(predict(PredictRequest((picture,), picture_destination(alone, formats), **words)))
     settings = VideoSettings(writing=WRITING, camera=camera, detail=DETAIL)
     of_video = (VideoFormat.MKV, VideoFormat.EXR, VideoFormat.MP4, VideoFormat.JSON)
     done = video(VideoRequest(str(clip), alone, of_video, model=loader, settings=settings))

@@ -57,7 +57,9 @@ def loader(tmp_path: Path) -> SessionLoader:
 
 
 def predicted(path: Path, loader: SessionLoader, *formats: Format, **more: Any) -> PictureResult:
-    request = PredictRequest((str(path),), f"{path.parent}/out/", formats, model=loader, **more)
+    request = PredictRequest(
+        (str(path),), picture_destination(f"{path.parent}/out/", formats), model=loader, **more
+    )
     (done,) = predict(request)
     if isinstance(done, FailedInput):
         raise done.error
@@ -118,7 +120,9 @@ def test_it_can_come_through_a_pipe(tmp_path: Path, loader: SessionLoader) -> No
     predicted(plate, loader, Format.EXR)
     output = BytesIO()
     stdin = BytesIO(plate.read_bytes())
-    request = PredictRequest(("-",), "-", (Format.EXR,), model=loader, stdin=stdin, stdout=output)
+    request = PredictRequest(
+        ("-",), picture_destination("-", (Format.EXR,)), model=loader, stdin=stdin, stdout=output
+    )
     (done,) = predict(request)
     assert isinstance(done, PictureResult)
     assert output.getvalue() == (tmp_path / "out" / "plate.1.depth.exr").read_bytes()

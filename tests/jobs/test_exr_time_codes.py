@@ -16,7 +16,7 @@ from depthcli.jobs.batch.plan import plan_files
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.predict import PredictRequest, predict
+from depthcli.jobs.predict import PredictRequest, picture_destination, predict
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
@@ -36,7 +36,13 @@ def stated(path: Path) -> tuple[Fraction | None, tuple[int, ...] | None]:
 
 def test_depth_of_a_plate(tmp_path: Path, loader: SessionLoader) -> None:
     plate = write_plate(tmp_path / "in", 7, CROP)
-    list(predict(PredictRequest((str(plate),), f"{tmp_path}/a.exr", (Format.EXR,), model=loader)))
+    list(
+        predict(
+            PredictRequest(
+                (str(plate),), picture_destination(f"{tmp_path}/a.exr", (Format.EXR,)), model=loader
+            )
+        )
+    )
     convert(ConvertRequest(f"{tmp_path}/a.exr", f"{tmp_path}/b.exr"))
     plan = plan_files([plate.name], "mine", str(plate.parent), str(tmp_path / "c"))
     list(Batch(BatchRequest(plan, BatchOptions((Format.EXR,)), loader)))
@@ -71,7 +77,13 @@ def write_parts(path: Path, number: int) -> Path:
 
 def test_of_several_parts_the_first_may_state_them(tmp_path: Path, loader: SessionLoader) -> None:
     plate = write_parts(tmp_path / "in" / "p.7.exr", 7)
-    list(predict(PredictRequest((str(plate),), f"{tmp_path}/a.exr", (Format.EXR,), model=loader)))
+    list(
+        predict(
+            PredictRequest(
+                (str(plate),), picture_destination(f"{tmp_path}/a.exr", (Format.EXR,)), model=loader
+            )
+        )
+    )
     convert(ConvertRequest(str(plate), f"{tmp_path}/b.exr"))
     pattern, out = f"{tmp_path}/in/p.%d.exr", f"{tmp_path}/out.%d.exr"
     video(VideoRequest(pattern, out, (VideoFormat.EXR,), model=loader))

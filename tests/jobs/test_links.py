@@ -11,7 +11,7 @@ from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
-from depthcli.jobs.predict import PredictRequest, predict
+from depthcli.jobs.predict import PredictRequest, picture_destination, predict
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ def test_predict_into_a_linked_folder(tmp_path: Path, pair: tuple[Path, Path]) -
     names, out = tuple(map(str, pair)), f"{tmp_path / 'out'}/"
     loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
     with pytest.raises(UsageError, match="is an input"):
-        predict(PredictRequest(names, out, model=loader))
+        predict(PredictRequest(names, picture_destination(out), model=loader))
 
 
 def test_predict_over_what_a_linked_input_leads_to(tmp_path: Path, pair: tuple[Path, Path]) -> None:
@@ -45,7 +45,11 @@ def test_predict_over_what_a_linked_input_leads_to(tmp_path: Path, pair: tuple[P
     link.symlink_to(pair[1])
     loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
     with pytest.raises(UsageError, match="is an input"):
-        predict(PredictRequest((str(pair[0]), str(link)), f"{pair[0].parent}/", model=loader))
+        predict(
+            PredictRequest(
+                (str(pair[0]), str(link)), picture_destination(f"{pair[0].parent}/"), model=loader
+            )
+        )
 
 
 def test_a_batch_whose_folder_leads_to_listed_inputs(

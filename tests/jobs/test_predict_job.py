@@ -22,7 +22,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
-from depthcli.jobs.predict import PictureResult, PredictRequest, predict
+from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
 from depthcli.jobs.write import FailedInput
 
 if TYPE_CHECKING:
@@ -36,7 +36,9 @@ def test_every_picture_has_its_result_in_its_turn(
     damaged = tmp_path / "damaged.png"
     damaged.write_bytes(b"no picture")
     pictures = (names[0], str(damaged), "", names[1])
-    results = predict(PredictRequest(pictures, formats=(Format.NPY,), model=loader))
+    results = predict(
+        PredictRequest(pictures, picture_destination(None, (Format.NPY,)), model=loader)
+    )
     first = next(results)
     assert isinstance(first, PictureResult)
     assert first.outputs == (str(tmp_path / "a.depth.npy"),)
@@ -56,7 +58,7 @@ def test_streams_are_those_of_the_request(tmp_path: Path, loader: SessionLoader)
     written = BytesIO()
     request = PredictRequest(
         ("-",),
-        "-",
+        picture_destination("-"),
         model=loader,
         writing=WriterOptions(png_scale=256),
         stdin=picture,
@@ -73,7 +75,7 @@ def test_a_picture_is_out_when_its_result_is_there(tmp_path: Path, loader: Sessi
     name = str(write_picture(tmp_path / "a.png"))
     passed = BytesIO()
     stream = BufferedWriter(passed, 1_000_000)  # type: ignore[arg-type]
-    next(predict(PredictRequest((name,), "-", model=loader, stdout=stream)))
+    next(predict(PredictRequest((name,), picture_destination("-"), model=loader, stdout=stream)))
     assert passed.getvalue().endswith(b"IEND\xaeB`\x82")
 
 
@@ -102,14 +104,18 @@ class Broken(BytesIO):
 def test_a_stream_that_fails_is_one_line(
     tmp_path: Path, loader: SessionLoader, error: Exception, reason: str
 ) -> None:
-    request = PredictRequest(("-",), str(tmp_path / "d.png"), model=loader, stdin=Broken(error))
+    request = PredictRequest(
+        ("-",), picture_destination(str(tmp_path / "d.png")), model=loader, stdin=Broken(error)
+    )
     (failed,) = predict(request)
     assert isinstance(failed, FailedInput)
     assert isinstance(failed.error, InputError)
     assert re.search(reason, str(failed.error))
     if isinstance(error, OSError):
         name = str(write_picture(tmp_path / "a.png"))
-        (failed,) = predict(PredictRequest((name,), "-", model=loader, stdout=Broken(error)))
+        (failed,) = predict(
+            PredictRequest((name,), picture_destination("-"), model=loader, stdout=Broken(error))
+        )
         assert isinstance(failed, FailedInput)
         assert isinstance(failed.error, OutputError)
         assert re.search(reason, str(failed.error))
@@ -139,7 +145,7 @@ def test_one_picture_loads_nothing_that_others_need(tmp_path: Path) -> None:
 
 def test_outputs_are_named_before_anything_is_read(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="is one file but there are 2 inputs"):
-        predict(PredictRequest(("a.png", "b.png"), str(tmp_path / "d.png")))
+        predict(PredictRequest(("a.png", "b.png"), picture_destination(str(tmp_path / "d.png"))))
 
 
 def test_a_model_that_is_not_there_ends_it(tmp_path: Path) -> None:
@@ -155,7 +161,10 @@ def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: Sessi
     large = write_picture(tmp_path / "large.png")
     anchors = (Anchor(40, 30, 2.0),)
     request = PredictRequest(
-        (str(small), str(large)), formats=(Format.NPY,), model=loader, anchors=anchors
+        (str(small), str(large)),
+        picture_destination(None, (Format.NPY,)),
+        model=loader,
+        anchors=anchors,
     )
     failed, done = predict(request)
     assert isinstance(failed, FailedInput)
@@ -174,7 +183,9 @@ def test_a_picture_that_does_not_fit_into_memory_fails_alone(
         return read_image(path, *arguments, **options)
 
     monkeypatch.setattr("depthcli.jobs.predict_images.read_image", read)
-    huge, small = predict(PredictRequest(tuple(names), formats=(Format.NPY,), model=loader))
+    huge, small = predict(
+        PredictRequest(tuple(names), picture_destination(None, (Format.NPY,)), model=loader)
+    )
     assert isinstance(huge, FailedInput)
     assert str(huge.error) == "does not fit into memory; make it smaller"
     assert not isinstance(small, FailedInput)

@@ -35,7 +35,7 @@ from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
-from depthcli.jobs.predict import PictureResult, PredictRequest, predict
+from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
 from depthcli.jobs.video.plan import VideoRequest, video
 from depthcli.jobs.write import FailedInput
 from depthcli.models.catalog import find_model
@@ -60,14 +60,18 @@ def test_pictures_go_from_bucket_to_bucket(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket, once_each: Callable[[], Faults]
 ) -> None:
     picture = write_picture(tmp_path / "a ü.png")
-    (here,) = predict(PredictRequest((str(picture),), f"{tmp_path}/", FORMATS, model=loader))
+    (here,) = predict(
+        PredictRequest((str(picture),), picture_destination(f"{tmp_path}/", FORMATS), model=loader)
+    )
     assert isinstance(here, PictureResult)
     uri = bucket.put("in/a ü.png", picture.read_bytes())
     bucket.put("in/a ü.jpg", b"another of that name")
     faults = once_each()
     missing = bucket.uri("in/none.png")
     done, failed = predict(
-        PredictRequest((uri, missing), bucket.uri("out/"), FORMATS, model=loader)
+        PredictRequest(
+            (uri, missing), picture_destination(bucket.uri("out/"), FORMATS), model=loader
+        )
     )
     assert isinstance(done, PictureResult)
     assert isinstance(failed, FailedInput)
@@ -89,7 +93,9 @@ def test_without_output_results_lie_beside_the_object(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket
 ) -> None:
     uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
-    (done,) = predict(PredictRequest((uri,), formats=(Format.NPY,), model=loader))
+    (done,) = predict(
+        PredictRequest((uri,), picture_destination(None, (Format.NPY,)), model=loader)
+    )
     assert isinstance(done, PictureResult)
     assert set(bucket.objects()) == {"in/a.png", "in/a.depth.npy"}
     with pytest.raises(UsageError, match="is behind HTTP, where nothing is written"):
@@ -109,7 +115,7 @@ def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
     problem = "exists and was not written by depthcli"
     formats = (Format.NPY, Format.PNG16, Format.EXR)
     for _ in range(2):  # its own outputs are replaced
-        bad, good = predict(PredictRequest(uris, formats=formats, model=loader))
+        bad, good = predict(PredictRequest(uris, picture_destination(None, formats), model=loader))
         assert isinstance(bad, FailedInput)
         assert bad.error.message.problem == f"{names[0]} {problem}"
         assert isinstance(good, PictureResult)
@@ -127,7 +133,9 @@ def test_a_store_that_does_not_answer_gets_no_output(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket, faults: Faults
 ) -> None:
     uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
-    request = PredictRequest((uri,), bucket.uri("out/"), (Format.PNG16,), model=loader)
+    request = PredictRequest(
+        (uri,), picture_destination(bucket.uri("out/"), (Format.PNG16,)), model=loader
+    )
     for answer, is_written in (("500 InternalError", False), ("403 AccessDenied", True)):
         faults.fault = lambda method, path, _, answer=answer: (
             answer if method == "GET" and "/out/" in path else None

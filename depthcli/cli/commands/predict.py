@@ -83,9 +83,7 @@ def predict(
     pictures, own = split_own_outputs(images)
     request = PredictRequest(
         pictures=tuple(pictures),
-        output=output.out,
-        formats=destination.formats,
-        sidecar=output.sidecar,
+        destination=destination,
         overwrite=output.overwrite,
         model=parse.session_loader(model.model, model.runtime),
         camera=parse.camera(camera),
