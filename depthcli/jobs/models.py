@@ -4,7 +4,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -234,19 +234,14 @@ def _complete_card(
     return replace(card, sha256=sha256, size_bytes=len(data))
 
 
-@dataclass(frozen=True, slots=True)
-class ModelCheck:
-    """The result of verifying one model."""
-
-    name: str  #: as requested
-    found: Model | DepthcliError  #: the model, or what is wrong with it
-
-
-def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:
+def verify_models(names: Sequence[str] = ()) -> Iterator[tuple[str, Model | DepthcliError]]:
     """Check size, checksum and card of each model, and run it on gray pictures.
 
     Args:
         names: names or paths; all models that have a name, if empty.
+
+    Yields:
+        Each name with its model, or with what is wrong with it.
     """
     for name in names or [name for name, _ in catalog.list_locations()]:
         try:
@@ -255,6 +250,6 @@ def verify_models(names: Sequence[str] = ()) -> Iterator[ModelCheck]:
             try_session(session)
             try_other_size(session)
         except DepthcliError as error:
-            yield ModelCheck(name, error)
+            yield name, error
         else:
-            yield ModelCheck(name, model)
+            yield name, model

@@ -197,7 +197,7 @@ def batch(
     here = replace(request.model, provider="cpu", provider_options={})
     loading = (here if engine.is_ray else request.model).start()
     from depthcli.cli.process import graceful_shutdown
-    from depthcli.cli.screen.results import BatchScreen, StopOnSignal, print_dry_run
+    from depthcli.cli.screen.results import StopOnSignal, print_dry_run, run_batch
 
     if output.dry_run:
         from depthcli.jobs.batch.run import dry_run
@@ -212,7 +212,7 @@ def batch(
         stop = StopOnSignal(interrupt)
         with _open_engine(engine, stop) as cluster:
             job = Batch(request, session, cluster, progress=stop)
-            BatchScreen(as_json=screen.as_json, quiet=screen.quiet).run(job, plan, stop)
+            run_batch(job, plan, stop, as_json=screen.as_json, quiet=screen.quiet)
     return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
 
 

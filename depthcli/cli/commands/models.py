@@ -14,10 +14,7 @@ from depthcli.core.options import one_line
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
-    from depthcli.jobs.models import ModelCheck
     from depthcli.models.card import ModelCard
-    from depthcli.models.catalog import ModelLocation
-
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -67,24 +64,30 @@ def add_model_file(
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import is_remote, path_of
     from depthcli.jobs.models import add_model
+    from depthcli.models.card import check_command, preprocessing_check
 
     with show_progress(silent=as_json or quiet) as progress:
         model = add_model(
             path_of(file), card, name=name, force=force, sha256=sha256, progress=progress
         )
+    name, folder, check = model.card.name, model.path.parent, preprocessing_check(model.card)
     if as_json:
-        console.out_json(
-            {"name": model.card.name, "path": str(model.path.parent), "sha256": model.sha256}
-            | _preprocessing_json(model.card)
-        )
+        added: dict[str, object] = {"name": name, "path": str(folder), "sha256": model.sha256}
+        if check is not None:
+            stated = {"run_with_weights": check.run_with_weights, "verified": check.verified}
+            added["preprocessing"] = stated | {"check": check_command(model.card)}
+        console.out_json(added)
         return ExitCode.OK
     if quiet:
         return ExitCode.OK
-    added = f"{model.card.name}: {output_text(model.card)}, in {model.path.parent}"
-    console.report(one_line(added))
+    console.report(one_line(f"{name}: {output_text(model.card)}, in {folder}"))
     if is_remote(file) and sha256 is None:
         console.note(f"to get exactly this file again: --sha256 {model.sha256}")
-    _warn_of_preprocessing(model.card)
+    if check is not None and not check.run_with_weights:
+        console.warn(
+            "this card was never run with the real weights, so its preprocessing may be wrong. "
+            f"{check.verified} Check it on a few images: {check_command(model.card)}"
+        )
     return ExitCode.OK
 
 
@@ -110,19 +113,22 @@ def remove_models(
 @app.command("cards")
 def list_cards(as_json: JsonOption = False) -> int:
     """List ready cards for well-known models to download."""
+    from depthcli.models.card import preprocessing_check
     from depthcli.models.catalog import ready_card, ready_names
 
-    found = {name: ready_card(name) for name in ready_names()}
+    rows = []
+    for name, card in ((name, ready_card(name)) for name in ready_names()):
+        check = preprocessing_check(card)
+        was_run = "yes" if check and check.run_with_weights else "no"
+        rows.append((name, output_text(card), card.license, was_run, card.summary))
+        if as_json:
+            facts = {"license": card.license, "summary": card.summary, **card.training}
+            console.out_json({"name": name, "kind": card.output.kind.value, **facts})
     if as_json:
-        for name, card in found.items():
-            console.out_json(_card_json(name, card))
         return ExitCode.OK
-    console.print_table(
-        ("card", "output", "license", "run with real weights", "summary"),
-        [(n, output_text(c), c.license, _run_text(c), c.summary) for n, c in found.items()],
-    )
+    console.print_table(("card", "output", "license", "run with real weights", "summary"), rows)
     console.note(
-        "a card that was never run with real weights may preprocess pictures incorrectly; check it "
+        "a card that was never run with real weights may preprocess images incorrectly; check it "
         "against known depth: depthcli eval nyu --data NYU --split val --limit 20 --model NAME, "
         "with --align disparity for inverse depth"
     )
@@ -134,45 +140,6 @@ def output_text(card: ModelCard) -> str:
     if card.output.max_m is not None and card.output.kind == "metric":
         return f"metric depth up to {card.output.max_m:g} m"
     return f"{card.output.kind} depth, no unit"
-
-
-def _run_text(card: ModelCard) -> str:
-    from depthcli.models.card import preprocessing_check
-
-    check = preprocessing_check(card)
-    return "yes" if check and check.run_with_weights else "no"
-
-
-def _preprocessing_json(card: ModelCard) -> dict[str, object]:
-    """Facts about the check of a card's preprocessing, for JSON; empty if there are none."""
-    from depthcli.models.card import check_command, preprocessing_check
-
-    check = preprocessing_check(card)
-    if check is None:
-        return {}
-    stated = {"run_with_weights": check.run_with_weights, "verified": check.verified}
-    return {"preprocessing": stated | {"check": check_command(card)}}
-
-
-def _warn_of_preprocessing(card: ModelCard) -> None:
-    from depthcli.models.card import check_command, preprocessing_check
-
-    check = preprocessing_check(card)
-    if check is not None and not check.run_with_weights:
-        console.warn(
-            "this card was never run with the real weights, so its preprocessing may be wrong. "
-            f"{check.verified} Check it on a few pictures: {check_command(card)}"
-        )
-
-
-def _card_json(name: str, card: ModelCard) -> dict[str, object]:
-    return {
-        "name": name,
-        "kind": card.output.kind.value,
-        "license": card.license,
-        "summary": card.summary,
-        **card.training,
-    }
 
 
 @app.callback()
@@ -189,17 +156,28 @@ def list_models(as_json: JsonOption = False) -> int:
     Search order: folders in DEPTHCLI_MODELS, models added with 'depthcli models add', bundled
     models.
     """
-    from depthcli.models.catalog import list_locations
+    from depthcli.models.catalog import list_locations, read_model
 
-    found = [(name, place, _card_or_error(place)) for name, place in list_locations()]
-    if as_json:
-        for name, place, card in found:
-            console.out_json(_model_json(name, place, card))
-    else:
-        rows = [_model_row(name, place, card) for name, place, card in found]
+    code, rows = ExitCode.OK, []
+    for name, place in list_locations():
+        shown: dict[str, object] = {"name": name, "path": str(place.path)}
+        try:
+            card = read_model(place).card
+        except DepthcliError as error:
+            code, reason = ExitCode.FAILURE, console.worded(error.message)
+            rows.append((name, "", "damaged", "", reason, str(place.path)))
+            shown |= {"status": "failed", "error": reason}
+        else:
+            kind, size = card.output.kind.value, card.size_bytes
+            megabytes = "" if size is None else f"{size / 1e6:.1f} MB"
+            rows.append((name, card.version, kind, megabytes, card.summary, str(place.path)))
+            shown |= {"status": "ok", "version": card.version, "kind": kind, "bytes": size}
+            shown |= {"sha256": card.sha256, "summary": card.summary, "license": card.license}
+        if as_json:
+            console.out_json(shown)
+    if not as_json:
         console.print_table(("name", "version", "kind", "size", "summary", "path"), rows)
-    broken = any(isinstance(card, DepthcliError) for _, _, card in found)
-    return ExitCode.FAILURE if broken else ExitCode.OK
+    return code
 
 
 @app.command("show")
@@ -226,56 +204,19 @@ def verify(
     """Verify size, checksum and card, and run each model once."""
     from depthcli.jobs.models import verify_models
 
-    failed = False
-    for check in verify_models(models or ()):
-        failed = failed or isinstance(check.found, DepthcliError)
-        _print_check(check, as_json=as_json)
-    return ExitCode.FAILURE if failed else ExitCode.OK
-
-
-def _print_check(check: ModelCheck, *, as_json: bool) -> None:
-    name, found = check.name, check.found
-    if isinstance(found, DepthcliError):
-        if as_json:
-            reason = console.worded(found.message)
-            console.out_json({"name": name, "status": "failed", "error": reason})
+    code = ExitCode.OK
+    for name, found in verify_models(models or ()):
+        facts: dict[str, object]
+        if isinstance(found, DepthcliError):
+            code = ExitCode.FAILURE
+            facts = {"status": "failed", "error": console.worded(found.message)}
         else:
+            facts = {"status": "ok", "path": str(found.path), "sha256": found.sha256}
+            facts["bytes"] = len(found.data)
+        if as_json:
+            console.out_json({"name": name, **facts})
+        elif isinstance(found, DepthcliError):
             console.error(found.message)
-    elif as_json:
-        facts = {"path": str(found.path), "sha256": found.sha256, "bytes": len(found.data)}
-        console.out_json({"name": name, "status": "ok", **facts})
-    else:
-        console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
-
-
-def _card_or_error(place: ModelLocation) -> ModelCard | DepthcliError:
-    from depthcli.models.catalog import read_model
-
-    try:
-        return read_model(place).card
-    except DepthcliError as error:
-        return error
-
-
-def _model_json(
-    name: str, place: ModelLocation, card: ModelCard | DepthcliError
-) -> dict[str, object]:
-    facts: dict[str, object] = {"name": name, "path": str(place.path)}
-    if isinstance(card, DepthcliError):
-        return facts | {"status": "failed", "error": console.worded(card.message)}
-    return facts | {
-        "status": "ok",
-        "version": card.version,
-        "kind": card.output.kind.value,
-        "bytes": card.size_bytes,
-        "sha256": card.sha256,
-        "summary": card.summary,
-        "license": card.license,
-    }
-
-
-def _model_row(name: str, place: ModelLocation, card: ModelCard | DepthcliError) -> tuple[str, ...]:
-    if isinstance(card, DepthcliError):
-        return (name, "", "damaged", "", console.worded(card.message), str(place.path))
-    size = "" if card.size_bytes is None else f"{card.size_bytes / 1e6:.1f} MB"
-    return (name, card.version, card.output.kind, size, card.summary, str(place.path))
+        else:
+            console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
+    return code

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
@@ -17,11 +19,10 @@ from depthcli.jobs.write import FailedInput
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable
-    from pathlib import Path
 
     from depthcli.core.progress import Interrupt
     from depthcli.jobs.batch.plan import BatchPlan
-    from depthcli.jobs.batch.run import Batch, DryRunResult, Tally
+    from depthcli.jobs.batch.run import Batch, DryRunResult
     from depthcli.jobs.batch.tasks import BatchResult
     from depthcli.jobs.convert import ConvertResult, FolderPlan
     from depthcli.jobs.predict import PictureResult
@@ -45,102 +46,90 @@ class StopOnSignal:
             raise SystemExit(SIGNAL_BASE + self.interrupt.number)
 
 
-@dataclass(frozen=True, slots=True)
-class BatchScreen:
-    """Prints the results of a batch."""
+def run_batch(
+    batch: Batch, plan: BatchPlan, stop: StopOnSignal, *, as_json: bool, quiet: bool
+) -> None:
+    """Run a batch; print its results, as JSON objects or as warnings and failures, and a summary.
 
-    as_json: bool  #: print one JSON object per input
-    quiet: bool  #: print errors only
+    With ``quiet``, only errors are printed.
+    """
 
-    def run(self, batch: Batch, plan: BatchPlan, stop: StopOnSignal) -> None:
-        """Run a batch, and print its results."""
-        console.warn_all(() if self.quiet else batch.warnings)
-        resumes = True
-        try:
-            with show_progress(silent=self.quiet or self.as_json) as progress, closing(batch):
-                stage = progress.begin("", batch.tally.total, "inputs")
-                for result in batch:
-                    self._print(result)
-                    failed = len(batch.tally.failures)
-                    stage.note = f"{failed} failed" if failed else ""
-                    (stage.skip if result.is_kept else stage)(1)
-                    stop.check()
-        except ModelError:
-            stop.check()  # the network was stopped
-            raise
-        except UsageError:
-            resumes = False
-            raise
-        finally:
-            for result in batch.late:
-                self._print(result)
-            self._print_summary(plan, batch, resumes=resumes)
-
-    def _print(self, result: BatchResult) -> None:
-        if self.as_json:
+    def show(result: BatchResult) -> None:
+        if as_json:
             console.out_json(result.row.as_json() | {"kept": result.is_kept})
-        elif not self.quiet and not result.is_kept:
+        elif not quiet and not result.is_kept:
             console.warn_all(result.row.warnings, name=result.row.input)
 
-    def _print_summary(self, plan: BatchPlan, batch: Batch, *, resumes: bool) -> None:
-        """Print the failures, then the counts."""
-        tally = batch.tally
-        for name, reason in tally.failures:
-            console.error(about(name, reason))
-        if batch.stopped:
-            console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
-        if tally.failures and self.quiet:
-            console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
-        if self.quiet:
-            return
-        for loop in plan.loops:
-            console.warn(f"{loop} is a link to a folder above it; skipped")
-        say = console.note if self.as_json else console.report
-        speed = f"{tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s"
-        say(f"{', '.join(_counts(plan, tally))}; {speed}")
-        if resumes and tally.completed < tally.total and not batch.stopped:
-            console.note("stopped early; run the same command again to resume")
-        if batch.manifest.exists():  # the disk may have been too full for it
-            say(one_line(f"manifest: {batch.manifest}"))
+    console.warn_all(() if quiet else batch.warnings)
+    resumes = True
+    try:
+        with show_progress(silent=quiet or as_json) as progress, closing(batch):
+            stage = progress.begin("", batch.tally.total, "inputs")
+            for result in batch:
+                show(result)
+                failed = len(batch.tally.failures)
+                stage.note = f"{failed} failed" if failed else ""
+                (stage.skip if result.is_kept else stage)(1)
+                stop.check()
+    except ModelError:
+        stop.check()  # the network was stopped
+        raise
+    except UsageError:
+        resumes = False
+        raise
+    finally:
+        for result in batch.late:
+            show(result)
+        _print_failures(batch, quiet=quiet)
+        if not quiet:
+            _print_counts(plan, batch, console.note if as_json else console.report)
+            if resumes and batch.tally.completed < batch.tally.total and not batch.stopped:
+                console.note("stopped early; run the same command again to resume")
 
 
-def _counts(plan: BatchPlan, tally: Tally) -> list[str]:
+def _print_failures(batch: Batch, *, quiet: bool) -> None:
+    tally = batch.tally
+    for name, reason in tally.failures:
+        console.error(about(name, reason))
+    if batch.stopped:
+        console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
+    if tally.failures and quiet:
+        console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
+
+
+def _print_counts(plan: BatchPlan, batch: Batch, say: Callable[[str], None]) -> None:
+    tally = batch.tally
+    for loop in plan.loops:
+        console.warn(f"{loop} is a link to a folder above it; skipped")
     parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
-    if tally.kept:
-        parts.append(f"{tally.kept} already done")
-    if tally.failures:
-        parts.append(f"{len(tally.failures)} failed")
-    if plan.skipped:
-        parts.append(skip_summary(plan.skipped))
-    return parts
+    parts += [f"{tally.kept} already done"] if tally.kept else []
+    parts += [f"{len(tally.failures)} failed"] if tally.failures else []
+    parts += [skip_summary(plan.skipped)] if plan.skipped else []
+    say(f"{', '.join(parts)}; {tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s")
+    if batch.manifest.exists():  # the disk may have been too full for it
+        say(one_line(f"manifest: {batch.manifest}"))
 
 
 def print_dry_run(results: Iterable[DryRunResult], plan: BatchPlan, *, as_json: bool) -> int:
     """Print what would be done for each input, and the counts; the number that would fail."""
     console.warn_all(plan.warnings)
-    counts = {"do": 0, "keep": 0, "fail": 0}
-    for one in results:
-        counts[one.would] += 1
-        _print_planned(one.would, one.input, one.outputs, one.error, as_json=as_json)
-    for file in plan.skipped:
-        _print_planned("skip", file.name, (), file.reason, as_json=as_json)
+    planned = ((one.would, one.input, one.outputs, one.error) for one in results)
+    skipped = (("skip", file.name, (), file.reason) for file in plan.skipped)
+    counts: Counter[str] = Counter()
+    for would, name, outputs, problem in chain(planned, skipped):
+        counts[would] += 1
+        paths, error = [str(path) for path in outputs], problem and console.worded(problem)
+        if as_json:
+            console.out_json({"input": name, "would": would, "outputs": paths, "error": error})
+        else:
+            result = f": {error}" if error else f" -> {', '.join(paths)}"
+            console.out(one_line(f"{would:<4}  {name}{result}"))
     rest = f"; {skip_summary(plan.skipped)}" if plan.skipped else ""
     console.note(
         f"would process {counts['do']}, keep {counts['keep']} already done, fail "
         f"{counts['fail']}{rest}"
     )
     return counts["fail"]
-
-
-def _print_planned(
-    would: str, name: str, outputs: Iterable[Path], problem: str | None, *, as_json: bool
-) -> None:
-    paths, error = [str(path) for path in outputs], problem and console.worded(problem)
-    if as_json:
-        console.out_json({"input": name, "would": would, "outputs": paths, "error": error})
-    else:
-        result = f": {error}" if error else f" -> {', '.join(paths)}"
-        console.out(one_line(f"{would:<4}  {name}{result}"))
 
 
 def print_picture(
