@@ -31,7 +31,7 @@ from depthcli.export.graph import (
     quantize,
     weights_to_float16,
 )
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.metrics.pixels import MIN_DEPTH_M
 from depthcli.models.card import (
     METADATA_KEY,
@@ -236,9 +236,10 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
+    guard = Guard.of(lambda _: True, [checkpoint])
     with (  # both are written before either is renamed, as old and new ones do not match
-        atomic_path(out, inputs=[checkpoint]) as path,
-        atomic_path(card_path(out), inputs=[checkpoint]) as card_file,
+        atomic_path(out, guard=guard) as path,
+        atomic_path(card_path(out), guard=guard) as card_file,
     ):
         path.write_bytes(data)
         card_file.write_text(card.to_json(), "utf-8")

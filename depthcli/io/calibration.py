@@ -9,7 +9,7 @@ import cv2
 
 from depthcli.core.camera import FOCAL_PX, Intrinsics, hfov_deg
 from depthcli.errors import InputError
-from depthcli.io.images.opencv import silent_opencv
+from depthcli.io.images import opencv as _silenced  # noqa: F401 - its log
 from depthcli.io.storage.paths import path_of, read_bytes
 
 _WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")
@@ -115,10 +115,9 @@ def _opened_storage(path: Path) -> cv2.FileStorage:
         document = takewhile(lambda line: line.rstrip() not in _ENDS, rest)
         data = b"\n".join([b"%YAML:1.0", b"---", *document, b""])
     try:
-        with silent_opencv():
-            flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
-            root = cv2.FileStorage(data.decode(), flags)
-            is_read = root.isOpened() and root.root().isMap()
+        flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
+        root = cv2.FileStorage(data.decode(), flags)
+        is_read = root.isOpened() and root.root().isMap()
     except (cv2.error, SystemError, UnicodeDecodeError):
         is_read = False
     if not is_read:

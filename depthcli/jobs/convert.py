@@ -25,7 +25,6 @@ from depthcli.io.formats.table import (
     format_of,
     stem_of,
 )
-from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import (
     ANY,
@@ -268,7 +267,6 @@ def convert_folder(
 
     pairs = zip(plan.inputs, plan.targets, strict=True)
     with (
-        silent_opencv(),
         one_thread_each(workers),
         closing(ordered_map(convert_one, pairs, workers=workers)) as results,
     ):

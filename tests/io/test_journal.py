@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from helpers.file_trees import contents, names
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
@@ -26,7 +26,7 @@ from depthcli.io.manifest.files import (
     parse_row,
     row_files,
 )
-from depthcli.io.manifest.journal import Journal, RowIndex, known_rows
+from depthcli.io.manifest.journal import Journal, known_rows
 
 JOURNAL_NAME = ".depthcli-batch.jsonl"
 MANIFEST_NAME = "manifest.jsonl"
@@ -258,17 +258,3 @@ def test_rows_of_others_of_the_same_division_are_not_read(tmp_path: Path) -> Non
     others = {".depthcli-batch-3-of-3.jsonl", "manifest-1-of-3.jsonl"}
     of_the_second = [path.name for path in row_files(tmp_path, Shard(2, 3))]
     assert of_the_second == [name for name in of_all if name not in others]
-
-
-@settings(max_examples=30)
-@given(st.lists(st.tuples(st.text(max_size=3), st.integers(0, 3), st.integers(0, 9))))
-def test_an_index_is_a_dictionary_in_two_orders(added: list[tuple[str, int, int]]) -> None:
-    index, expected = RowIndex(), {}
-    for name, *place in added:
-        index.add([(name, *place)])
-        expected[name] = tuple(place)
-    ordered = sorted(expected, key=lambda name: name.encode("utf-8", "surrogatepass"))
-    assert list(index.places(by_name=True)) == [expected[name] for name in ordered]
-    assert list(index.places()) == sorted(expected.values())
-    assert [index.find(name) for name in expected] == list(expected.values())
-    assert index.find("never added") is None

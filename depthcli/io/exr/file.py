@@ -104,9 +104,6 @@ def time_code_attribute(numbers: tuple[int, ...]) -> Any:  # noqa: ANN401 - Open
     Args:
         numbers: hours, minutes, seconds, frame; six flags (drop frame, colour frame, field phase,
             three of binary groups); eight binary groups of four bits.
-
-    Raises:
-        RuntimeError: one is out of its range.
     """
     return OpenEXR.TimeCode(*numbers)
 
@@ -180,9 +177,6 @@ def read_exr_channels(
         path: the file.
         name: what messages call it; None for its path.
         max_pixels: larger windows are refused before pixels are decoded.
-
-    Raises:
-        InputError: missing, damaged, deep, or too large.
     """
     if not isinstance(path, RemotePath):
         read_bytes(path, first=1)  # errors of files are told apart here
@@ -236,9 +230,6 @@ def write_exr(
         windows: the data window, which the channels cover, and the display window; None if both
             begin at (0, 0) and are of the channels' size.
         time_code: of the frame, as ``Frame`` has it; None for none.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
@@ -285,11 +276,7 @@ def _has_all_rows(path: Path, height: int) -> bool:
 
 
 def read_exr_header(path: Path) -> dict[str, Any]:
-    """All attributes of the first part.
-
-    Raises:
-        InputError: missing or damaged.
-    """
+    """All attributes of the first part."""
     if not isinstance(path, RemotePath):
         read_bytes(path, first=1)
     try:
@@ -369,9 +356,6 @@ def colour_channels(
 
     Returns:
         The names of R, G and B, or of Y; and one line, or None.
-
-    Raises:
-        InputError: there is no such layer.
     """
     coloured = _coloured_layers(names)
     if layer is not None:

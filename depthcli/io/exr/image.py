@@ -126,7 +126,7 @@ def _to_xyz(
 
 
 def read_exr_image(
-    path: Path,
+    path: Path | bytes,
     *,
     name: str | None = None,
     max_pixels: int = MAX_PIXELS,
@@ -136,7 +136,8 @@ def read_exr_image(
     """The colours of an EXR, encoded for display, and what its header states.
 
     Args:
-        path: the file; its R, G and B, or its Y, or those of the layer that is its image.
+        path: the file, or its content; its R, G and B, or its Y, or those of the layer that is
+            its image.
         name: what messages call it; None for its path.
         max_pixels: images with more are refused before they are decoded.
         overscan: the window to read, relative to the corner of the display window; None for the
@@ -153,6 +154,12 @@ def read_exr_image(
     # OpenEXR is slow to load.
     from depthcli.io.exr.file import colour_channels, read_exr_channels  # noqa: PLC0415
 
+    if isinstance(path, bytes):
+        with temporary_copy(path, "image.exr") as copy:
+            frame = read_exr_image(
+                copy, name=name, max_pixels=max_pixels, overscan=overscan, options=options
+            )
+        return replace(frame, path=None)
     name = name or str(path)
     channels = read_exr_channels(path, name=name, max_pixels=max_pixels)
     names, doubt = colour_channels(name, list(channels), options.layer)
@@ -183,25 +190,6 @@ def read_exr_image(
         windows=windows,
         time_code=part.time_code,
     )
-
-
-def read_exr_data(
-    data: bytes,
-    name: str,
-    max_pixels: int = MAX_PIXELS,
-    options: ReadOptions = AS_STATED,
-) -> Frame:
-    """Read an image as :func:`read_exr_image` does, from the content of a file.
-
-    ``name`` is what messages call it.
-
-    Raises:
-        InputError: damaged, without colours or the layer, or too large.
-        OutputError: there is no room for a temporary copy, which OpenEXR needs.
-    """
-    with temporary_copy(data, "image.exr") as copy:
-        frame = read_exr_image(copy, name=name, max_pixels=max_pixels, options=options)
-    return replace(frame, path=None)
 
 
 def read_exr_rate(path: Path) -> Fraction | None:

@@ -37,9 +37,6 @@ def read_tags(
         data: it starts with one of ``TIFF_STARTS``.
         wanted: their numbers.
         at: position of the directory; None for the first.
-
-    Raises:
-        struct.error: the file is truncated.
     """
     for tag, form, position in tag_entries(data, wanted, at):
         yield tag, unpack_at(form, data, position)

@@ -39,11 +39,7 @@ def is_heif(data: bytes) -> bool:
 
 
 def avif_header(data: bytes) -> Header:
-    """Largest size of an AVIF's items, tiles and thumbnails among them, and what else is stated.
-
-    Raises:
-        InputError: it is truncated.
-    """
+    """Largest size of an AVIF's items, tiles and thumbnails among them, and what else is stated."""
     claims = data[: data.find(b"mdat")]
     starts = [found.end() + 4 for found in _ISPE.finditer(claims)]
     sizes = [struct.unpack_from(">II", claims, start) for start in starts]
@@ -118,11 +114,7 @@ _DAMAGE = (EOFError, LookupError, OSError, RuntimeError, SyntaxError, ValueError
 
 
 def heif_header(data: bytes) -> Header:
-    """Size of the primary image of a HEIF file, and what else it states.
-
-    Raises:
-        InputError: truncated, damaged, or pillow-heif is missing.
-    """
+    """Size of the primary image of a HEIF file, and what else it states."""
     if not is_installed("pillow_heif"):
         raise InputError("is HEIC, which needs pillow-heif", INSTALL_HEIF)
     if is_cut_in_box(data, b"mdat"):  # libheif makes up tiles that are missing, without an error
@@ -143,11 +135,7 @@ def heif_header(data: bytes) -> Header:
 
 
 def decode_heif(data: bytes) -> Decoded:
-    """Pixels of the primary image, as its irot and imir turn it, whatever its EXIF states.
-
-    Raises:
-        InputError: it is damaged.
-    """
+    """Pixels of the primary image, as its irot and imir turn it, whatever its EXIF states."""
     file = _opened(data)
     image = file[file.primary_index]
     channels = len(image.mode.partition(";")[0])

@@ -34,12 +34,7 @@ def jpeg_header(data: bytes) -> Header:
 
 
 def decode_jpeg(data: bytes) -> Decoded:
-    """Pixels of a JPEG; gray stays gray, and CMYK becomes RGB as in OpenCV.
-
-    Raises:
-        InputError: it is truncated or damaged.
-        ValueError: it is not decodable.
-    """
+    """Pixels of a JPEG; gray stays gray, and CMYK becomes RGB as in OpenCV."""
     colours = _COLOURS.get(_frame(data)[2], "RGB")
     exifs = (body for marker, body in _segments(data) if marker == _APP1 and body[:6] == _EXIF)
     exif = next(exifs, b"")

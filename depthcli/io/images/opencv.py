@@ -2,9 +2,6 @@
 
 import re
 import struct
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import cv2
@@ -21,7 +18,7 @@ _BMP_OS2_BYTES = 12  # of the header of OS/2, whose colours OpenCV makes gray
 _NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"
 _NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?\s")
 """Width, height and, except for bitmaps, the value of white."""
-_BITMAPS, _PLAIN = (b"P1", b"P4"), (b"P2", b"P3")
+_BITMAPS, _PLAIN, _TEXTS = (b"P1", b"P4"), (b"P2", b"P3"), (b"P1", b"P2", b"P3")
 _BYTE = 0xFF
 
 
@@ -65,11 +62,7 @@ def gif_header(data: bytes) -> Header:
 
 
 def bmp_header(data: bytes) -> Header:
-    """Header of a BMP.
-
-    Raises:
-        InputError: it is that of OS/2.
-    """
+    """Header of a BMP."""
     size, width, height = struct.unpack_from("<Iii", data, 14)
     if size == _BMP_OS2_BYTES:
         raise InputError("is a BMP of OS/2, which is not read", "convert it to PNG")
@@ -95,56 +88,26 @@ def netpbm_header(data: bytes) -> Header:
 IMAGE_SUFFIXES = (".jpg", ".png", ".tiff", ".webp", ".avif", ".bmp")
 """One suffix for each format that OpenCV reads and writes."""
 MAX_PIXELS_OF_OPENCV = 2**30
+# What OpenCV logs about a damaged file is raised as an error, with the name of the file.
+getattr(cv2.utils, "logging", cv2).setLogLevel(0)  # OpenCV 4 has it in cv2 itself
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-_SILENT = 0
 _GRAY_ALPHA, _RANK_OF_COLOUR = 2, 3
 
 
-class _Silence:
-    """OpenCV's log level, which all threads share."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._users = self._level = 0
-
-    def _change_users(self, by: int) -> None:
-        log = getattr(cv2.utils, "logging", cv2)  # OpenCV 4 has these in cv2 itself
-        with self._lock:
-            if not self._users:
-                self._level = log.getLogLevel()
-                log.setLogLevel(_SILENT)
-            self._users += by
-            if not self._users:
-                log.setLogLevel(self._level)
-
-    @contextmanager
-    def __call__(self) -> Iterator[None]:
-        self._change_users(1)
-        try:
-            yield
-        finally:
-            self._change_users(-1)
-
-
-silent_opencv = _Silence()
-"""Context in which OpenCV logs nothing, in all threads at once."""
-
-
 def decode_with_opencv(data: bytes) -> Decoded:
-    """Pixels as the file stores them, without alpha, and its EXIF.
-
-    Raises:
-        InputError: it is damaged.
-        cv2.error: likewise, or there is too little memory.
-    """
-    with silent_opencv():
-        pixels, _, metadata = cv2.imdecodeWithMetadata(np.frombuffer(data, np.uint8), flags=_FLAGS)
+    """Pixels as the file stores them, without alpha, and its EXIF."""
+    pixels, _, metadata = cv2.imdecodeWithMetadata(np.frombuffer(data, np.uint8), flags=_FLAGS)
     if pixels is None or not pixels.size:
         raise InputError(
             "is damaged, or of a variant that cannot be decoded", "copy it again or convert it"
         )
     exif = metadata[0].tobytes() if len(metadata) else b""
     return Decoded(_without_alpha(pixels), exif)
+
+
+def decode_netpbm(data: bytes) -> Decoded:
+    """Pixels of a PBM, PGM or PPM; OpenCV refuses texts that do not end in a line break."""
+    return decode_with_opencv(data + b"\n" if data.startswith(_TEXTS) else data)
 
 
 def can_round_trip(suffix: str) -> bool:

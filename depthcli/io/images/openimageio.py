@@ -46,20 +46,13 @@ def needs_openimageio(problem: str) -> None:
 
     Args:
         problem: what needs it, as the middle of a sentence.
-
-    Raises:
-        InputError: it is missing.
     """
     if not is_installed("OpenImageIO"):
         raise InputError(f"{problem}, which needs OpenImageIO", INSTALL_FORMATS)
 
 
 def openimageio_header(data: bytes) -> Header:
-    """Size of an image.
-
-    Raises:
-        InputError: it is damaged, or OpenImageIO is missing.
-    """
+    """Size of an image."""
     needs_openimageio(f"is {_format_of(data)}")
     with _opened(data) as file:
         spec = file.spec()
@@ -67,11 +60,7 @@ def openimageio_header(data: bytes) -> Header:
 
 
 def decode_with_openimageio(data: bytes) -> Decoded:
-    """Pixels of the first image, upright and without alpha; white is the maximum of their type.
-
-    Raises:
-        InputError: it is damaged.
-    """
+    """Pixels of the first image, upright and without alpha; white is the maximum of their type."""
     with _opened(data) as file:
         spec = file.spec()
         kind = str(spec.format) if str(spec.format) in _TYPES else "float"

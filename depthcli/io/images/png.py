@@ -62,9 +62,6 @@ def still_image(png: bytes) -> bytes:
 
     OpenCV does not decode the still image of every animation, and libpng prints what it thinks of
     colour profiles.
-
-    Raises:
-        InputError: it is truncated or damaged.
     """
     parts: list[bytes | memoryview] = [SIGNATURE]
     for kind, body, checksum in read_chunks(png):
@@ -117,9 +114,6 @@ def encode_png(pixels: Pixels, texts: Mapping[str, str] | None = None) -> bytes:
 
     Texts, keyword -> text, are as for :func:`text_chunk`. Filtering and compression release the
     GIL.
-
-    Raises:
-        OutputError: there are no pixels, or more than PNG allows.
     """
     height, width = pixels.shape[:2]
     if not (0 < height <= MAX_LENGTH and 0 < width <= MAX_LENGTH):

@@ -25,6 +25,7 @@ from depthcli.io.images.opencv import (
     Decoded,
     Header,
     bmp_header,
+    decode_netpbm,
     decode_with_opencv,
     gif_header,
     is_netpbm,
@@ -41,7 +42,11 @@ _MAX_SIDE = 1_000_000  # libpng and OpenCV decode no longer ones
 
 
 class _Container(NamedTuple):
-    """A kind of image files."""
+    """A kind of image files.
+
+    The functions of its file raise InputError, without the name of the file, and what the decoder
+    raises about damaged ones.
+    """
 
     recognizes: Callable[[bytes], bool]
     header: Callable[[bytes], Header]
@@ -72,7 +77,7 @@ _CONTAINERS = (
     ),
     _Container(_starting(b"GIF87a", b"GIF89a"), gif_header, decode_with_opencv),
     _Container(_starting(b"BM"), bmp_header, decode_with_opencv),
-    _Container(is_netpbm, netpbm_header, decode_with_opencv),
+    _Container(is_netpbm, netpbm_header, decode_netpbm),
     _Container(
         _lazy("heif", "is_heif"), _lazy("heif", "heif_header"), _lazy("heif", "decode_heif")
     ),
@@ -234,8 +239,15 @@ def read_image(
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
     if data.startswith(EXR_MAGIC):
+        # Other images need not wait for it.
+        from depthcli.io.exr.image import read_exr_image  # noqa: PLC0415
+
+        if is_own_exr(data):
+            raise InputError(f"{name} was written by depthcli", "'depthcli convert' reads it")
+        source = data if file is None or isinstance(file, RemotePath) else file
         options = ReadOptions(exposure=exposure, layer=layer)
-        return replace(_exr_picture(file, data, name, max_pixels, options), path=path)
+        frame = read_exr_image(source, name=name, max_pixels=max_pixels, options=options)
+        return replace(frame, path=path)
     image = check(data, name, max_pixels)
     decoded = image.decode()
     exif, header = parse_exif(decoded.exif), image.header
@@ -266,27 +278,6 @@ def _frame_pixels(
     pixels, warnings = full_range(pixels, header.white, white_level)
     hdr = transfer_warning(header.transfer, "picture", "sRGB")
     return as_frame_dtype(pixels, image.name), (*warnings, hdr)
-
-
-def _exr_picture(
-    file: Path | None,
-    data: bytes,
-    name: str,
-    max_pixels: int,
-    options: ReadOptions,
-) -> Frame:
-    """The image in an EXR; of its data if there is no file, or none on this machine."""
-    # Other images need not wait for it.
-    from depthcli.io.exr.image import read_exr_data, read_exr_image  # noqa: PLC0415
-
-    if is_own_exr(data):
-        raise InputError(
-            f"{name} was written by depthcli; name a picture, or use 'depthcli convert' for depth "
-            "files"
-        )
-    if file is None or isinstance(file, RemotePath):
-        return read_exr_data(data, name, max_pixels, options)
-    return read_exr_image(file, max_pixels=max_pixels, options=options)
 
 
 _GRAY_MODES = ("1", "LA")

@@ -26,12 +26,7 @@ _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PLANAR, _FLOAT = 0, 1, 2, 2, 3
 
 
 def tiff_header(data: bytes) -> Header:
-    """Size of the first image of a TIFF, the value of its white, and how many others there are.
-
-    Raises:
-        InputError: it is a camera raw file, or needs OpenImageIO, which is missing.
-        struct.error, KeyError: it is truncated.
-    """
+    """Size of the first image of a TIFF, the value of its white, and how many others there are."""
     tags = _first_directory(data)
     if tags.get(_SUBFILE_TYPE, 0) & _REDUCED and _SUB_DIRECTORIES in tags:
         raise InputError(
@@ -53,12 +48,7 @@ def tiff_header(data: bytes) -> Header:
 
 
 def decode_tiff(data: bytes) -> Decoded:
-    """Pixels of the first image, upright, because OpenCV's reader always turns it.
-
-    Raises:
-        InputError: it is damaged.
-        cv2.error: likewise.
-    """
+    """Pixels of the first image, upright, because OpenCV's reader always turns it."""
     if _not_for_opencv(_first_directory(data)):
         return decode_with_openimageio(data)
     return Decoded(decode_with_opencv(_with_colours_as_stored(data)).pixels, data)

@@ -122,11 +122,7 @@ class InputFile(NamedTuple):
     problem: str | None = None  #: why it cannot be read, if that is known already
 
     def readable_path(self) -> Path:
-        """Its local or remote path.
-
-        Raises:
-            InputError: it is known already that it cannot be read.
-        """
+        """Its local or remote path."""
         if self.problem is not None:
             raise InputError(self.problem)
         return path_of(self.path)
@@ -327,11 +323,7 @@ class NameFilter(NamedTuple):
 
     @classmethod
     def of(cls, include: Sequence[str], exclude: Sequence[str]) -> Self:
-        """From patterns as the user gives them.
-
-        Raises:
-            UsageError: one is not a valid pattern.
-        """
+        """From patterns as the user gives them."""
         return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)), tuple(include))
 
     def refusal(self, name: str) -> str | None:

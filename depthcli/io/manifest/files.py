@@ -287,11 +287,7 @@ class RowsFolder:
     """
 
     def __init__(self, out: Path) -> None:
-        """Download the rows of a remote folder.
-
-        Raises:
-            OutputError: it cannot be read.
-        """
+        """Download the rows of a remote folder."""
         self.path = out
         self._lock, self._uploaded_s = threading.Lock(), time.monotonic()
         self._exit_stack = ExitStack()

@@ -27,61 +27,21 @@ from depthcli.io.storage.temporary import folder_lock, open_locked
 _CACHE_KIB = 65536
 
 
-class RowIndex:
-    """Place (file, position) of each input's row, and paths of outputs, in an SQLite database.
-
-    It is in memory up to a few megabytes, then in a temporary file, and deleted with the process.
-    """
-
-    def __init__(self) -> None:
-        self._database = sqlite3.connect("", check_same_thread=False, isolation_level=None)
-        for line in (
-            f"PRAGMA cache_size = -{_CACHE_KIB}",
-            "PRAGMA journal_mode = OFF",
-            "CREATE TABLE rows (name BLOB PRIMARY KEY, source INT, position INT) WITHOUT ROWID",
-            "CREATE TABLE outputs (path BLOB PRIMARY KEY) WITHOUT ROWID",
-            "BEGIN",
-        ):
-            self._database.execute(line)
-
-    def add(self, rows: Iterable[tuple[str, int, int]]) -> None:
-        """Set the places of the rows of inputs, replacing earlier ones."""
-        self._insert("INSERT OR REPLACE INTO rows VALUES (?, ?, ?)", rows)
-
-    def add_outputs(self, paths: Iterable[str]) -> None:
-        """Add paths of outputs."""
-        self._insert("INSERT OR IGNORE INTO outputs VALUES (?)", ((path,) for path in paths))
-
-    def find(self, name: str) -> tuple[int, int] | None:
-        """The place of an input's row; None if it has none."""
-        query = "SELECT source, position FROM rows WHERE name = ?"
-        found: tuple[int, int] | None = self._database.execute(query, (_key(name),)).fetchone()
-        return found
-
-    def has_output(self, path: str) -> bool:
-        """Whether a path of an output was added."""
-        query = "SELECT 1 FROM outputs WHERE path = ?"
-        return self._database.execute(query, (_key(path),)).fetchone() is not None
-
-    def remove(self, name: str) -> None:
-        """Remove an input from the index."""
-        self._database.execute("DELETE FROM rows WHERE name = ?", (_key(name),))
-
-    def places(self, *, by_name: bool = False) -> Iterator[tuple[int, int]]:
-        """All places: file by file, or sorted by the names' bytes."""
-        order = "name" if by_name else "1, 2"
-        return self._database.execute(f"SELECT source, position FROM rows ORDER BY {order}")  # noqa: S608
-
-    def _insert(self, query: str, rows: Iterable[tuple[str, *tuple[int, ...]]]) -> None:
-        self._database.executemany(query, ((_key(name), *rest) for name, *rest in rows))
-
-
-def _key(name: str) -> bytes:
-    return name.encode("utf-8", "surrogatepass")
+_SCHEMA = (
+    f"PRAGMA cache_size = -{_CACHE_KIB}",
+    "PRAGMA journal_mode = OFF",
+    "CREATE TABLE rows (name BLOB PRIMARY KEY, source INT, position INT) WITHOUT ROWID",
+    "CREATE TABLE outputs (path BLOB PRIMARY KEY) WITHOUT ROWID",
+    "BEGIN",
+)
 
 
 class Rows:
-    """Rows of files by input; the last one of an input counts. Thread-safe."""
+    """Rows of files by input; the last one of an input counts. Thread-safe.
+
+    Their places (file, position) are in an SQLite database: in memory up to a few megabytes, then
+    in a temporary file that is deleted with the process.
+    """
 
     def __init__(
         self, files: Sequence[RowFile], shard: Shard = WHOLE, folder: RowsFolder | None = None
@@ -89,11 +49,11 @@ class Rows:
         """Index the rows of a shard's inputs, and keep the folder while they are in use."""
         self._files, self._folder = files, folder
         self._lock = threading.Lock()
-        self._index = RowIndex()
+        self._database = sqlite3.connect("", check_same_thread=False, isolation_level=None)
+        for line in _SCHEMA:
+            self._database.execute(line)
         for source, file in enumerate(files):
-            self._index.add(
-                (name, source, position) for name, position in file.rows() if shard.holds(name)
-            )
+            self._index((name, source, at) for name, at in file.rows() if shard.holds(name))
 
     @property
     def has_files(self) -> bool:
@@ -102,17 +62,28 @@ class Rows:
 
     def row(self, name: str) -> ManifestRow | None:
         """The row of an input, if it has one."""
+        query = "SELECT source, position FROM rows WHERE name = ?"
         with self._lock:
-            place = self._index.find(name)
+            place = self._database.execute(query, (_key(name),)).fetchone()
             return None if place is None else self._at(place)
 
     def __iter__(self) -> Iterator[ManifestRow]:
         """All rows, in the order of the files."""
-        return filter(None, map(self._at, self._index.places()))
+        query = "SELECT source, position FROM rows ORDER BY 1, 2"
+        return filter(None, map(self._at, self._database.execute(query)))
+
+    def _index(self, rows: Iterable[tuple[str, int, int]]) -> None:
+        """Set the places of the rows of inputs, replacing earlier ones."""
+        values = ((_key(name), *place) for name, *place in rows)
+        self._database.executemany("INSERT OR REPLACE INTO rows VALUES (?, ?, ?)", values)
 
     def _at(self, place: tuple[int, int]) -> ManifestRow | None:
         source, position = place
         return self._files[source].row(position)
+
+
+def _key(name: str) -> bytes:
+    return name.encode("utf-8", "surrogatepass")
 
 
 def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
@@ -164,7 +135,7 @@ class Journal(Rows):
         """Append a row, which replaces the input's earlier one."""
         with _as_output_error(self._path), self._lock:
             position = self._own.append(row.as_line())
-            self._index.add([(row.input, len(self._files) - 1, position)])
+            self._index([(row.input, len(self._files) - 1, position)])
 
     def finish(self, names: Iterable[str] | None, *, keep_failed: bool = False) -> None:
         """Write the manifest and remove the journal.
@@ -191,15 +162,20 @@ class Journal(Rows):
 
     def _rows(self, names: Iterable[str] | None, *, keep_failed: bool) -> Iterator[ManifestRow]:
         """Rows of the names in their order, each once, then the others that still hold."""
+        execute, executemany = self._database.execute, self._database.executemany
         for name in names or ():
             row = self.row(name)
             if row is not None:
-                self._index.add_outputs(file.path for file in row.outputs)
+                paths = ((_key(file.path),) for file in row.outputs)
+                executemany("INSERT OR IGNORE INTO outputs VALUES (?)", paths)
                 yield row
-                self._index.remove(name)
-        for place in self._index.places(by_name=True):
+                execute("DELETE FROM rows WHERE name = ?", (_key(name),))
+        taken = "SELECT 1 FROM outputs WHERE path = ?"
+        for place in execute("SELECT source, position FROM rows ORDER BY name"):
             row = self._at(place)
-            if row is None or any(self._index.has_output(file.path) for file in row.outputs):
+            if row is None or any(
+                execute(taken, (_key(file.path),)).fetchone() for file in row.outputs
+            ):
                 continue
             if row.outputs or keep_failed or names is None:
                 yield row

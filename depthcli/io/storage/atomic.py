@@ -57,11 +57,7 @@ class Guard:
             )
 
     def checked(self, paths: Iterable[Path]) -> Self:
-        """Check outputs before any work is done; returns the guard for writing them.
-
-        Raises:
-            OutputError: one of them may not be written.
-        """
+        """Check outputs before any work is done; returns the guard for writing them."""
         for path in paths:
             self.check(path)
         return replace(self, overwrite=True)
@@ -100,15 +96,12 @@ _ADVICE = "choose another {out}"
 
 
 @contextmanager
-def atomic_path(
-    path: Path, *, guard: Guard | None = None, inputs: Iterable[Path] = ()
-) -> Iterator[Path]:
+def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
     """A temporary path in the same folder that takes ``path``'s place when the block succeeds.
 
     Args:
         path: the output; missing folders are created.
         guard: of existing files; None to replace any file.
-        inputs: files that must not be replaced, without a guard.
 
     Yields:
         Where to write; it has ``path``'s suffix.
@@ -117,8 +110,6 @@ def atomic_path(
         OutputError: the folder cannot be created, the file cannot be written, or the path is an
             input, a file that the guard protects, a device or a pipe. Nothing is left behind.
     """
-    if any(is_same_file(path, source) for source in inputs):
-        raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
     if guard is not None:
         guard.check(path)
     if is_special(path):

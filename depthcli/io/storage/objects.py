@@ -159,11 +159,7 @@ def _send_request(verb: str, address: Address, *words: Any, **options: Any) -> A
 
 
 def _with_retries(address: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
-    """Make a request, and retry if its body is interrupted: obstore resumes only object downloads.
-
-    Raises:
-        OSError: it failed.
-    """
+    """Make a request again if its body is interrupted: obstore resumes only object downloads."""
     from random import uniform  # noqa: PLC0415 - little used, and slow to load
 
     for tries in count():

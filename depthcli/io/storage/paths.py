@@ -26,11 +26,7 @@ _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 
 
 def without_file_scheme(name: str | os.PathLike[str]) -> str:
-    """A ``file://`` URI as a path; any other name as text, unchanged.
-
-    Raises:
-        UsageError: the URI names a host.
-    """
+    """A ``file://`` URI as a path; any other name as text, unchanged."""
     text = os.fspath(name)
     return os.fspath(path_of(text)) if text.lower().startswith("file://") else text
 
@@ -95,11 +91,7 @@ def safe_name(name: str) -> str:
 
 
 def check_writable(path: Path) -> None:
-    """Check that an output path can be written to, before any work is done.
-
-    Raises:
-        UsageError: it is behind HTTP.
-    """
+    """Check that an output path can be written to, before any work is done."""
     if isinstance(path, RemotePath) and path.is_http:
         raise UsageError(f"{path} is behind HTTP, where nothing is written", "give another {out}")
 

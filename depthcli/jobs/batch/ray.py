@@ -28,7 +28,6 @@ from depthcli._version import __version__
 from depthcli.core.options import INSTALL_RAY, one_line
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
-from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.manifest.files import CacheKey
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
@@ -84,10 +83,9 @@ class RemoteWorker:
 
     def work(self, call: Call) -> list[BatchResult]:
         """Process the inputs of a call."""
-        with silent_opencv():
-            if call.video is not None:
-                return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.video)]
-            return [result for chunk in call.chunks for result in self._worker.work(chunk)]
+        if call.video is not None:
+            return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.video)]
+        return [result for chunk in call.chunks for result in self._worker.work(chunk)]
 
 
 _LOSSES = 3

@@ -19,7 +19,6 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
-from depthcli.io.images.opencv import silent_opencv
 from depthcli.io.images.read import check
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.manifest.files import CacheKey, RowsFolder
@@ -197,10 +196,8 @@ class Batch(Iterator[BatchResult]):
         chunks = iter(lambda: tuple(islice(images, self._chunk)), ())
         videos = (self._tasks.video(file, journal) for file in self._plan.videos)
         try:
-            with (
-                silent_opencv(),
-                closing(self._engine.run(self._spec, chunks, videos, self._record)) as results,
-            ):  # no worker outlives the journal
+            # No worker outlives the journal.
+            with closing(self._engine.run(self._spec, chunks, videos, self._record)) as results:
                 for result in results:
                     yield self._count_result(result)
                     if self._is_over_budget():
