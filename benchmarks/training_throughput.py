@@ -15,6 +15,7 @@ import logging
 import statistics
 import tempfile
 import time
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +24,7 @@ import numpy as np
 import torch
 from lightning_fabric import Fabric
 
+from depthcli.datasets.base import DepthDataset, Pair
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
 from depthcli.training.callbacks import Callback, TensorBoardLogger
@@ -38,32 +40,33 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from depthcli.datasets.base import DepthDataset
     from depthcli.training.config import TrainConfig
 
 NO_VALIDATION = ["data.holdout_every=0", "optim.epochs_constant=1000", "optim.epochs_decay=1000"]
 
 
-class Noise:
-    """Pairs of random pictures, in memory, as many as the training part of NYU has."""
+@dataclass(frozen=True)
+class Noise(DepthDataset):
+    """Pairs of random pictures in memory."""
 
-    def __init__(self, count: int = 866) -> None:
-        self.ids = tuple(f"{i:04d}" for i in range(count))
-        self.scenes, self.official_split = ("room_1",) * count, ("",) * count
-        rng = np.random.default_rng(0)
-        self._image = rng.integers(0, 256, (240, 320, 3), np.uint8)
-        self._depth_m = rng.uniform(1, 9, (240, 320)).astype(np.float32)
-
-    def __len__(self) -> int:
-        return len(self.ids)
+    rgb: npt.NDArray[np.uint8]  #: (H, W, 3), rolled by the position of the pair
+    noise_m: npt.NDArray[np.float32]  #: (H, W), as well
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """A picture."""
-        return np.roll(self._image, i, 1)
+        return np.roll(self.rgb, i, 1)
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Its depth."""
-        return np.roll(self._depth_m, i, 1)
+        return np.roll(self.noise_m, i, 1)
+
+
+def noise(count: int = 866) -> Noise:
+    """As many pairs as the training part of NYU has."""
+    rng = np.random.default_rng(0)
+    rgb = rng.integers(0, 256, (240, 320, 3), np.uint8)
+    pairs = tuple(Pair(f"{i:04d}", "room_1") for i in range(count))
+    return Noise(pairs, rgb, rng.uniform(1, 9, (240, 320)).astype(np.float32))
 
 
 class Stopwatch(Callback):
@@ -153,7 +156,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    dataset = open_nyu(options.data) if options.data else Noise()
+    dataset = open_nyu(options.data) if options.data else noise()
     for method, preset in (("proposed", "default"), ("cyclegan", "reduced")):
         config = apply_overrides(default_config(method), [preset_file(preset)], NO_VALIDATION)
         name = f"{method} --preset {preset}"

@@ -26,6 +26,7 @@ from depthcli.datasets.nyu import open_nyu
 from depthcli.evaluation.evaluate import EvalOptions, evaluate
 from depthcli.evaluation.predictors import ModelPredictor
 from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.report import Source
 from depthcli.evaluation.task import plan_nyu
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
 
@@ -65,10 +66,7 @@ def main() -> None:
 def _print_scores(task: EvalTask, session: Session) -> None:
     predictors = [
         ModelPredictor(
-            name,
-            session.model.card.output.kind,
-            session.model.sha256,
-            depthcli.Pipeline(session, way),
+            name, Source.MODEL, session.model.card.output.kind, depthcli.Pipeline(session, way)
         )
         for name, way in WAYS.items()
     ]

@@ -28,7 +28,7 @@ from pyarrow import parquet
 from depthcli.cli.profiles import read_profiles
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance, Window, Windows
 from depthcli.datasets.folders import read_depth_m, read_image_rgb
-from depthcli.datasets.nyu import PLAUSIBLE, open_mat, read_index
+from depthcli.datasets.nyu import open_mat, read_index
 from depthcli.errors import InputError
 from depthcli.inference.measure import try_session
 from depthcli.inference.session import Session
@@ -344,7 +344,7 @@ def mats() -> list[bytes]:
 
 
 def _read_mat(path: Path) -> None:
-    pairs = open_mat(path, PLAUSIBLE)
+    pairs = open_mat(path)
     try:
         for i in range(min(2, len(pairs))):
             pairs.image(i), pairs.depth_m(i), pairs.raw_depth_m(i)

@@ -1,20 +1,19 @@
-"""The interface of data sets of pictures with measured depth.
+"""The interface of data sets of images with measured depth, and the splits of NYU Depth v2.
 
-Splits of NYU Depth v2 into training and test pairs.
-
-Ids are zero-based label numbers ("0000" to "1448"), as in the labelled set's own order.
+Ids of NYU Depth v2 are zero-based label numbers ("0000" to "1448"), in the labelled set's order.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Protocol, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Self, TypeAlias
 
 from depthcli.core.validation import fingerprint
 from depthcli.errors import DatasetError
@@ -24,80 +23,79 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 
-class DepthDataset(Protocol):
-    """Pairs of a picture and its depth, read one at a time; ``DatasetError`` if that fails."""
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """An image and its depth, by name."""
 
-    @property
-    def ids(self) -> Sequence[str]:
-        """Name of each pair, unique."""
+    id: str  #: name, unique in its data set
+    scene: str = ""  #: "" where it is not known
+    official_split: str = ""  #: the data set's own division: "train", "test", or "" if not known
+    image: Path | None = None  #: file of the image, if it is one
+    depth: Path | None = None  #: file of the depth, if it is one
+    focal_px: float | None = None  #: focal length of the image, in its own pixels
+    scale: float = 1.0  #: factor on the metres, for training a network for one camera
 
-    @property
-    def scenes(self) -> Sequence[str]:
+
+@dataclass(frozen=True)
+class DepthDataset(ABC):
+    """Pairs of an image and its depth, read one at a time; ``DatasetError`` if that fails."""
+
+    pairs: tuple[Pair, ...]  #: in their order
+    #: horizontal field of view of the camera over the full width, degrees; None if not known
+    hfov_deg: float | None = field(default=None, kw_only=True)
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @cached_property
+    def ids(self) -> tuple[str, ...]:
+        """Name of each pair."""
+        return tuple(pair.id for pair in self.pairs)
+
+    @cached_property
+    def scenes(self) -> tuple[str, ...]:
         """Scene of each pair; "" where it is not known."""
+        return tuple(pair.scene for pair in self.pairs)
 
-    @property
-    def official_split(self) -> Sequence[str]:
+    @cached_property
+    def official_split(self) -> tuple[str, ...]:
         """The data set's own division: "train", "test", or "" where it is not known."""
+        return tuple(pair.official_split for pair in self.pairs)
 
-    def __len__(self) -> int: ...
+    @cached_property
+    def focal_px(self) -> tuple[float, ...]:
+        """Focal length of each image, in its own pixels; empty if one is not known."""
+        known = tuple(pair.focal_px for pair in self.pairs if pair.focal_px is not None)
+        return known if len(known) == len(self) else ()
 
+    def files(self, i: int) -> list[Path]:
+        """Image and depth of pair ``i``, as far as they are files."""
+        return [path for path in (self.pairs[i].image, self.pairs[i].depth) if path]
+
+    def subset(self, positions: Iterable[int]) -> Self:
+        """The pairs at some positions, in their order."""
+        return replace(self, pairs=tuple(self.pairs[i] for i in positions))
+
+    @abstractmethod
     def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """Picture of pair ``i``: (H, W, 3) RGB uint8."""
+        """Image of pair ``i``: (H, W, 3) RGB uint8."""
 
+    @abstractmethod
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
-
-
-@runtime_checkable
-class HasRawDepth(Protocol):
-    """A data set that also has depth before in-filling."""
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Depth of pair ``i`` before filling: (H, W) float32 metres, 0 where nothing was measured.
 
         Raises:
-            DatasetError: it is missing or cannot be read.
+            DatasetError: there is none or it cannot be read.
         """
-
-
-@runtime_checkable
-class HasFiles(Protocol):
-    """A data set that may be made of image files."""
-
-    def files(self, i: int) -> Sequence[Path]:
-        """Picture and depth image of pair ``i``, as far as they are files."""
-
-
-@runtime_checkable
-class HasFocalLengths(Protocol):
-    """A data set that may know the focal length of each picture."""
-
-    @property
-    def focal_px(self) -> Sequence[float]:
-        """Focal length of each picture, in its own pixels; empty if they are not known."""
-
-
-@runtime_checkable
-class HasScales(Protocol):
-    """A data set whose depth may be scaled to one camera."""
-
-    @property
-    def scales(self) -> Sequence[float]:
-        """Factor on the metres of each pair; empty for 1."""
-
-
-@runtime_checkable
-class HasCamera(Protocol):
-    """A data set whose pictures may have been taken with one known camera."""
-
-    @property
-    def hfov_deg(self) -> float | None:
-        """Horizontal field of view over the full picture width, degrees; None if not known."""
+        raise DatasetError(f"there is no raw depth of {self.pairs[i].id}")
 
 
 NYU = "NYU Depth v2"
 TRAIN_IDS = "nyu_train_ids"
-"""Field of a card's ``training``: pairs of NYU, as :mod:`~depthcli.datasets.base`."""
+"""Field of a card's ``training``: pairs of NYU, as :func:`compact` formats them."""
 ALL_PAIRS = "all"
 """Name of the split of a data set without one: all of its pairs are test pairs."""
 LABELLED_COUNT = 1449
@@ -140,27 +138,35 @@ def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> f
 
 
 def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
-    """Divide a data set whose ids are label numbers.
-
-    Raises:
-        DatasetError: an id is not a label number, or the split has no test pair here.
-    """
-    split = _divide(dataset, name)
-    if not split.test:
-        raise DatasetError(
-            f"no pair here belongs to the test part of the {name} split",
-            "give the complete labelled set, or another {split}",
-        )
-    return split
-
-
-def train_positions(dataset: DepthDataset, name: SplitName) -> tuple[int, ...]:
-    """Positions of a split's training pairs in a data set, which need not have test pairs.
+    """Divide a data set whose ids are label numbers; the test part may be empty.
 
     Raises:
         DatasetError: an id is not a label number, or the official split of a pair is not known.
     """
-    return _divide(dataset, name).train
+    labels = [_label(dataset_id) for dataset_id in dataset.ids]
+    counts = _COUNTS[name]
+    match name:
+        case SplitName.PAPER:
+            parts = ["train" if label < PAPER_TRAIN_COUNT else "test" for label in labels]
+        case SplitName.OFFICIAL:
+            parts = list(dataset.official_split)
+            if not {"train", "test"}.issuperset(parts):
+                raise DatasetError(
+                    "the official split of some pairs is not known",
+                    "give index.csv (id,scene,official_split) with train or test for every pair",
+                )
+        case SplitName.VAL:
+            seen = [s for s, x in zip(dataset.scenes, labels, strict=True) if x < PAPER_TRAIN_COUNT]
+            held_out = held_out_scenes(seen)
+            parts = [
+                "" if label >= PAPER_TRAIN_COUNT else "test" if scene in held_out else "train"
+                for scene, label in zip(dataset.scenes, labels, strict=True)
+            ]
+            if len(seen) == PAPER_TRAIN_COUNT:
+                counts = parts.count("train"), parts.count("test")
+    train = tuple(i for i, part in enumerate(parts) if part == "train")
+    test = tuple(i for i, part in enumerate(parts) if part == "test")
+    return Split(name, train, test, *counts)
 
 
 def is_label(dataset_id: str) -> bool:
@@ -184,91 +190,6 @@ def _label(dataset_id: str) -> int:
             "evaluate pairs of your own with 'depthcli eval pairs'",
         )
     return int(dataset_id)
-
-
-def _divide(dataset: DepthDataset, name: SplitName) -> Split:
-    labels = [_label(dataset_id) for dataset_id in dataset.ids]
-    counts = _COUNTS[name]
-    match name:
-        case SplitName.PAPER:
-            parts = ["train" if label < PAPER_TRAIN_COUNT else "test" for label in labels]
-        case SplitName.OFFICIAL:
-            parts = list(dataset.official_split)
-            if not {"train", "test"}.issuperset(parts):
-                raise DatasetError(
-                    "the official split of some pairs is not known: "
-                    "give index.csv (id,scene,official_split) with train or test for every pair"
-                )
-        case SplitName.VAL:
-            seen = [s for s, x in zip(dataset.scenes, labels, strict=True) if x < PAPER_TRAIN_COUNT]
-            held_out = held_out_scenes(seen)
-            parts = [
-                "" if label >= PAPER_TRAIN_COUNT else "test" if scene in held_out else "train"
-                for scene, label in zip(dataset.scenes, labels, strict=True)
-            ]
-            if len(seen) == PAPER_TRAIN_COUNT:
-                counts = parts.count("train"), parts.count("test")
-    train = tuple(i for i, part in enumerate(parts) if part == "train")
-    test = tuple(i for i, part in enumerate(parts) if part == "test")
-    return Split(name, train, test, *counts)
-
-
-@dataclass(frozen=True)
-class Subset:
-    """The pairs at some positions; a :class:`~depthcli.datasets.base.DepthDataset`."""
-
-    whole: DepthDataset  #: the whole data set
-    positions: tuple[int, ...]  #: positions of the pairs in it, in their order
-
-    def __len__(self) -> int:
-        return len(self.positions)
-
-    @cached_property
-    def ids(self) -> tuple[str, ...]:
-        """Name of each pair."""
-        names = self.whole.ids
-        return tuple(names[i] for i in self.positions)
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """Scene of each pair."""
-        scenes = self.whole.scenes
-        return tuple(scenes[i] for i in self.positions)
-
-    @property
-    def official_split(self) -> tuple[str, ...]:
-        """The data set's own division."""
-        parts = self.whole.official_split
-        return tuple(parts[i] for i in self.positions)
-
-    @property
-    def focal_px(self) -> tuple[float, ...]:
-        """Focal length of each picture, in its own pixels; empty if they are not known."""
-        focal_px = self.whole.focal_px if isinstance(self.whole, HasFocalLengths) else ()
-        return tuple(focal_px[i] for i in self.positions) if focal_px else ()
-
-    @property
-    def scales(self) -> tuple[float, ...]:
-        """Factor on the metres of each pair; empty for 1."""
-        scales = self.whole.scales if isinstance(self.whole, HasScales) else ()
-        return tuple(scales[i] for i in self.positions) if scales else ()
-
-    @property
-    def hfov_deg(self) -> float | None:
-        """Horizontal field of view over the full picture width, degrees; None if not known."""
-        return self.whole.hfov_deg if isinstance(self.whole, HasCamera) else None
-
-    def files(self, i: int) -> Sequence[Path]:
-        """Picture and depth image of pair ``i``, as far as they are files."""
-        return self.whole.files(self.positions[i]) if isinstance(self.whole, HasFiles) else ()
-
-    def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """Picture of pair ``i``: (H, W, 3) RGB uint8."""
-        return self.whole.image(self.positions[i])
-
-    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
-        return self.whole.depth_m(self.positions[i])
 
 
 def compact(ids: Iterable[str]) -> str:
@@ -304,17 +225,11 @@ def parse(text: str) -> frozenset[int]:
 def data_fingerprint(dataset: DepthDataset) -> str:
     """Checksum of ids, focal lengths and file sizes in bytes; not of the folder's path.
 
-    Of a data set that is not made of image files, such as a .mat file, it has no sizes.
-
     Raises:
         OSError: a file is missing.
     """
-    focal_px = dataset.focal_px if isinstance(dataset, HasFocalLengths) else ()
-    sizes: list[list[int]] = []
-    if isinstance(dataset, HasFiles):
-        files = map(dataset.files, range(len(dataset)))
-        sizes = [[file.stat().st_size for file in pair] for pair in files]
-    return fingerprint(list(dataset.ids), list(focal_px), sizes)
+    sizes = [[file.stat().st_size for file in dataset.files(i)] for i in range(len(dataset))]
+    return fingerprint(list(dataset.ids), list(dataset.focal_px), sizes)
 
 
 Opener: TypeAlias = Callable[[Path], DepthDataset]

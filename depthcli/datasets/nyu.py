@@ -21,17 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.options import INSTALL_H5PY, short_repr
-from depthcli.datasets.base import DepthDataset, is_label
-from depthcli.datasets.folders import PLAUSIBLE as OWN_PLAUSIBLE
-from depthcli.datasets.folders import (
-    PairedFolder,
-    PlausibleDepth,
-    as_dataset_error,
-    check_plausible,
-    median_m,
-    open_paired_folder,
-    sample_positions,
-)
+from depthcli.datasets import folders
+from depthcli.datasets.base import DepthDataset, Pair, is_label
 from depthcli.errors import DatasetError
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.paths import read_bytes
@@ -41,22 +32,15 @@ MAT_NAME = "nyu_depth_v2_labeled.mat"
 _DAMAGED = (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError)
 
 
-@dataclass(frozen=True, slots=True)
-class NyuMat:
-    """Pairs read from the .mat file; a :class:`~depthcli.datasets.base.DepthDataset`."""
+@dataclass(frozen=True)
+class NyuMat(DepthDataset):
+    """Pairs read from the .mat file, whose ids are their positions in it."""
 
     path: Path  #: the file
-    ids: tuple[str, ...]  #: label number of each pair, zero-based, four digits
-    scenes: tuple[str, ...]  #: scene of each pair, such as "kitchen_0004"
-    #: "" for each pair, as the file does not state it, or that of index.csv
-    official_split: tuple[str, ...]
     file: Any  #: the open h5py file; reads are one pair at a time
 
-    def __len__(self) -> int:
-        return len(self.ids)
-
     def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """Picture of pair ``i``: (H, W, 3) RGB uint8."""
+        """Image of pair ``i``: (H, W, 3) RGB uint8."""
         return np.ascontiguousarray(self._read("images", i).transpose(2, 1, 0), dtype=np.uint8)
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
@@ -69,13 +53,15 @@ class NyuMat:
 
     def _read(self, name: str, i: int) -> npt.NDArray[Any]:
         try:
-            return np.asarray(self.file[name][i])
+            return np.asarray(self.file[name][int(self.pairs[i].id)])
         except _DAMAGED as error:
             raise DatasetError(f"{self.path} is damaged in {name}[{i}]: fetch it again") from error
 
 
-def open_mat(path: Path, plausible: PlausibleDepth) -> NyuMat:
+def open_mat(path: Path) -> NyuMat:
     """Open the file and check its layout, and that the median depth is plausible.
+
+    An index.csv beside it supplies the official split, which the file lacks.
 
     Raises:
         DatasetError: h5py is not installed, or the file is damaged or has another layout.
@@ -88,21 +74,19 @@ def open_mat(path: Path, plausible: PlausibleDepth) -> NyuMat:
         file = h5py.File(path, "r")
         count = _check_layout(path, file)
         references = np.ravel(file["scenes"][()])
-        scenes = tuple("".join(map(chr, np.ravel(file[one][()]))) for one in references)
+        scenes = ["".join(map(chr, np.ravel(file[one][()]))) for one in references]
     except _DAMAGED as error:
         raise DatasetError(
             f"{path} is not a complete {MAT_NAME}: fetch it again if it was cut short"
         ) from error
-    dataset = NyuMat(
-        path=path,
-        ids=tuple(f"{i:04d}" for i in range(count)),
-        scenes=scenes,
-        official_split=("",) * count,
-        file=file,
-    )
-    check_plausible(
-        (median_m(dataset.depth_m(i)) for i in sample_positions(count)), plausible, path
-    )
+    index_path = path.with_name(INDEX_NAME)
+    index = read_index(index_path) if index_path.is_file() else {}
+    known = {pair_id: pair.official_split for pair_id, pair in index.items()}
+    ids = [f"{i:04d}" for i in range(count)]
+    pairs = (Pair(i, scene, known.get(i, "")) for i, scene in zip(ids, scenes, strict=True))
+    dataset = NyuMat(tuple(pairs), path, file)
+    samples = map(dataset.depth_m, folders.sample_positions(count))
+    folders.check_unit(samples, path, PLAUSIBLE_M, "check the unit, which has to be metres")
     return dataset
 
 
@@ -118,18 +102,10 @@ def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no t
 
 
 INDEX_NAME = "index.csv"
-PLAUSIBLE = PlausibleDepth(0.8, 9.0, "has to be millimetres (metres in the .mat file)")
+PLAUSIBLE_M = (0.8, 9.0)
 """Depth stored in metres × 256 would read as 0.7 m, in metres × 4000 as 11 m."""
 
 _COLUMNS = ("id", "scene", "official_split")
-
-
-@dataclass(frozen=True, slots=True)
-class IndexRow:
-    """A row of index.csv."""
-
-    scene: str
-    official_split: str
 
 
 def open_nyu(path: Path) -> DepthDataset:
@@ -137,19 +113,18 @@ def open_nyu(path: Path) -> DepthDataset:
 
     Args:
         path: the .mat file, a folder that holds it, or a folder with rgb/, depth/ and index.csv.
-            An index.csv beside the .mat file supplies the official split, which the file lacks.
 
     Raises:
         DatasetError: the set is missing, incomplete, damaged, or in another unit.
     """
     if path.is_file():
-        return _open_mat(path)
+        return open_mat(path)
     if not path.is_dir():
         raise DatasetError(
-            f"{path} does not exist: give {MAT_NAME} or a folder with rgb/, depth/ and index.csv"
+            f"{path} does not exist", f"give {MAT_NAME} or a folder with rgb/, depth/ and index.csv"
         )
     if (path / MAT_NAME).is_file():
-        return _open_mat(path / MAT_NAME)
+        return open_mat(path / MAT_NAME)
     return open_indexed_folder(path)
 
 
@@ -164,17 +139,9 @@ def has_own_index(folder: Path) -> bool:
     return not all(map(is_label, read_index(folder / INDEX_NAME)))
 
 
-def _open_mat(path: Path) -> NyuMat:
-    dataset = open_mat(path, PLAUSIBLE)
-    index_path = path.with_name(INDEX_NAME)
-    if not index_path.is_file():
-        return dataset
-    index = read_index(index_path)
-    named = tuple(index[i].official_split if i in index else "" for i in dataset.ids)
-    return replace(dataset, official_split=named)
-
-
-def open_indexed_folder(path: Path, *, units_per_metre: float = MILLIMETRES) -> PairedFolder:
+def open_indexed_folder(
+    path: Path, *, units_per_metre: float = MILLIMETRES
+) -> folders.FolderDataset:
     """Open a folder with rgb/, depth/ and index.csv, of NYU Depth v2 or of one's own.
 
     ``units_per_metre`` is the value of one metre in the depth images: 1000 for millimetres.
@@ -183,43 +150,43 @@ def open_indexed_folder(path: Path, *, units_per_metre: float = MILLIMETRES) -> 
         DatasetError: the set is missing, incomplete, damaged, or in another unit.
     """
     index = read_index(path / INDEX_NAME)
-    plausible = PLAUSIBLE if all(map(is_label, index)) else OWN_PLAUSIBLE
-    pairs = open_paired_folder(path, units_per_metre=units_per_metre, plausible=plausible)
-    differing = sorted(set(index) ^ set(pairs.ids))
+    range_m = PLAUSIBLE_M if all(map(is_label, index)) else folders.PLAUSIBLE_M
+    dataset = folders.open_paired_folder(path, units_per_metre=units_per_metre, plausible_m=range_m)
+    differing = sorted(set(index) ^ set(dataset.ids))
     if differing:
         raise DatasetError(
-            f"{path / INDEX_NAME} lists {len(index)} pairs but the folder holds {len(pairs)} "
-            f"(first difference: {differing[0]}): bring them together"
+            f"{path / INDEX_NAME} lists {len(index)} pairs but the folder holds {len(dataset)} "
+            f"(first difference: {differing[0]})"
         )
-    return replace(
-        pairs,
-        scenes=tuple(index[i].scene for i in pairs.ids),
-        official_split=tuple(index[i].official_split for i in pairs.ids),
+    named = (
+        replace(pair, scene=index[pair.id].scene, official_split=index[pair.id].official_split)
+        for pair in dataset.pairs
     )
+    return replace(dataset, pairs=tuple(named))
 
 
-def read_index(path: Path) -> dict[str, IndexRow]:
-    """Rows of an index.csv by id.
+def read_index(path: Path) -> dict[str, Pair]:
+    """Ids, scenes and official split of an index.csv, by id.
 
     Raises:
         DatasetError: the file is missing, lacks a column or repeats an id.
     """
-    with as_dataset_error():
+    with folders.as_dataset_error():
         table = CsvTable(read_bytes(path), str(path))
         rows = [row.cells for row in table]
     missing = [name for name in _COLUMNS if name not in table.columns]
     if missing:
         raise DatasetError(f"{path} lacks the column {missing[0]}: needs {', '.join(_COLUMNS)}")
-    index = {row["id"]: _index_row(path, row) for row in rows}
+    index = {row["id"]: _listed_pair(path, row) for row in rows}
     if len(index) != len(rows):
         raise DatasetError(f"{path} names {len(rows) - len(index)} ids more than once")
     return index
 
 
-def _index_row(path: Path, row: Mapping[str, str]) -> IndexRow:
+def _listed_pair(path: Path, row: Mapping[str, str]) -> Pair:
     part = row["official_split"]
     if part not in {"train", "test", ""}:
         raise DatasetError(
             f"{path} has the official split {short_repr(part)}: it is train, test or empty"
         )
-    return IndexRow(row["scene"], part)
+    return Pair(row["id"], row["scene"], part)

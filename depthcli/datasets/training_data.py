@@ -1,25 +1,10 @@
 """Opening training data: the training part of NYU Depth v2, or a folder of your own."""
 
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from depthcli.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, HasCamera, Subset, opener_of
-from depthcli.datasets.folders import (
-    CAMERAS_NAME,
-    DEPTH_SUFFIXES,
-    IMAGE_SUFFIXES,
-    PairedFolder,
-    depth_shape,
-    list_files,
-    open_paired_folder,
-    open_picture_folder,
-    open_unpaired_folder,
-    read_image_rgb,
-    stated_focal_px,
-)
-from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
+from depthcli.datasets import folders, nyu
+from depthcli.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, opener_of
 from depthcli.errors import DatasetError
 from depthcli.io.formats.table import MILLIMETRES
 
@@ -47,9 +32,9 @@ class TrainingData(NamedTuple):
     #: horizontal field of view of its camera in degrees; None if it is not known
     hfov_deg: float | None
     #: pairs with less accurate depth, such as predictions; None if there are none
-    pseudo_labels: PairedFolder | None = None
+    pseudo_labels: folders.FolderDataset | None = None
 
-    def with_pseudo_labels(self, pseudo_labels: PairedFolder) -> "TrainingData":
+    def with_pseudo_labels(self, pseudo_labels: folders.FolderDataset) -> "TrainingData":
         """Add further pairs, scaled to this data's camera if their focal lengths are known.
 
         Those of cameras.csv, else those that the depth images state.
@@ -57,11 +42,10 @@ class TrainingData(NamedTuple):
         Raises:
             DatasetError: only some of the depth images state theirs, or one cannot be read.
         """
-        focal_px = pseudo_labels.focal_px or stated_focal_px(pseudo_labels.depths)
-        if focal_px:
-            known = replace(pseudo_labels, focal_px=focal_px)
-            pseudo_labels = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
-        return self._replace(pseudo_labels=pseudo_labels)
+        known = pseudo_labels.with_stated_focal_px()
+        if known.focal_px:
+            known = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
+        return self._replace(pseudo_labels=known)
 
     @property
     def pseudo_labels_title(self) -> str:
@@ -102,74 +86,57 @@ def open_training_data(
     Raises:
         DatasetError: the data is missing, incomplete, damaged, or in another unit.
     """
-    opener = opener_of(path) if path.is_dir() else open_nyu
-    if opener is None or (opener is open_nyu and has_own_index(path)):
-        indexed = opener is not None
-        return _own_folder(path, indexed, paired, depth, split, units_per_metre)
-    if units_per_metre != MILLIMETRES:
+    opener = opener_of(path) if path.is_dir() else nyu.open_nyu
+    if opener is None or (opener is nyu.open_nyu and nyu.has_own_index(path)):
+        data = _own_folder(path, paired, depth, units_per_metre, indexed=opener is not None)
+    elif units_per_metre != MILLIMETRES:
         raise DatasetError(f"{path} is a data set whose unit is known: remove data.units_per_metre")
-    whole = opener(path)
-    if opener is open_nyu:
-        if (path / CAMERAS_NAME).is_file():
+    elif opener is nyu.open_nyu:
+        if (path / folders.CAMERAS_NAME).is_file():
             raise DatasetError(
                 f"{path} has the ids of NYU Depth v2, whose camera is known: remove "
-                f"{CAMERAS_NAME}, or rename the pairs if they are your own"
+                f"{folders.CAMERAS_NAME}, or rename the pairs if they are your own"
             )
-        return _training_part(whole, split)
-    hfov_deg = whole.hfov_deg if isinstance(whole, HasCamera) else None
-    return TrainingData(_own_part(whole, split), own_pairs_title(path), hfov_deg)
+        title = NYU_OFFICIAL if split == "official" else NYU_PAPER
+        data = TrainingData(opener(path), title, NYU_HFOV_DEG)
+    else:
+        dataset = opener(path)
+        data = TrainingData(dataset, own_pairs_title(path), dataset.hfov_deg)
+    part = _training_part(data, split)
+    data = data._replace(dataset=part)
+    if data.hfov_deg is None and isinstance(part, folders.FolderDataset) and part.focal_px:
+        part = part.for_camera(NYU_HFOV_DEG, data.aspect)
+        return data._replace(dataset=part, hfov_deg=NYU_HFOV_DEG)
+    return data
 
 
 def _own_folder(
-    path: Path, indexed: bool, paired: bool, depth: bool, split: str, units_per_metre: float
+    path: Path, paired: bool, depth: bool, units_per_metre: float, *, indexed: bool
 ) -> TrainingData:
     """A folder of one's own; if it has an index, its pairs."""
     title = path.resolve().name
     if not (depth or indexed):
-        pictures = _own_part(open_picture_folder(path), split)
-        return TrainingData(pictures, f"{OWN_PICTURES}{title})", None)
-    if not (paired or indexed or _are_matching(path)):
-        lists = _own_part(open_unpaired_folder(path, units_per_metre=units_per_metre), split)
+        return TrainingData(folders.open_image_folder(path), f"{OWN_PICTURES}{title})", None)
+    if not (paired or indexed or folders.has_matching_files(path)):
+        lists = folders.open_unpaired_folder(path, units_per_metre=units_per_metre)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
-    opener = open_indexed_folder if indexed else open_paired_folder
+    opener = nyu.open_indexed_folder if indexed else folders.open_paired_folder
     pairs = opener(path, units_per_metre=units_per_metre)
-    data = TrainingData(_own_part(pairs, split), own_pairs_title(path), None)
-    if not pairs.focal_px:
-        return data
-    scaled = _own_part(pairs.for_camera(NYU_HFOV_DEG, data.aspect), split)
-    return data._replace(dataset=scaled, hfov_deg=NYU_HFOV_DEG)
+    return TrainingData(pairs, own_pairs_title(path), None)
 
 
-def _own_part(whole: DepthDataset, split: str) -> DepthDataset:
-    """All pairs, or of the official split those that the data itself names "train"."""
-    if split != "official":
-        return whole
-    rows = [i for i, part in enumerate(whole.official_split) if part == "train"]
-    return _subset_or_all(whole, rows, split)
-
-
-def _training_part(whole: DepthDataset, split: str) -> TrainingData:
-    """The training pairs of a split."""
+def _training_part(data: TrainingData, split: str) -> DepthDataset:
+    """The training pairs of a split: of pairs of one's own, all but for ``official``."""
+    whole = data.dataset
     if split == "official":
-        return TrainingData(_own_part(whole, split), NYU_OFFICIAL, NYU_HFOV_DEG)
-    rows = [i for i, name in enumerate(whole.ids) if int(name) < PAPER_TRAIN_COUNT]
-    return TrainingData(_subset_or_all(whole, rows, split), NYU_PAPER, NYU_HFOV_DEG)
-
-
-def _subset_or_all(whole: DepthDataset, rows: Sequence[int], split: str) -> DepthDataset:
+        rows = [i for i, part in enumerate(whole.official_split) if part == "train"]
+    elif data.title == NYU_PAPER:
+        rows = [i for i, name in enumerate(whole.ids) if int(name) < PAPER_TRAIN_COUNT]
+    else:
+        return whole
     if not rows:
         raise DatasetError(
-            f"no pair here belongs to the training part of the {split} split: give the complete "
-            "labelled set, an index.csv with the split, or another data.split"
+            f"no pair here belongs to the training part of the {split} split",
+            "give the complete labelled set, an index.csv with the split, or another data.split",
         )
-    return whole if len(rows) == len(whole) else Subset(whole, tuple(rows))
-
-
-def _are_matching(path: Path) -> bool:
-    """Whether pictures and depth have the same names and, in the first of them, the same size."""
-    images = list_files(path, "rgb", IMAGE_SUFFIXES)
-    depths = list_files(path, "depth", DEPTH_SUFFIXES)
-    if images.keys() != depths.keys():
-        return False
-    first = min(images)
-    return read_image_rgb(images[first]).shape[:2] == depth_shape(depths[first])
+    return whole.subset(rows)

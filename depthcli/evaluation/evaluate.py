@@ -16,7 +16,7 @@ import numpy.typing as npt
 from depthcli.core.options import Alignment, Averaging, Mask
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.datasets.base import DepthDataset, HasRawDepth, SplitName
+from depthcli.datasets.base import DepthDataset, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.predictors import (
     TRIVIAL_NAMES,
@@ -331,6 +331,7 @@ class _RowAccumulator:
 
     def close(self) -> ReportRow:
         predictor, total = self._entry.predictor, self._total
+        model = predictor.pipeline.session.model if isinstance(predictor, ModelPredictor) else None
         return ReportRow(
             name=predictor.name,
             source=predictor.source,
@@ -339,7 +340,7 @@ class _RowAccumulator:
             scores=total.compute(),
             empty_count=total.empty_count,
             note="; ".join(self._footnotes()),
-            model_sha256=predictor.model_sha256,
+            model_sha256=model.sha256 if model else None,
             images=tuple(self._images),
             boundary=mean_boundary_scores(self._boundaries) if self._boundaries else None,
             train_overlap=self._entry.train_overlap,
@@ -402,10 +403,8 @@ def _score_image(
     dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: EvalProtocol
 ) -> list[_ImageSums]:
     """The scores of one image for every row; thread-safe."""
-    sample, found, raw_depth_m = Sample(dataset, position), [], None
-    depth_m = dataset.depth_m(position)
-    if protocol.mask is Mask.RAW and isinstance(dataset, HasRawDepth):
-        raw_depth_m = dataset.raw_depth_m(position)
+    sample, found, depth_m = Sample(dataset, position), [], dataset.depth_m(position)
+    raw_depth_m = dataset.raw_depth_m(position) if protocol.mask is Mask.RAW else None
     try:
         truth = protocol.truth(depth_m, raw_depth_m)
     except DatasetError as error:

@@ -1,12 +1,12 @@
 """Predictors, which give one depth map per image: models, files of other tools, baselines."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from depthcli.core.options import DEFAULT_DETAIL, Detail
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
+from depthcli.datasets.base import DepthDataset
 from depthcli.errors import DatasetError, InputError
 from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
@@ -41,10 +41,8 @@ class Sample:
 
     def __init__(self, dataset: DepthDataset, position: int) -> None:
         self.id = dataset.ids[position]
-        focal_px = dataset.focal_px if isinstance(dataset, HasFocalLengths) else ()
-        own_px = focal_px[position] if focal_px else None
-        hfov_deg = dataset.hfov_deg if isinstance(dataset, HasCamera) else None
-        self.camera = Intrinsics.given(own_px, None if own_px else hfov_deg)
+        focal_px = dataset.focal_px[position] if dataset.focal_px else None
+        self.camera = Intrinsics.given(focal_px, None if focal_px else dataset.hfov_deg)
         self._dataset, self._position = dataset, position
 
     @cached_property
@@ -53,25 +51,15 @@ class Sample:
         return Frame(self._dataset.image(self._position))
 
 
-class Predictor(Protocol):
+@dataclass(frozen=True, slots=True)
+class Predictor(ABC):
     """Predicts depth for one row of the table, or for several with different alignments."""
 
-    @property
-    def name(self) -> str:
-        """Name of the row."""
+    name: str  #: name of the row
+    source: Source  #: origin of its predictions
+    kind: DepthKind  #: kind of its depth
 
-    @property
-    def source(self) -> Source:
-        """Origin of its predictions."""
-
-    @property
-    def kind(self) -> DepthKind:
-        """Kind of its depth."""
-
-    @property
-    def model_sha256(self) -> str | None:
-        """Checksum of the model file, if there is one."""
-
+    @abstractmethod
     def predict(self, sample: Sample) -> DepthMap:
         """Depth of one image, any size.
 
@@ -81,26 +69,12 @@ class Predictor(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class ModelPredictor:
-    """A model, run in the same way as by ``depthcli predict``."""
+class ModelPredictor(Predictor):
+    """A model, run in the same way as by ``depthcli predict``; of a training run, a seed of it."""
 
-    name: str  #: as requested: a name or a path; of a training run, its name
     pipeline: Pipeline  #: the inference pipeline
-    run: TrainedRun | None = None  #: the training run that the model is of, one seed of its row
-    latency_ms: float = (
-        math.nan
-    )  #: median latency of the network for one image; NaN if not measured
-    source: Source = Source.MODEL  #: always model
-
-    @property
-    def kind(self) -> DepthKind:
-        """Kind of depth that it predicts."""
-        return self.pipeline.card.output.kind
-
-    @property
-    def model_sha256(self) -> str:
-        """Checksum of its file."""
-        return self.pipeline.session.model.sha256
+    run: TrainedRun | None = None  #: the training run that the model is of
+    latency_ms: float = math.nan  #: median of the network for one image; NaN if not measured
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth at the image's size.
@@ -118,25 +92,17 @@ def open_model(loader: SessionLoader, detail: Detail = DEFAULT_DETAIL) -> ModelP
         ModelError: it is missing or cannot be used.
     """
     pipeline = Pipeline(loader.load(), detail)
-    return ModelPredictor(str(loader.model or pipeline.card.name), pipeline)
+    name = str(loader.model or pipeline.card.name)
+    return ModelPredictor(name, Source.MODEL, pipeline.card.output.kind, pipeline)
 
 
 @dataclass(frozen=True, slots=True)
-class FilePredictor:
+class FilePredictor(Predictor):
     """A folder of depth files named by id, which another tool wrote."""
 
-    folder: Path  #: the folder
     suffix: str  #: suffix of the files that are read
-    kind: DepthKind  #: kind of their depth
     scale: float | None = None  #: units per metre of integers that state none; None if not known
     warnings: tuple[str, ...] = ()  #: about the first file, one line each
-    source: Source = Source.FILES  #: always files
-    model_sha256: str | None = None  #: always None
-
-    @property
-    def name(self) -> str:
-        """The folder, as it was given."""
-        return str(self.folder)
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth of one image as it was written, any size.
@@ -144,7 +110,7 @@ class FilePredictor:
         Raises:
             DatasetError: the file is damaged, or states another kind than the first one.
         """
-        path = self.folder / f"{sample.id}{self.suffix}"
+        path = Path(self.name) / f"{sample.id}{self.suffix}"
         stored = _read(path, self.kind, self.scale)
         if stored.depth.kind is not self.kind:
             raise DatasetError(
@@ -183,7 +149,7 @@ def open_predictions(
     first = _read(folder / f"{ids[0]}{suffix}", kind, scale)
     is_metric = first.depth.is_metric  # others are fitted to the truth, whatever their scale
     warnings = first.warnings_with_scale("predictions_scale") if is_metric else first.warnings
-    return FilePredictor(folder, suffix, first.depth.kind, scale, warnings)
+    return FilePredictor(str(folder), Source.FILES, first.depth.kind, suffix, scale, warnings)
 
 
 def _read(path: Path, kind: DepthKind | None, scale: float | None) -> StoredDepth:
@@ -194,14 +160,10 @@ def _read(path: Path, kind: DepthKind | None, scale: float | None) -> StoredDept
 
 
 @dataclass(frozen=True, slots=True)
-class TrivialPredictor:
-    """A baseline that ignores the image: one depth map for all."""
+class TrivialPredictor(Predictor):
+    """A baseline that ignores the image: one depth map for all, metres."""
 
-    name: str  #: name of the row
-    depth: DepthMap  #: the map, metres
-    source: Source = Source.TRIVIAL  #: always trivial
-    kind: DepthKind = DepthKind.METRIC  #: always metric
-    model_sha256: str | None = None  #: always None
+    depth: DepthMap  #: the map
 
     def predict(self, sample: Sample) -> DepthMap:
         """The map."""
@@ -243,8 +205,9 @@ def fit_trivial(
     mean_m = float(sums.sum() / counts.sum())
     # A pixel that was never valid, for example in a corner, gets the constant mean.
     per_pixel_m = np.divide(sums, counts, out=np.full_like(sums, mean_m), where=counts > 0)
-    constant_name, per_pixel_name = TRIVIAL_NAMES
-    return (
-        TrivialPredictor(constant_name, DepthMap(np.full(sums.shape, mean_m, np.float32))),
-        TrivialPredictor(per_pixel_name, DepthMap(per_pixel_m.astype(np.float32))),
+    means_m = np.full(sums.shape, mean_m, np.float32), per_pixel_m.astype(np.float32)
+    constant, per_pixel = (
+        TrivialPredictor(name, Source.TRIVIAL, DepthKind.METRIC, DepthMap(values))
+        for name, values in zip(TRIVIAL_NAMES, means_m, strict=True)
     )
+    return constant, per_pixel

@@ -87,10 +87,10 @@ class EvalProtocol:
     ) -> Truth:
         """Select the pixels of one image to evaluate.
 
-        Depth and raw depth, which the raw-valid mask needs, are (H, W) float32 metres, 0 for none.
+        Depth, and raw depth for the raw-valid mask, are (H, W) float32 metres, 0 for none.
 
         Raises:
-            DatasetError: the depth does not have the protocol's size, or raw depth is missing.
+            DatasetError: the depth does not have the protocol's size.
         """
         height, width = depth_m.shape
         if self.full_size_px is not None and (width, height) != self.full_size_px:
@@ -99,8 +99,10 @@ class EvalProtocol:
                 f"{_size_text(self.full_size_px)}: give the data set at its full size"
             )
         valid = (depth_m > self.min_m) & (depth_m < self.max_m)
-        if self.mask is Mask.RAW:
-            valid &= _sensor_mask(raw_depth_m, depth_m.shape)
+        if raw_depth_m is not None:
+            if raw_depth_m.shape != depth_m.shape:
+                raise DatasetError(f"raw depth is {raw_depth_m.shape} but depth is {depth_m.shape}")
+            valid &= raw_depth_m > 0
         if self.crop is Crop.EIGEN:
             valid &= _eigen_crop(depth_m.shape)
         if self.compare_px is not None:
@@ -168,16 +170,6 @@ def _size_text(size_px: tuple[int, int] | None) -> str:
 
 def _tile_text(tile_px: int | None) -> str:
     return "3/4 of the width" if tile_px == AUTO_TILE else f"{tile_px} px"
-
-
-def _sensor_mask(
-    raw_depth_m: npt.NDArray[np.float32] | None, shape: tuple[int, ...]
-) -> npt.NDArray[np.bool_]:
-    if raw_depth_m is None:
-        raise DatasetError("the raw-valid mask needs raw depth, which this data set does not have")
-    if raw_depth_m.shape != shape:
-        raise DatasetError(f"raw depth is {raw_depth_m.shape} but depth is {shape}")
-    return np.asarray(raw_depth_m > 0)
 
 
 def _eigen_crop(shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:

@@ -18,7 +18,6 @@ from depthcli.datasets.base import (
     is_label,
     label_id,
     split_nyu,
-    train_positions,
 )
 from depthcli.errors import DatasetError, UsageError
 from depthcli.models.card import ModelCard
@@ -72,6 +71,11 @@ def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) 
         DatasetError: the data set has no test image of the split.
     """
     divided = split_nyu(dataset, split)
+    if not divided.test:
+        raise DatasetError(
+            f"no pair here belongs to the test part of the {split} split",
+            "give the complete labelled set, or another {split}",
+        )
     return EvalTask(dataset, divided, divided.test).subsampled(limit)
 
 
@@ -175,7 +179,7 @@ def trained_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | 
     try:
         if isinstance(stated, str):
             return id_ranges.parse(stated)
-        positions = train_positions(dataset, SplitName(str(split)))
+        positions = split_nyu(dataset, SplitName(str(split))).train
     except (DatasetError, ValueError):
         return None  # ``training`` in a card is free-form
     return frozenset(int(dataset.ids[i]) for i in positions)

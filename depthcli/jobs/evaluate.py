@@ -8,7 +8,7 @@ from pathlib import Path
 from depthcli.core.options import Detail, Mask, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind
-from depthcli.datasets.base import DepthDataset, HasRawDepth, SplitName, opener_of
+from depthcli.datasets.base import DepthDataset, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
 from depthcli.errors import DepthcliError, UsageError
@@ -20,7 +20,7 @@ from depthcli.evaluation.evaluate import (
     has_trivial,
 )
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
-from depthcli.evaluation.html import html_page
+from depthcli.evaluation.page import Page, html_page
 from depthcli.evaluation.predictors import (
     TRIVIAL_NAMES,
     FilePredictor,
@@ -31,7 +31,6 @@ from depthcli.evaluation.predictors import (
 )
 from depthcli.evaluation.report import EvalReport
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
-from depthcli.evaluation.text import Page
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import measure_ms
 from depthcli.io.formats.table import MILLIMETRES
@@ -109,8 +108,8 @@ def run_evaluation(
         )
     if runs and options.against is not None:  # before the export
         check_against(options.against, [*trivial, *group_by_seed(runs)], options.protocol)
-    if options.protocol.mask is Mask.RAW and isinstance(task.dataset, HasRawDepth):
-        task.dataset.raw_depth_m(task.test[0])  # raises early for a data set without raw depth
+    if options.protocol.mask is Mask.RAW:
+        task.dataset.raw_depth_m(task.test[0])  # before the models are loaded
     with temporary_folder() as fallback_folder:
         models = [open_model(loader, request.detail) for loader in request.models]
         if runs:

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from depthcli.core.options import INSTALL_TENSORBOARD
 from depthcli.core.types import DepthMap
-from depthcli.datasets.base import DepthDataset, HasScales
+from depthcli.datasets.base import DepthDataset
 from depthcli.errors import TrainingError
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
@@ -156,9 +156,8 @@ class Validation:
     ) -> None:
         self.dataset, self.positions, self.config = dataset, tuple(positions), config
         self.store = PairStore(dataset, positions, config.data)
-        scales = dataset.scales if isinstance(dataset, HasScales) else ()
         #: factor by which the depth of each pair was multiplied for the network's camera
-        self.scales = [scales[i] if scales else 1.0 for i in positions]
+        self.scales = [dataset.pairs[i].scale for i in positions]
 
     def __len__(self) -> int:
         return len(self.positions)

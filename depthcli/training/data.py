@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from depthcli.core.camera import focal_px_of_hfov
-from depthcli.datasets.base import DepthDataset, HasCamera, HasFocalLengths
+from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
 from depthcli.errors import DatasetError, UsageError
 from depthcli.training.augment import Views, augment, to_network_input, view_size
@@ -83,9 +83,9 @@ def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple
     height, width = shape[:2]
     long_px = max(width, height, NYU_ASPECT * min(width, height))
     focal_px = long_px * focal_px_of_hfov(NYU_HFOV_DEG, 1)
-    if isinstance(dataset, HasFocalLengths) and dataset.focal_px:
+    if dataset.focal_px:
         focal_px = dataset.focal_px[i]
-    elif isinstance(dataset, HasCamera) and dataset.hfov_deg is not None:
+    elif dataset.hfov_deg is not None:
         focal_px = focal_px_of_hfov(dataset.hfov_deg, width)
     return width / 2 / focal_px, height / 2 / focal_px
 

@@ -79,7 +79,7 @@ def test_unpaired_lists_are_independent(tmp_path: Path) -> None:
         _write(tmp_path / "rgb" / f"{name}.jpg", 10, depth=False)
     _write(tmp_path / "depth" / "other.png", 3000, depth=True, size=(4, 4))
     dataset = open_unpaired_folder(tmp_path)
-    assert (len(dataset.images), len(dataset.depths)) == (3, 1)
+    assert dataset.ids == ("x.jpg other.png", "y.jpg other.png", "z.jpg other.png")
     assert dataset.image(2).shape == (6, 8, 3)
     assert dataset.depth_m(0)[0, 0] == 3.0
 

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from depthcli.datasets.base import SplitName, Subset, split_nyu
-from depthcli.datasets.folders import PairedFolder, UnpairedFolder
+from depthcli.datasets.base import SplitName, split_nyu
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError
@@ -35,14 +34,14 @@ def _fill(folder: Path, images: list[str], depths: list[str]) -> Path:
 def test_same_names_are_pairs(tmp_path: Path, *, paired: bool) -> None:
     names = ["hall/1", "hall/2", "lab/1"]
     dataset = open_training_data(_fill(tmp_path, names, names), paired=paired).dataset
-    assert isinstance(dataset, PairedFolder)
+    assert dataset.paired
     assert dataset.scenes == ("hall", "hall", "lab")
 
 
 def test_other_names_are_two_lists_and_the_shorter_begins_again(tmp_path: Path) -> None:
     folder = _fill(tmp_path, ["a", "b", "c", "d", "e"], ["z1", "z2"])
     dataset = open_training_data(folder, paired=False).dataset
-    assert isinstance(dataset, UnpairedFolder)
+    assert not dataset.paired
     assert len(dataset) == len(dataset.ids) == len(set(dataset.ids)) == 5
     assert [int(dataset.image(i)[0, 0, 0]) for i in range(5)] == [0, 1, 2, 3, 4]
     assert [round(float(dataset.depth_m(i)[0, 0]), 3) for i in range(5)] == [1, 1.001] * 2 + [1]
@@ -156,13 +155,13 @@ def test_the_camera_of_nyu_is_known(tmp_path: Path) -> None:
 
 def test_names_are_listed_once(tmp_path: Path) -> None:
     lists = open_training_data(_fill(tmp_path, ["a", "b"], ["c"]), paired=False).dataset
-    for dataset in (lists, Subset(lists, (1,))):
+    for dataset in (lists, lists.subset([1])):
         assert dataset.ids is dataset.ids
 
 
 def test_same_names_and_other_sizes_are_two_lists(tmp_path: Path) -> None:
     folder = _fill(tmp_path, ["z1", "z2"], ["z1", "z2"])
-    assert isinstance(open_training_data(folder, paired=False).dataset, UnpairedFolder)
+    assert not open_training_data(folder, paired=False).dataset.paired
     with pytest.raises(DatasetError):
         open_training_data(folder, paired=True)
 

@@ -20,11 +20,10 @@ from depthcli.evaluation.evaluate import (
     evaluate,
     scene_interval,
 )
-from depthcli.evaluation.html import html_page
+from depthcli.evaluation.page import html_page, report_page
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.report import ImageScores, ReportRow, Source
 from depthcli.evaluation.task import plan_nyu, plan_pairs
-from depthcli.evaluation.text import report_page
 from depthcli.metrics.depth import METRICS, Scores
 
 PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))

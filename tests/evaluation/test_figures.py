@@ -15,9 +15,8 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.datasets.base import Split, SplitName
 from depthcli.errors import UsageError
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures, scene_type
-from depthcli.evaluation.html import html_page
+from depthcli.evaluation.page import Page, html_page
 from depthcli.evaluation.task import EvalTask
-from depthcli.evaluation.text import Page
 from depthcli.io.formats.drawing import contact_sheet
 from depthcli.io.formats.preview import PreviewWriter
 

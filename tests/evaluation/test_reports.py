@@ -11,9 +11,9 @@ import pytest
 from depthcli._version import __version__
 from depthcli.core.options import Alignment
 from depthcli.datasets.base import ALL_PAIRS
+from depthcli.evaluation.page import report_page
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.report import EvalReport, ImageScores, ReportRow, Source
-from depthcli.evaluation.text import report_page
 from depthcli.metrics.boundary import BoundaryScores
 from depthcli.metrics.depth import Scores
 

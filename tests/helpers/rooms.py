@@ -18,6 +18,7 @@ from depthcli.training.config import (
     OutputConfig,
     TrainConfig,
 )
+from helpers.in_memory import InMemory
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,7 +32,7 @@ TRAIN, HELD_OUT = [0, 1, 3, 4, 5], [2]
 
 
 @dataclass(frozen=True)
-class Rooms:
+class Rooms(InMemory):
     """A data set in memory: the farther, the darker."""
 
     images: npt.NDArray[np.uint8]

@@ -9,6 +9,7 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.evaluation.report import Source
+from helpers.in_memory import InMemory
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -19,7 +20,7 @@ HEIGHT, WIDTH = 12, 16
 
 
 @dataclass
-class SmallSet:
+class SmallSet(InMemory):
     """Counts how often it is read."""
 
     ids: tuple[str, ...]

@@ -15,8 +15,8 @@ from depthcli.core.options import Mask
 from depthcli.datasets.base import SplitName
 from depthcli.errors import DatasetError
 from depthcli.evaluation.evaluate import EvalOptions
+from depthcli.evaluation.page import report_page
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.text import report_page
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.evaluate import EvalRequest, ReportFiles, run_evaluation
 
@@ -68,6 +68,6 @@ def test_missing_raw_depth_is_refused_before_scoring(
 ) -> None:
     watched = Watched()
     raw = replace(request_of_val.options, protocol=EvalProtocol(mask=Mask.RAW))
-    with pytest.raises(DatasetError, match="no raw depth"):
+    with pytest.raises(DatasetError, match="raw_depth"):
         run_evaluation(replace(request_of_val, options=raw), watched)
     assert watched.begun == []

@@ -9,10 +9,8 @@ import torch
 from helpers.rooms import Rooms
 from torch import Tensor
 
-from depthcli.datasets.base import Subset
-from depthcli.evaluation.predictors import Sample
 from depthcli.training.config import DataConfig
-from depthcli.training.data import Batches, PairStore, tan_half_fov
+from depthcli.training.data import Batches, PairStore
 
 COUNT = 8
 NYU = math.tan(math.radians(63.3 / 2))
@@ -96,17 +94,6 @@ def test_each_picture_is_turned_with_its_own_focal_length() -> None:
     black, focal_px = _black(48, 64), torch.linspace(25, 90, COUNT)
     dataset = ManyCameras(black.images, black.depths_m, black.scenes, tuple(focal_px.tolist()))
     assert _variation(DATA, dataset, torch.tensor([32, 24]) / focal_px[:, None]) < 0.001
-
-
-def test_a_part_of_a_data_set_has_its_cameras() -> None:
-    black = _black(48, 64)
-    one = OneCamera(black.images, black.depths_m, black.scenes, 90)
-    focal_px = tuple(range(25, 25 + COUNT))
-    many = ManyCameras(black.images, black.depths_m, black.scenes, focal_px)
-    for dataset in (black, one, many):
-        part = Subset(dataset, (2, 1))
-        assert tan_half_fov(part, 0, (48, 64)) == tan_half_fov(dataset, 2, (48, 64))
-        assert Sample(part, 0).camera == Sample(dataset, 2).camera
 
 
 def test_unpaired_depth_is_turned_with_its_own_shape() -> None:

@@ -13,7 +13,6 @@ from helpers.rooms import EFFICIENT, PAPER, Rooms, rooms
 from lightning_fabric import Fabric
 
 from depthcli.core.types import DepthMap
-from depthcli.datasets.base import Subset
 from depthcli.io.formats.preview import percentiles
 from depthcli.metrics.depth import PixelSums
 from depthcli.metrics.pixels import DepthPixels
@@ -102,9 +101,8 @@ def test_depth_of_other_cameras_is_compared_in_true_metres(positions: list[int])
     for i in positions:
         truth_m = true.depths_m[i][true.depths_m[i] < 10]
         rmse.append(np.sqrt(np.mean((truth_m - learned_m / scales[i]) ** 2)))
-    for whole in (dataset, Subset(dataset, tuple(range(5)))):
-        scores = Validation(whole, positions, EFFICIENT).score(network, CPU)
-        assert scores["rmse"] == pytest.approx(np.mean(rmse), rel=1e-4)
+    scores = Validation(dataset, positions, EFFICIENT).score(network, CPU)
+    assert scores["rmse"] == pytest.approx(np.mean(rmse), rel=1e-4)
 
 
 class _Constant(torch.nn.Module):

@@ -328,7 +328,7 @@ def _request(
 def _run(request: "EvalRequest", table: TableOptions) -> int:
     """Evaluate, print the table as JSON or text, and write the files."""
     from depthcli.cli.screen.progress import show_progress
-    from depthcli.evaluation.text import report_page
+    from depthcli.evaluation.page import report_page
     from depthcli.jobs.evaluate import ReportFiles, run_evaluation
 
     is_silent = table.screen.quiet or table.screen.as_json

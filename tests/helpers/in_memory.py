@@ -1,0 +1,22 @@
+"""What a data set of arrays in memory has in common with one of files."""
+
+from __future__ import annotations
+
+from depthcli.datasets.base import Pair
+
+
+class InMemory:
+    """Base of data sets that have ``ids``, ``scenes`` and ``official_split`` as attributes."""
+
+    focal_px: tuple[float, ...] = ()
+    scales: tuple[float, ...] = ()
+    hfov_deg: float | None = None
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        ones = self.scales or (1.0,) * len(self.ids)
+        return tuple(Pair(name, scale=scale) for name, scale in zip(self.ids, ones, strict=True))
+
+    def files(self, i: int) -> list:
+        del i
+        return []
