@@ -296,6 +296,8 @@ class Provenance:
         time_s: time in its video, in seconds from the first frame; None for a still picture.
         anchor_fit: how well the metres fit known points; None if they were not fitted.
         pixel_aspect: width by height of a pixel; ``focal_px`` is in widths of pixels.
+        is_cropped: whether a file stated a focal length for an image of another size, of which this
+            map is no resized one.
     """
 
     model: str | None = None
@@ -309,6 +311,7 @@ class Provenance:
     time_s: float | None = None
     anchor_fit: AnchorFit | None = None
     pixel_aspect: float = 1.0
+    is_cropped: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -441,7 +444,8 @@ def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
     found, focal_px = source, camera.focal_for(depth.width)
     centre_px = camera.centre_for(depth.width, depth.height)
     if focal_px is not None:
-        found = replace(found, focal_px=focal_px, camera_source=CameraSource.OPTION)
+        given = CameraSource.OPTION
+        found = replace(found, focal_px=focal_px, camera_source=given, is_cropped=False)
     if centre_px is not None:
         found = replace(found, centre_px=centre_px)
     if camera.pixel_aspect is not None:

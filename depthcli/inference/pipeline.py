@@ -15,8 +15,10 @@ from depthcli.errors import InputError, ModelError
 from depthcli.inference.camera import intrinsics_of, metric_scale
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare
-from depthcli.models.card import InputSpec, ModelCard
+from depthcli.models.card import InputSpec, ModelCard, OutputSpec
 
+_STEP = 4  # pixels between those that are counted
+_END_SHARE, _MANY = 0.02, 0.1  # of the depth at an end of the range; of the pixels
 _MAX_CELLS_A_PIXEL = 4  # of a tiled map; more show nothing of the picture
 
 
@@ -114,7 +116,7 @@ class Pipeline:
         raws = self._run([single for single, _ in prepared])
         layouts = [layout for _, layout in prepared]
         return [
-            _finished(self._model_depth(frame, raw, layout, camera), frame, points)
+            _finished(*self._model_depth(frame, raw, layout, camera), frame, points)
             for frame, raw, layout, camera, points in zip(
                 frames, raws, layouts, own, anchors, strict=True
             )
@@ -122,7 +124,7 @@ class Pipeline:
 
     def _model_depth(
         self, frame: Frame, raw: npt.NDArray[np.float32], layout: Layout, camera: Intrinsics
-    ) -> DepthMap:
+    ) -> Prediction:
         """Depth at the image's size, as the model and the camera give it."""
         coarse = coarse_depth(self.card.output, raw, layout)
         if not np.isfinite(coarse).any():
@@ -142,7 +144,9 @@ class Pipeline:
         scale = metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
-        return DepthMap(values, self.card.output.kind, self._provenance(frame, layout, camera))
+        depth = DepthMap(values, self.card.output.kind, self._provenance(frame, layout, camera))
+        flat = flat_warnings(depth)
+        return Prediction(depth, flat or _range_warnings(self.card.output, depth, scale))
 
     def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
         batch, layout = prepare(self.card.input, frame)
@@ -174,13 +178,34 @@ class Pipeline:
         )
 
 
-def _finished(depth: DepthMap, frame: Frame, anchors: AnchorPoints | None) -> Prediction:
+def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[str, ...]:
+    """Warnings of many pixels at the least or the largest depth that the model can give."""
+    if spec.min_m is None or spec.max_m is None or not depth.is_metric:
+        return ()
+    low_m, high_m = spec.min_m * scale, spec.max_m * scale
+    values = depth.values[::_STEP, ::_STEP]
+    found = []
+    for at_end, end_m, word in (
+        (values <= low_m * (1 + _END_SHARE), low_m, "nearer"),
+        (values >= high_m * (1 - _END_SHARE), high_m, "farther"),
+    ):
+        share = np.count_nonzero(at_end) / values.size
+        if share >= _MANY:
+            found.append(
+                f"{share:.0%} of the pixels are at {end_m:.3g} m, an end of the range of the "
+                f"model, {low_m:.3g} to {high_m:.3g} m: they may be {word}"
+            )
+    return tuple(found)
+
+
+def _finished(
+    depth: DepthMap, warnings: tuple[str, ...], frame: Frame, anchors: AnchorPoints | None
+) -> Prediction:
     """Depth without any where the file has no pixels, fitted to known points."""
-    flat = flat_warnings(depth)
     depth = masked_to_data_window(depth, frame.windows)
     found = fitted(depth, anchors, frame.windows)
     of_anchors = anchors.warnings if anchors else ()
-    return Prediction(found, (*flat, *of_anchors, *lost_in_fit(depth, found)))
+    return Prediction(found, (*warnings, *of_anchors, *lost_in_fit(depth, found)))
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:

@@ -13,7 +13,13 @@ import numpy as np
 
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import kind_named, number, pixel_aspect_in, provenance_of
+from depthcli.io.depth.metadata import (
+    kind_named,
+    number,
+    of_size,
+    pixel_aspect_in,
+    provenance_of,
+)
 from depthcli.io.depth.read import StoredDepth
 from depthcli.io.depth.scale import denormalized, depth_scale, dequantized
 from depthcli.io.formats.table import LABEL_PREFIX
@@ -47,6 +53,7 @@ class DepthVideo:
         scale: units per metre; None if the file is normalized and has no unit.
         kind: what the numbers mean.
         frame_labels: numbers, time code and geometry of its frames.
+        warnings: one line each.
     """
 
     def __init__(self, path: str | Path, *, scale: float | None = None) -> None:
@@ -65,11 +72,13 @@ class DepthVideo:
         texts = dict(container.metadata)
         if pixel_format != DEPTH_PIXELS:
             raise InputError(f"{self.path} is not 16-bit gray, so it holds no depth")
-        self.labels = {
+        labels = {
             name.removeprefix(LABEL_PREFIX).lower(): text
             for name, text in texts.items()
             if name.startswith(LABEL_PREFIX)
         }
+        size_px = stream.codec_context.width, stream.codec_context.height
+        self.labels, self.warnings = of_size(labels, size_px, self.path.name)
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
         self.rate = parse_rate(self.labels.get("frame_rate", "")) or exact_rate(fps or 0)
         self.kind = kind_named(self.labels.get("kind"))
@@ -121,7 +130,10 @@ class DepthVideo:
                 windows=labels.windows(depth.width, depth.height),
                 time_code=labels.time_code_at(time_s - first_s),
             )
-            yield StoredDepth(name or str(self.path), depth, self.labels, self._stated, frame)
+            warnings = self.warnings if count == 0 else ()
+            yield StoredDepth(
+                name or str(self.path), depth, self.labels, self._stated, frame, warnings=warnings
+            )
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.

@@ -232,3 +232,21 @@ def test_a_camera_that_cannot_be_is_refused(
 ) -> None:
     with pytest.raises(UsageError, match=problem):
         kinect.predict(gray(0), Intrinsics.given(**({"focal_px": None, "hfov_deg": None} | camera)))
+
+
+@pytest.mark.parametrize(
+    ("dark", "bright", "told"),
+    [(0, 200, []), (0, 255, ["farther"]), (60, 120, [])],
+)
+def test_pixels_at_an_end_of_the_range_are_stated(
+    tmp_path: Path, dark: int, bright: int, told: list[str]
+) -> None:
+    folder = write_model(tmp_path / "m", camera={"hfov_deg": 60.0}, output__max_m=9.0)
+    pixels = np.full((48, 64), dark, np.uint8)
+    pixels[:, 32:] = bright
+    found = load(folder).predict(Frame(pixels), Intrinsics(hfov_deg=90.0))
+    assert [word in text for word, text in zip(told, found.warnings, strict=True)] == [True] * len(
+        told
+    )
+    factor = math.tan(math.radians(30)) / math.tan(math.radians(45))
+    assert all(f"{9 * factor:.3g} m" in text and "50%" in text for text in found.warnings)

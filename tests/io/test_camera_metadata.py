@@ -6,16 +6,20 @@ import json
 from typing import TYPE_CHECKING
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from depthcli.cli.screen.results import picture_json, picture_text
-from depthcli.core.camera import CameraSource
-from depthcli.core.types import DepthMap, Provenance
+from depthcli.core.camera import CameraSource, Intrinsics
+from depthcli.core.types import DepthMap, Provenance, with_camera
+from depthcli.errors import OutputError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.ply import PlyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.formats.table import KEY_PREFIX
 from depthcli.jobs.predict import PictureResult
 
 if TYPE_CHECKING:
@@ -73,3 +77,57 @@ def test_a_source_that_another_program_wrote_is_no_source(tmp_path: Path) -> Non
     found = read_stored_depth(path).displayed.provenance
     assert found is not None
     assert (found.focal_px, found.camera_source) == (2, None)
+
+
+def _changed_by_another_program(path: Path, rows: slice, columns: slice) -> Path:
+    """An EXR whose pixels were replaced, but not its header, as OpenImageIO and Nuke do."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header, pixels = dict(file.header()), file.channels()["Y"].pixels[rows, columns]
+    for window in ("dataWindow", "displayWindow"):
+        header.pop(window)
+    OpenEXR.File(header, {"Y": np.ascontiguousarray(pixels)}).write(str(path))
+    return path
+
+
+def _wide(tmp_path: Path, *, states_size: bool = True) -> Path:
+    depth_m = np.full((48, 64), 2, np.float32)
+    camera = Provenance(focal_px=55.4256, centre_px=(40.0, 20.0), camera_source=CameraSource.OPTION)
+    path = tmp_path / "a.exr"
+    ExrWriter().write(DepthMap(depth_m, provenance=camera), path)
+    if not states_size:  # as versions before 0.16 wrote it
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            header, channels = dict(file.header()), {"Y": file.channels()["Y"].pixels}
+        header.pop(f"{KEY_PREFIX}camera_size_px")
+        OpenEXR.File(header, channels).write(str(path))
+    return path
+
+
+def test_focal_length_of_resized_depth_is_scaled(tmp_path: Path) -> None:
+    path = _changed_by_another_program(_wide(tmp_path), slice(None, None, 4), slice(None, None, 4))
+    stored = read_stored_depth(path)
+    found = stored.displayed.provenance
+    assert found is not None
+    assert found.focal_px == pytest.approx(55.4256 / 4)
+    assert found.centre_px == pytest.approx((9.625, 4.625))
+    assert stored.metadata["camera"] == "hfov 60.0° (given)"
+    assert ["64×48" in text and "16×12" in text for text in stored.warnings] == [True]
+    PlyWriter().write(stored.displayed, tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize("states_size", [True, False])
+def test_focal_length_of_cropped_depth_is_refused(tmp_path: Path, states_size: bool) -> None:
+    original = _wide(tmp_path, states_size=states_size)
+    assert read_stored_depth(original).warnings == ()
+    path = _changed_by_another_program(original, slice(0, 20), slice(10, 50))
+    stored = read_stored_depth(path)
+    found = stored.displayed.provenance
+    assert found is not None
+    assert (found.focal_px, found.centre_px, found.is_cropped) == (None, None, True)
+    assert not {"camera", "focal_px"} & set(stored.metadata)
+    assert ["64" in text and "40×20" in text for text in stored.warnings] == [True]
+    with pytest.raises(OutputError):
+        PlyWriter().write(stored.displayed, tmp_path / "a.ply")
+    given = with_camera(stored.displayed, Intrinsics(focal_px=50.0))
+    PlyWriter().write(given, tmp_path / "a.ply")
+    assert given.provenance is not None
+    assert given.provenance.focal_px == 50

@@ -1,11 +1,14 @@
 """The metadata of a depth map in files and reports: texts by name, the same names everywhere."""
 
+import math
+import re
 from collections.abc import Mapping
 from typing import NamedTuple, Self, TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.camera import CameraSource, hfov_deg
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthKind, DepthMap, Provenance
+from depthcli.errors import Message
 from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
 
 SOFTWARE = f"depthcli {__version__}"
@@ -83,6 +86,8 @@ def metadata_texts(depth: DepthMap) -> dict[str, str]:
     origin = known.origin()
     if known.pixel_aspect == 1:
         del origin["pixel_aspect"]
+    if source.focal_px is not None or source.centre_px is not None:
+        texts["camera_size_px"] = f"{depth.width},{depth.height}"
     return texts | {name: _value_text(value) for name, value in origin.items() if value}
 
 
@@ -124,6 +129,71 @@ def own_texts(metadata: Mapping[str, str]) -> dict[str, str]:
     return {f"{KEY_PREFIX}{name}": text for name, text in metadata.items()}
 
 
+_CAMERA_TEXTS = ("camera", "camera_source", "focal_px", "centre_px")
+
+
+def of_size(
+    metadata: Mapping[str, str], size_px: tuple[int, int], name: str
+) -> tuple[dict[str, str], tuple[Message, ...]]:
+    """Metadata whose camera is that of a map of this size, which another program may have resized.
+
+    If one factor explains both sides, focal length and principal point are scaled by it. Of a crop,
+    and of another size in a file before 0.16, which does not state the size, nothing of the camera
+    is left but ``camera_size_px``.
+
+    Args:
+        metadata: texts by name.
+        size_px: (columns, rows) of the map.
+        name: of the file, in the warning.
+
+    Returns:
+        The metadata, and a warning if the map was resized or cropped.
+    """
+    texts, focal_px = dict(metadata), positive_number(metadata.get("focal_px"))
+    own = _size_px(metadata.get("camera_size_px"))
+    width, height = size_px
+    if own is None and focal_px is not None:
+        own = _width_in_text(metadata.get("camera", ""), focal_px, width), height
+    if own is None or own == size_px:
+        return texts, ()
+    now, then = f"{width}×{height}", f"{own[0]}×{own[1]}"
+    if "camera_size_px" in metadata and abs(width * own[1] - height * own[0]) < max(own):
+        scale = width / own[0]
+        if focal_px is not None:
+            texts["focal_px"] = _value_text(focal_px * scale)
+        if centre := _centre_px(metadata.get("centre_px")):
+            x, y = ((along + 0.5) * scale - 0.5 for along in centre)
+            texts["centre_px"] = _value_text((x, y))
+        texts["camera_size_px"] = f"{width},{height}"
+        resized = f"{name} was resized from {then} to {now} pixels, and its focal length is scaled"
+        return texts, (Message(resized, "if it was cropped instead, give {focal_px}"),)
+    advice = "give {focal_px} in its pixels for a point cloud"
+    if "camera_size_px" in metadata:
+        texts["camera_size_px"] = f"{own[0]},{own[1]}"
+    else:
+        then, texts["camera_size_px"] = f"about {own[0]} columns", f"{own[0]}"
+        hfov = metadata["camera"].partition("°")[0].removeprefix("hfov ")
+        advice += f", or {{hfov}} {hfov} if it was only resized"
+    for one in _CAMERA_TEXTS:
+        texts.pop(one, None)
+    problem = (
+        f"{name} has {now} pixels, and its focal length is for {then}: it was cropped or resized"
+    )
+    return texts, (Message(problem, advice),)
+
+
+def _width_in_text(camera: str, focal_px: float, width: int) -> int:
+    """Columns of an image by its focal length and field of view, whose text has one decimal."""
+    found = re.match(r"hfov (\d+\.\d)°", camera)
+    if found is None:
+        return width
+    low, high = (
+        2 * focal_px * math.tan(math.radians(max(0.0, float(found[1]) + error)) / 2)
+        for error in (-0.06, 0.06)
+    )
+    return width if low - 1 <= width <= high + 1 else round((low + high) / 2)
+
+
 def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
     """The provenance of a map, as far as its metadata state it; None if they state nothing."""
     orientation, source = metadata.get("orientation"), metadata.get("camera_source")
@@ -138,6 +208,7 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
         time_s=number(metadata.get("time_s")),
         anchor_fit=_anchor_fit(metadata.get("anchors")),
         pixel_aspect=pixel_aspect_in(metadata.get("pixel_aspect")),
+        is_cropped="camera_size_px" in metadata and not {"focal_px", "centre_px"} & set(metadata),
     )
     return None if found == Provenance() else found
 

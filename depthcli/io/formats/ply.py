@@ -32,10 +32,16 @@ class PlyWriter:
                 "fit it to known depth with {anchors}",
             )
         source = depth.provenance or Provenance()
+        if source.is_cropped:
+            raise OutputError(
+                "the focal length of the depth is for an image of another size",
+                "give {focal_px} or {hfov} of this one",
+            )
         focal_px = source.focal_px or focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
         points = _points(point_cloud(depth, focal_px, frame))
         known = metadata_texts(depth)
-        known.pop("camera", None)  # focal_px and camera_source say it in ASCII
+        for name in ("camera", "camera_size_px"):  # focal_px and camera_source say it in ASCII
+            known.pop(name, None)
         lines = ["ply", "format binary_little_endian 1.0"]
         lines += [one_line(f"comment {KEY_PREFIX}{name} {text}") for name, text in known.items()]
         lines += [f"element vertex {len(points)}"]

@@ -22,6 +22,7 @@ from depthcli.io.depth.metadata import (
     anchor_fields,
     kind_named,
     number,
+    of_size,
 )
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.paths import read_regular
@@ -91,16 +92,18 @@ def with_sidecar(
     Returns:
         The metadata, with a warning if the sidecar is that of another map.
     """
+    own, warnings = of_size(own, size_px, path.name)
     found = _find_sidecar(path)
     if found is None:
-        return FileMetadata(own)
+        return FileMetadata(own, warnings)
     if not _describes(found.fields, own, size_px, values):
         ignored = f"{found.path} describes another map than {path.name} and is ignored"
-        return FileMetadata(own, (Message(ignored, "remove it, or write it again with {sidecar}"),))
+        advice = Message(ignored, "remove it, or write it again with {sidecar}")
+        return FileMetadata(own, (*warnings, advice))
     texts = _shared_texts(found.fields, own)
     if path.suffix.lower() == ".png" and "scale" not in own:
         texts |= _png_scale_texts(found.fields)
-    return FileMetadata({**texts, **own})
+    return FileMetadata({**texts, **own}, warnings)
 
 
 def remove_video_sidecar(path: Path) -> None:
