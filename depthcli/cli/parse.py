@@ -10,14 +10,6 @@ from typing import TYPE_CHECKING
 
 from depthcli.cli import options as groups
 from depthcli.cli.groups import Given
-from depthcli.cli.options import (
-    AnchorOptions,
-    CameraOptions,
-    DetailOptions,
-    PreviewOptions,
-    RuntimeOptions,
-    WritingOptions,
-)
 from depthcli.core.camera import DEPTH_M, HFOV_DEG, Anchor, Intrinsics
 from depthcli.core.options import AUTO_TILE, Colormap, Detail, Near, ReadOptions, short_repr
 from depthcli.errors import InputError, UsageError
@@ -40,7 +32,7 @@ _LARGEST_PX = 20_000
 
 
 def session_loader(
-    model: str | None, runtime: RuntimeOptions, threads: int | None = None
+    model: str | None, runtime: groups.RuntimeOptions, threads: int | None = None
 ) -> SessionLoader:
     """The loader of a model; ``threads`` in place of those of the options.
 
@@ -54,7 +46,7 @@ def session_loader(
     return SessionLoader(model, runtime.provider, threads or runtime.threads, options)
 
 
-def detail(options: DetailOptions) -> Detail:
+def detail(options: groups.DetailOptions) -> Detail:
     """Upsampling and tiles.
 
     Raises:
@@ -68,14 +60,16 @@ def detail(options: DetailOptions) -> Detail:
     return Detail(options.upsample, int(tile))
 
 
-def writer_options(options: WritingOptions) -> WriterOptions:
+def writer_options(options: groups.WritingOptions) -> WriterOptions:
     """Options of the formats; those that are not given get their defaults.
 
     Raises:
         UsageError: they contradict each other.
     """
-    groups = (options.png, options.exr, options.preview)
-    values = {field.name: getattr(group, field.name) for group in groups for field in fields(group)}
+    written = (options.png, options.exr, options.preview)
+    values = {
+        field.name: getattr(group, field.name) for group in written for field in fields(group)
+    }
     _refuse_alternatives(values)
     values["colormap"], values["near"] = _colours(options.preview)
     low, high = options.preview.vmin, options.preview.vmax
@@ -84,7 +78,7 @@ def writer_options(options: WritingOptions) -> WriterOptions:
     return WriterOptions(**{name: value for name, value in values.items() if value is not None})
 
 
-def _colours(options: PreviewOptions) -> tuple[Colormap | None, Near | None]:
+def _colours(options: groups.PreviewOptions) -> tuple[Colormap | None, Near | None]:
     """Colormap and near colour; either selects gray."""
     colormap, near = options.colormap, options.near
     if near in {None, Near.WARM} and (near is None or colormap is not Colormap.GRAY):
@@ -98,7 +92,7 @@ def _colours(options: PreviewOptions) -> tuple[Colormap | None, Near | None]:
     )
 
 
-def camera(options: CameraOptions) -> Intrinsics:
+def camera(options: groups.CameraOptions) -> Intrinsics:
     """The camera of the options.
 
     Raises:
@@ -124,7 +118,9 @@ def reading(options: groups.ReadOptions) -> ReadOptions:
     return ReadOptions(options.white_level, options.exposure, options.layer)
 
 
-def anchors(options: AnchorOptions, *, is_folder: bool = False) -> AnchorFiles | tuple[Anchor, ...]:
+def anchors(
+    options: groups.AnchorOptions, *, is_folder: bool = False
+) -> AnchorFiles | tuple[Anchor, ...]:
     """The files of known depth, or its points.
 
     Args:

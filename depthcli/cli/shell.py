@@ -10,17 +10,10 @@ from typer.main import get_command
 from typer.models import TyperPath
 
 from depthcli._version import __version__
+from depthcli.cli import table
 from depthcli.cli.completion import starting_with
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
-from depthcli.cli.table import (
-    COMMANDS,
-    PROFILE_COMMANDS,
-    PROGRAM,
-    help_text,
-    plain_command,
-    suggestion,
-)
 from depthcli.core.options import INSTALL_TRAIN
 from depthcli.errors import (
     DepthcliError,
@@ -51,19 +44,20 @@ class LazyGroup(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002 - typer's own types
         """Names of the commands, in the order of the help."""
-        return list(COMMANDS)
+        return list(table.COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401 - typer's own types
         """One command; None during completion of an unknown one."""
-        if cmd_name in COMMANDS:
+        if cmd_name in table.COMMANDS:
             return load_command(cmd_name)
         if ctx.resilient_parsing:
             return None
-        raise UsageError(f"no command named {cmd_name!r}{suggestion(cmd_name, COMMANDS, PROGRAM)}")
+        meant = table.suggestion(cmd_name, table.COMMANDS, table.PROGRAM)
+        raise UsageError(f"no command named {cmd_name!r}{meant}")
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
         """The text of ``depthcli --help``."""
-        formatter.write(help_text())
+        formatter.write(table.help_text())
 
 
 app = typer.Typer(
@@ -76,7 +70,7 @@ app = typer.Typer(
 
 def _show_version(asked: bool) -> None:
     if asked:
-        console.out(f"{PROGRAM} {__version__}")
+        console.out(f"{table.PROGRAM} {__version__}")
         raise typer.Exit
 
 
@@ -94,7 +88,7 @@ def run(arguments: Sequence[str]) -> int:
     state = console.State()
     try:
         result = get_command(app)(
-            args=list(arguments), prog_name=PROGRAM, standalone_mode=False, obj=state
+            args=list(arguments), prog_name=table.PROGRAM, standalone_mode=False, obj=state
         )
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
@@ -138,7 +132,7 @@ def _unexpected(error: Exception) -> str:
 
 def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
     context = getattr(error, "ctx", None)
-    path = context.command_path if context else PROGRAM
+    path = context.command_path if context else table.PROGRAM
     message = error.format_message().strip().rstrip(".")
     return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
 
@@ -150,8 +144,8 @@ def _is_missing_subcommand(error: Exception) -> bool:
 
 def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
     """Import one command, and add the options of the shell."""
-    command = plain_command(name)
-    if name in PROFILE_COMMANDS:
+    command = table.plain_command(name)
+    if name in table.PROFILE_COMMANDS:
         command.params.append(_profile_option())
     _add_debug(command)
     return command

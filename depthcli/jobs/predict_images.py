@@ -16,20 +16,14 @@ from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.atomic import Guard
 from depthcli.io.storage.paths import path_of
+from depthcli.jobs import write
 from depthcli.jobs.outputs import STDIO
 from depthcli.jobs.predict import PicturePlan, PictureResult, PredictRequest
-from depthcli.jobs.write import (
-    FailedInput,
-    failure_reason,
-    output_guard,
-    write_output,
-    write_stream,
-)
 
 
 def predict_pictures(
     request: PredictRequest, plans: Sequence[PicturePlan], loading: Background[Session]
-) -> Iterator[PictureResult | FailedInput]:
+) -> Iterator[PictureResult | write.FailedInput]:
     """Process the pictures and yield their results, in order.
 
     Raises:
@@ -41,22 +35,22 @@ def predict_pictures(
         writer_class(name)  # imported while the model loads
     known = [] if isinstance(request.anchors, tuple) else [path_of(request.anchors.path)]
     inputs = [*known, *(plan.source for plan in plans if plan.source is not None)]
-    guard = output_guard(inputs, overwrite=request.overwrite)
+    guard = write.output_guard(inputs, overwrite=request.overwrite)
     for plan in plans:
         try:
             checked = guard.checked(filter(None, plan.outputs.values()))
             yield _predict_picture(request, plan, loading, points, checked)
         except (InputError, OutputError) as error:
-            yield FailedInput(plan.name, error)
+            yield write.FailedInput(plan.name, error)
         except ModelError as error:
             from depthcli.inference.measure import check_network  # noqa: PLC0415 - seldom needed
 
             check_network(error, loading.result())
-            yield FailedInput(plan.name, error)
+            yield write.FailedInput(plan.name, error)
         except Exception as error:
             if not is_out_of_memory(error):
                 raise
-            yield FailedInput(plan.name, InputError(failure_reason(error)))
+            yield write.FailedInput(plan.name, InputError(write.failure_reason(error)))
     loading.result()  # raises if the model cannot be loaded, even if no picture was read
 
 
@@ -119,7 +113,7 @@ def _write_picture(
     guard: Guard,
 ) -> tuple[str, ...]:
     if path is not None:
-        return write_output(request.writing, name, depth, frame, path, guard)
+        return write.write_output(request.writing, name, depth, frame, path, guard)
     if request.stdout is None:
         raise UsageError("the output is '-' but there is no stdout", "name a file or a folder")
-    return write_stream(request.writing, name, depth, frame, request.stdout)
+    return write.write_stream(request.writing, name, depth, frame, request.stdout)

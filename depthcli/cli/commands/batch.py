@@ -10,23 +10,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, Given, group, grouped
-from depthcli.cli.options import (
-    MAX_THREADS,
-    AnchorOptions,
-    CameraOptions,
-    DetailOptions,
-    ImageOptions,
-    ModelOptions,
-    OverwriteOption,
-    ScreenOptions,
-    SidecarOption,
-    WorkersOption,
-    WritingOptions,
-    not_negative,
-    option,
-    usual,
-)
 from depthcli.core.options import GPU_BATCH
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
@@ -58,40 +43,42 @@ class EngineName(StrEnum):
 class OutputOptions:
     """Output."""
 
-    out: str = usual(
+    out: str = groups.usual(
         "Output folder, required; keeps the folder structure of DIR.",
         "-o",
         "--out",
         default="",
         metavar="OUT",
     )
-    formats: list[Format] | None = usual("Output format; repeatable. Default: png16.", "--format")
-    sidecar: SidecarOption = False
-    overwrite: OverwriteOption = False
-    dry_run: bool = usual("Show what would be done without writing anything.", default=False)
+    formats: list[Format] | None = groups.usual(
+        "Output format; repeatable. Default: png16.", "--format"
+    )
+    sidecar: groups.SidecarOption = False
+    overwrite: groups.OverwriteOption = False
+    dry_run: bool = groups.usual("Show what would be done without writing anything.", default=False)
 
 
 @group
 class InputOptions:
     """Choosing inputs."""
 
-    files: str | None = option(
+    files: str | None = groups.option(
         "File with one input path per line, relative to DIR or to the working "
         "directory, '-' for stdin; or a .parquet, .csv or .tsv file with a column of paths.",
         metavar="LIST",
     )
-    column: str | None = option(
+    column: str | None = groups.option(
         "Column of a Parquet or CSV list. Default: its only column, or 'path'.", metavar="NAME"
     )
-    shard: str | None = option(
+    shard: str | None = groups.option(
         "Process part I of N, chosen by a hash of each name; the parts can run at the "
         "same time, on any machines, into one OUT.",
         metavar="I/N",
     )
-    include: list[str] | None = option(
+    include: list[str] | None = groups.option(
         "Process only matching files ('*.jpg', 'left/**'); repeatable.", metavar="GLOB"
     )
-    exclude: list[str] | None = option(
+    exclude: list[str] | None = groups.option(
         "Skip matching files and folders; repeatable.", metavar="GLOB"
     )
 
@@ -100,30 +87,32 @@ class InputOptions:
 class EngineOptions:
     """Parallel processing."""
 
-    workers: WorkersOption = None
-    batch_size: int | None = option(
+    workers: groups.WorkersOption = None
+    batch_size: int | None = groups.option(
         "Images of equal size per inference. Default: 1 on the CPU, 8 on other providers.",
         min=1,
-        max=MAX_THREADS,
+        max=groups.MAX_THREADS,
     )
-    max_failures: str | None = option(
+    max_failures: str | None = groups.option(
         "Stop when more than N inputs have failed, or more than N% of the last 100 that "
         "were processed (at the beginning, too: after more than N failures). Default: never.",
         metavar="N|N%",
     )
-    engine: EngineName = option(
+    engine: EngineName = groups.option(
         "What processes the inputs: this process, or a Ray cluster.", default=EngineName.THREADS
     )
-    ray_address: str | None = option(
+    ray_address: str | None = groups.option(
         "Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
         "RAY_ADDRESS, or the cluster this machine belongs to.",
         metavar="ADDRESS",
     )
-    cpus_per_worker: float | None = option(
-        "CPUs of each worker on Ray. Default: 1.", min=0.01, callback=not_negative
+    cpus_per_worker: float | None = groups.option(
+        "CPUs of each worker on Ray. Default: 1.", min=0.01, callback=groups.not_negative
     )
-    gpus_per_worker: float | None = option(
-        "GPUs of each worker on Ray, 0.25 for a quarter. Default: 0.", min=0, callback=not_negative
+    gpus_per_worker: float | None = groups.option(
+        "GPUs of each worker on Ray, 0.25 for a quarter. Default: 0.",
+        min=0,
+        callback=groups.not_negative,
     )
 
     @property
@@ -137,10 +126,10 @@ ENGINE_OPTIONS = {str(EngineName.RAY): ("ray_address", "cpus_per_worker", "gpus_
 
 
 @group
-class CamerasOptions(CameraOptions):
+class CamerasOptions(groups.CameraOptions):
     """Camera."""
 
-    cameras: str | None = option(
+    cameras: str | None = groups.option(
         "CSV file with the camera of each input: column id, its path from DIR with or "
         "without suffix; focal_px or hfov_deg; and optionally cx and cy, the principal point.",
         metavar="FILE",
@@ -157,13 +146,13 @@ def batch(
     output: OutputOptions,
     inputs: InputOptions,
     engine: EngineOptions,
-    model: ModelOptions,
+    model: groups.ModelOptions,
     camera: CamerasOptions,
-    anchors: AnchorOptions,
-    read: ImageOptions,
-    detail: DetailOptions,
-    writing: WritingOptions,
-    screen: ScreenOptions,
+    anchors: groups.AnchorOptions,
+    read: groups.ImageOptions,
+    detail: groups.DetailOptions,
+    writing: groups.WritingOptions,
+    screen: groups.ScreenOptions,
     given: Given,
 ) -> int:
     """Estimate depth for all images and videos in a folder tree, or in a list.
@@ -220,7 +209,7 @@ def _request(
     plan: BatchPlan,
     options: BatchOptions,
     engine: EngineOptions,
-    model: ModelOptions,
+    model: groups.ModelOptions,
 ) -> BatchRequest:
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores

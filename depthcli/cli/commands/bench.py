@@ -9,14 +9,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from depthcli.cli import options
 from depthcli.cli.groups import Command, grouped
-from depthcli.cli.options import (
-    JsonOption,
-    ModelOptions,
-    UpsampleOption,
-    WorkersOption,
-    not_negative,
-)
 from depthcli.cli.screen import console
 from depthcli.core.options import Upsampling
 from depthcli.errors import ExitCode
@@ -40,13 +34,17 @@ def bench(
         "640x480", metavar="WxH", help="Size of the synthetic image in pixels."
     ),
     *,
-    model: ModelOptions,
-    workers: WorkersOption = None,
-    upsample: UpsampleOption = Upsampling.GUIDED,
+    model: options.ModelOptions,
+    workers: options.WorkersOption = None,
+    upsample: options.UpsampleOption = Upsampling.GUIDED,
     seconds: float = typer.Option(
-        3.0, min=0, max=3600, callback=not_negative, help="Duration of each measurement in seconds."
+        3.0,
+        min=0,
+        max=3600,
+        callback=options.not_negative,
+        help="Duration of each measurement in seconds.",
     ),
-    as_json: JsonOption = False,
+    as_json: options.JsonOption = False,
 ) -> int:
     """Measure network latency, end-to-end latency, throughput and peak memory.
 

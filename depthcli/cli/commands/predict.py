@@ -6,19 +6,8 @@ import sys
 
 import typer
 
+from depthcli.cli import options
 from depthcli.cli.groups import Command, Given, group, grouped
-from depthcli.cli.options import (
-    AnchorOptions,
-    CameraOptions,
-    DetailOptions,
-    ImageOptions,
-    ModelOptions,
-    OverwriteOption,
-    ScreenOptions,
-    SidecarOption,
-    WritingOptions,
-    usual,
-)
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode, UsageError
@@ -31,19 +20,19 @@ app = typer.Typer(rich_markup_mode=None)
 class OutputOptions:
     """Output."""
 
-    out: str | None = usual(
+    out: str | None = options.usual(
         "Output file (for one input), folder (existing, or ending in '/'), or '-' for "
         "stdout. Default: next to each input.",
         "-o",
         "--out",
         metavar="OUT",
     )
-    formats: list[Format] | None = usual(
+    formats: list[Format] | None = options.usual(
         "Output format; repeatable. Default: from the suffix of -o, else png16 and preview.",
         "--format",
     )
-    sidecar: SidecarOption = False
-    overwrite: OverwriteOption = False
+    sidecar: options.SidecarOption = False
+    overwrite: options.OverwriteOption = False
 
 
 @app.command(cls=Command)
@@ -54,13 +43,13 @@ def predict(
     ),
     *,
     output: OutputOptions,
-    model: ModelOptions,
-    camera: CameraOptions,
-    anchors: AnchorOptions,
-    read: ImageOptions,
-    detail: DetailOptions,
-    writing: WritingOptions,
-    screen: ScreenOptions,
+    model: options.ModelOptions,
+    camera: options.CameraOptions,
+    anchors: options.AnchorOptions,
+    read: options.ImageOptions,
+    detail: options.DetailOptions,
+    writing: options.WritingOptions,
+    screen: options.ScreenOptions,
     given: Given,
 ) -> int:
     """Estimate depth from one or more images.

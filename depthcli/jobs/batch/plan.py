@@ -9,33 +9,10 @@ from pathlib import Path
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
 from depthcli.errors import InputError, Message, UsageError
-from depthcli.io.listing.folder import (
-    ANY,
-    EXCLUDED,
-    NOT_INCLUDED,
-    OWN,
-    TWICE,
-    InputFile,
-    NameFilter,
-    RealPaths,
-    Skipped,
-    conversion_hint,
-    is_own_output,
-    is_video,
-    list_folder,
-    skip_summary,
-    why_skipped,
-)
+from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest.files import WHOLE, Shard
-from depthcli.io.storage.paths import (
-    RemotePath,
-    check_writable,
-    join,
-    path_of,
-    safe_name,
-    without_file_scheme,
-)
+from depthcli.io.storage import paths
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.output_names import StemCounts, TreeNames, namesakes, stem
 
@@ -45,9 +22,9 @@ class BatchPlan:
     """All inputs of a batch."""
 
     out: Path  #: the output folder
-    inputs: tuple[InputFile, ...]  #: in an order that depends on their names only
+    inputs: tuple[listing.InputFile, ...]  #: in an order that depends on their names only
     names: TreeNames  #: names of their outputs
-    skipped: tuple[Skipped, ...]  #: files that are no inputs
+    skipped: tuple[listing.Skipped, ...]  #: files that are no inputs
     loops: tuple[str, ...] = ()  #: links to a folder above them
     unmatched: tuple[str, ...] = ()  #: patterns of ``--include`` that no picture or video matches
     #: paths of the inputs, of all shards, that lie in the output folder
@@ -65,19 +42,19 @@ class BatchPlan:
         yield from self.camera_warnings
         for word in self.unmatched:
             yield Message(f"{word!r} matches no image or video", option="include")
-        unreadable = conversion_hint(self.skipped)
+        unreadable = listing.conversion_hint(self.skipped)
         if unreadable:
             yield unreadable
 
     @property
-    def images(self) -> Iterator[InputFile]:
+    def images(self) -> Iterator[listing.InputFile]:
         """All inputs but videos."""
-        return (found for found in self.inputs if not is_video(found.name))
+        return (found for found in self.inputs if not listing.is_video(found.name))
 
     @property
-    def videos(self) -> Iterator[InputFile]:
+    def videos(self) -> Iterator[listing.InputFile]:
         """The videos."""
-        return (found for found in self.inputs if is_video(found.name))
+        return (found for found in self.inputs if listing.is_video(found.name))
 
     def folders(self) -> set[Path]:
         """The folders of the outputs."""
@@ -139,7 +116,7 @@ def read_cameras(source: str) -> CameraTable:
         UsageError: it cannot be read, or has invalid rows.
     """
     try:
-        return CameraTable(read_lenses(path_of(source)), os.fspath(source))
+        return CameraTable(read_lenses(paths.path_of(source)), os.fspath(source))
     except InputError as error:
         raise UsageError(str(error), option="cameras") from error
 
@@ -148,26 +125,26 @@ class InputCollector:
     """Collects the inputs of a shard and the files that are skipped."""
 
     def __init__(
-        self, out: str, wanted: NameFilter, shard: Shard, cameras: CameraTable | None
+        self, out: str, wanted: listing.NameFilter, shard: Shard, cameras: CameraTable | None
     ) -> None:
-        check_writable(path_of(out))
+        paths.check_writable(paths.path_of(out))
         self._out, self._wanted, self._shard, self._cameras = out, wanted, shard, cameras
         self._intrinsics: dict[str, Intrinsics] = {}
-        self._inputs: dict[str, InputFile] = {}
-        self._skipped: dict[Skipped, None] = {}
+        self._inputs: dict[str, listing.InputFile] = {}
+        self._skipped: dict[listing.Skipped, None] = {}
         self._inputs_in_out: set[str] = set()
         self._stems = StemCounts()
         self._has_inputs = False
         self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
 
-    def skip(self, file: Skipped) -> None:
+    def skip(self, file: listing.Skipped) -> None:
         """Add a skipped file."""
         if self._shard.holds(file.name):
             self._skipped[file] = None
 
     def plan(
         self,
-        media: Iterable[InputFile],
+        media: Iterable[listing.InputFile],
         where: str,
         loops: tuple[str, ...] = (),
         *,
@@ -177,7 +154,7 @@ class InputCollector:
         # Output names depend on all files, not on the patterns or the list.
         names = TreeNames(chain(self._names(media), self._neighbours() if is_list else ()))
         plan = BatchPlan(
-            out=path_of(self._out),
+            out=paths.path_of(self._out),
             inputs=tuple(self._inputs.values()),
             names=names,
             skipped=tuple(self._skipped),
@@ -197,17 +174,17 @@ class InputCollector:
         warnings = tuple(self._cameras.warnings(len(plan.inputs), unmatched))
         return replace(plan, camera_warnings=warnings)
 
-    def _names(self, media: Iterable[InputFile]) -> Iterator[str]:
-        places, inside = RealPaths(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
+    def _names(self, media: Iterable[listing.InputFile]) -> Iterator[str]:
+        places, inside = listing.RealPaths(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
         for found in media:
             yield found.name
             self._unmatched = [x for x in self._unmatched if not x[1].fullmatch(found.name)]
             reason = None if found.problem else self._wanted.refusal(found.name)
             if reason is not None:
-                self.skip(Skipped(found.name, reason))
+                self.skip(listing.Skipped(found.name, reason))
                 continue
             self._has_inputs = True
-            if not is_video(found.name):
+            if not listing.is_video(found.name):
                 self._stems.add(found.name)
             camera = self._cameras.camera_of(found.name) if self._cameras else None
             self._inputs_in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
@@ -225,12 +202,12 @@ class InputCollector:
                 folder = os.path.dirname(found.path)  # noqa: PTH120 - may be a URI
                 folders.setdefault((folder, above + slash), []).append(name)
         for (folder, above), own in folders.items():
-            for other in chain(*namesakes(path_of(folder), own).values()):
-                path = join(folder, other)
-                if why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
+            for other in chain(*namesakes(paths.path_of(folder), own).values()):
+                path = paths.join(folder, other)
+                if listing.why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
                     yield above + other
 
-    def _add_input(self, found: InputFile, places: RealPaths) -> None:
+    def _add_input(self, found: listing.InputFile, places: listing.RealPaths) -> None:
         """Add an input, unless it is listed twice.
 
         Raises:
@@ -244,27 +221,28 @@ class InputCollector:
                 f"{first.path} and {found.path} would both become {found.name}",
                 "list them for batches with different {out}",
             )
-        self.skip(Skipped(found.name, TWICE))
+        self.skip(listing.Skipped(found.name, listing.TWICE))
 
 
-def _check_any(skipped: Sequence[Skipped], where: str) -> None:
+def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:
     """Refuse a plan without inputs, unless there were no files at all."""
     if not skipped:
         return
-    if {NOT_INCLUDED, EXCLUDED} & {file.reason for file in skipped}:
+    if {listing.NOT_INCLUDED, listing.EXCLUDED} & {file.reason for file in skipped}:
         raise UsageError(
-            f"nothing of {where} is left: {skip_summary(skipped)}", "change {include} or {exclude}"
+            f"nothing of {where} is left: {listing.skip_summary(skipped)}",
+            "change {include} or {exclude}",
         )
-    hint = conversion_hint(skipped) or ""
+    hint = listing.conversion_hint(skipped) or ""
     if not hint and any(file.reason == ".exr" for file in skipped):
         hint = "EXR is read by 'predict', by 'video' (a sequence), and by 'batch' from a list"
-    raise InputError(f"no image or video in {where}: {skip_summary(skipped)}", hint)
+    raise InputError(f"no image or video in {where}: {listing.skip_summary(skipped)}", hint)
 
 
 def plan_folder(
     root: str | os.PathLike[str],
     out: str | os.PathLike[str],
-    wanted: NameFilter = ANY,
+    wanted: listing.NameFilter = listing.ANY,
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
 ) -> BatchPlan:
@@ -275,11 +253,12 @@ def plan_folder(
             everything, or the table of cameras is of other inputs.
         InputError: there are files, but no picture or video that can be read.
     """
-    root, out = without_file_scheme(root), without_file_scheme(out)
-    place = path_of(root)
-    is_store = isinstance(place, RemotePath) and not place.is_http  # checked when it is listed
+    root, out = paths.without_file_scheme(root), paths.without_file_scheme(out)
+    place = paths.path_of(root)
+    # A store is checked when it is listed.
+    is_store = isinstance(place, paths.RemotePath) and not place.is_http
     if not is_store and not place.is_dir():
-        is_file = not isinstance(place, RemotePath) and place.is_file()
+        is_file = not isinstance(place, paths.RemotePath) and place.is_file()
         hint = "; 'depthcli predict' and 'depthcli video' take files" if is_file else ""
         raise UsageError(f"{place} is not a folder", f"name one, or give {{files}} a list{hint}")
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
@@ -289,10 +268,10 @@ def plan_folder(
             option="out",
         )
     collector = InputCollector(out, wanted, shard, cameras)
-    listing = list_folder(root, leave_out=out, skip=wanted.excludes)
-    for file in listing.skipped:
+    tree = listing.list_folder(root, leave_out=out, skip=wanted.excludes)
+    for file in tree.skipped:
         collector.skip(file)
-    plan = collector.plan(listing.media, safe_name(root), loops=tuple(listing.loops))
+    plan = collector.plan(tree.media, paths.safe_name(root), loops=tuple(tree.loops))
     _check_outside(plan, root)
     return plan
 
@@ -302,7 +281,7 @@ def plan_files(
     source: str,
     root: str | os.PathLike[str] | None,
     out: str | os.PathLike[str],
-    wanted: NameFilter = ANY,
+    wanted: listing.NameFilter = listing.ANY,
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
 ) -> BatchPlan:
@@ -324,18 +303,18 @@ def plan_files(
         UsageError: the patterns exclude everything, or the table of cameras is of other inputs.
         InputError: all listed files are outputs of depthcli.
     """
-    root = None if root is None else without_file_scheme(root)
-    out = without_file_scheme(out)
+    root = None if root is None else paths.without_file_scheme(root)
+    out = paths.without_file_scheme(out)
     collector = InputCollector(out, wanted, shard, cameras)
 
-    def pictures() -> Iterator[InputFile]:
+    def pictures() -> Iterator[listing.InputFile]:
         for found in listed_inputs(words, root):
-            if found.problem is None and is_own_output(found.path):
-                collector.skip(Skipped(found.name, OWN))
+            if found.problem is None and listing.is_own_output(found.path):
+                collector.skip(listing.Skipped(found.name, listing.OWN))
             else:
                 yield found
 
-    plan = collector.plan(pictures(), f"the list {safe_name(source)}", is_list=True)
+    plan = collector.plan(pictures(), f"the list {paths.safe_name(source)}", is_list=True)
     # So that nothing depends on the order of the list.
     return replace(plan, inputs=tuple(sorted(plan.inputs)))
 
