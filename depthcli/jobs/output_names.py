@@ -86,7 +86,6 @@ def _names_starting(folder: RemotePath, starts: Iterable[str]) -> Iterator[str]:
 
 
 _Hashes: TypeAlias = NDArray[np.uint64]
-_FIELDS = np.dtype([("name", np.uint64), ("whole", np.uint64), ("stem", np.uint64)])
 
 
 class TreeNames:
@@ -100,55 +99,46 @@ class TreeNames:
     necessary, in the same way each time.
     """
 
-    def __init__(self, names: Iterable[str], stem: Callable[[str], str] = stem) -> None:
-        """Hash the names of all inputs.
+    def __init__(self, names: Iterable[str] = (), stem: Callable[[str], str] = stem) -> None:
+        """Hash the names of inputs.
 
         Args:
             names: paths from the root, with ``/`` between their parts.
             stem: an input's name without suffix.
         """
         self._stem = stem
-        found = np.fromiter(
-            (
-                (_hash(name), _hash(comparable(name)), _hash(comparable(stem(name))))
-                for name in names
-            ),
-            _FIELDS,
-        )
-        _, first = np.unique(found["name"], return_index=True)
-        self._alike = _repeated(found["whole"][first])
-        stems = found["stem"][first]
-        # np.intersect1d and np.isin would load numpy.ma, at 15 ms.
-        whole = np.sort(found["whole"])
-        both = stems[np.take(whole, np.searchsorted(whole, stems), mode="clip") == stems]
-        self._shared = np.sort(np.concatenate([_repeated(stems), both]))
+        self._hashes = array("Q")
+        self._ambiguous: tuple[_Hashes, _Hashes] | None = None
+        for name in names:
+            self.add(name)
+
+    def add(self, name: str) -> None:
+        """Hash another name; one that was added already is not counted again."""
+        short = comparable(self._stem(name))
+        self._hashes.extend((_hash(name), _hash(comparable(name)), _hash(short)))
+        self._ambiguous = None
 
     def base(self, name: str) -> str:
         """Path of an input's outputs from the output folder, without a suffix."""
-        if _is_in(self._alike, comparable(name)):
+        alike, shared = self._ambiguous = self._ambiguous or self._find_ambiguous()
+        if _is_in(alike, comparable(name)):
             return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
         short = self._stem(name)
-        return name if _is_in(self._shared, comparable(short)) else short
-
-
-class StemCounts:
-    """Counts names without suffix; a name takes 16 bytes of memory, for hashes."""
-
-    def __init__(self) -> None:
-        self._hashes = array("Q")
-        self._repeated: _Hashes | None = None
-
-    def add(self, name: str) -> None:
-        """Count a name; one that was added already is not counted again."""
-        self._hashes.extend((_hash(stem(name)), _hash(name)))
-        self._repeated = None
+        return name if _is_in(shared, comparable(short)) else short
 
     def is_shared(self, name: str) -> bool:
         """Whether another name has the same stem."""
-        if self._repeated is None:
-            stems, names = np.array(self._hashes, np.uint64).reshape(-1, 2).T
-            self._repeated = _repeated(stems[np.unique(names, return_index=True)[1]])
-        return _is_in(self._repeated, stem(name))
+        return self.base(name) != self._stem(name)
+
+    def _find_ambiguous(self) -> tuple[_Hashes, _Hashes]:
+        """Hashes of full names that are alike, and of stems that are shared; sorted."""
+        names, whole, stems = np.array(self._hashes, np.uint64).reshape(-1, 3).T
+        _, first = np.unique(names, return_index=True)
+        alike, stems = _repeated(whole[first]), stems[first]
+        # np.intersect1d and np.isin would load numpy.ma, at 15 ms.
+        whole = np.sort(whole)
+        both = stems[np.take(whole, np.searchsorted(whole, stems), mode="clip") == stems]
+        return alike, np.sort(np.concatenate([_repeated(stems), both]))
 
 
 def _hash(name: str) -> int:

@@ -14,7 +14,7 @@ from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest.files import WHOLE, Shard
 from depthcli.io.storage import paths
 from depthcli.io.tables import read_lenses
-from depthcli.jobs.output_names import StemCounts, TreeNames, namesakes, stem
+from depthcli.jobs.output_names import TreeNames, namesakes, stem
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class BatchPlan:
     shard: Shard = WHOLE  #: the part of the inputs that is planned
     #: cameras of a table, by input; the others are not in it
     intrinsics: Mapping[str, Intrinsics] = field(default_factory=dict)
-    stems: StemCounts = field(default_factory=StemCounts)  #: of the pictures of all shards
+    stems: TreeNames = field(default_factory=TreeNames)  #: of the pictures of all shards
     is_part: bool = False  #: whether other files of the folder may be inputs of other batches
     camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
 
@@ -133,7 +133,7 @@ class InputCollector:
         self._inputs: dict[str, listing.InputFile] = {}
         self._skipped: dict[listing.Skipped, None] = {}
         self._inputs_in_out: set[str] = set()
-        self._stems = StemCounts()
+        self._stems = TreeNames()
         self._has_inputs = False
         self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
 
