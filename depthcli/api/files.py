@@ -56,17 +56,16 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
 
     Args:
         path: the file, with the suffix of its format.
-        png_scale: units per metre of a PNG, None for what the file states, or millimetres; or of
-            integers in an NPY file, which need it to be metric.
+        png_scale: units per metre; None for what the file states, else millimetres in a PNG and
+            metres in floats. Integers in an NPY file need it to be metric.
 
     Raises:
         InputError: missing, damaged, without depth, or metric integers without a scale.
-        UsageError: a scale for an NPY file of floats, which are metres.
     """
     path = path_of(path)
     if path.suffix.lower() == ".mkv":
         raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
-    stored = depth_files.read_stored_depth(path, png_scale=png_scale)
+    stored = depth_files.read_stored_depth(path, depth_files.DepthReadOptions(png_scale))
     for message in stored.warnings_with_scale("png_scale"):
         warnings.warn(message, DepthcliWarning, stacklevel=2)
     return _with_nan(stored.displayed)

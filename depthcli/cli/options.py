@@ -10,7 +10,16 @@ import typer
 from depthcli.cli import completion
 from depthcli.cli.groups import OPTION, USUAL, group
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
-from depthcli.core.options import EXPOSURE, MAX_PIXELS, Colormap, Near, Rule, Upsampling, Weights
+from depthcli.core.options import (
+    EXPOSURE,
+    MAX_PIXELS,
+    Colormap,
+    DepthEncoding,
+    Near,
+    Rule,
+    Upsampling,
+    Weights,
+)
 
 _LARGEST_M = 1e9
 MAX_THREADS = 1024
@@ -124,6 +133,46 @@ class CameraOptions:
         "--calibration, without distortion.",
         default=False,
     )
+
+
+@group
+class StatedCameraOptions(CameraOptions):
+    """Camera."""
+
+    # Unlike those of predict, they do not scale depth.
+    focal_px: float | None = option(
+        "Focal length in pixels, for point clouds, --from-kind and the metadata of the outputs; "
+        "other depth stays as it is. Default: what the input states.",
+        callback=focal_length,
+    )
+    hfov: float | None = option(
+        "Horizontal field of view in degrees, instead of --focal-px.", callback=field_of_view
+    )
+
+
+@group
+class DepthFileOptions:
+    """Depth file."""
+
+    from_scale: float | None = usual(
+        "Units per metre: 1000 for millimetres, 100 for centimetres, 256 in KITTI. Default: from "
+        "the file, else 1000 for PNG and video, 1 for floats. Of disparity, units per pixel.",
+        callback=png_scale_range,
+    )
+    from_kind: DepthEncoding | None = usual(
+        "Meaning of the numbers in a file that does not state it: metric (depth along the camera "
+        "axis, the default), distance (along the ray of each pixel), disparity (stereo, needs "
+        "--baseline), inverse (1/depth, metric with --from-scale) or relative. Distance and "
+        "disparity need the focal length.",
+    )
+    baseline: float | None = option(
+        "Distance between the two cameras of --from-kind disparity in metres.", callback=positive
+    )
+
+    @property
+    def needs_camera(self) -> bool:
+        """Whether depth depends on the camera."""
+        return self.from_kind in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}
 
 
 @group
@@ -267,14 +316,6 @@ class ScreenOptions:
 FileArgument = Annotated[
     str,
     typer.Argument(metavar="FILE", help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv)."),
-]
-ScaleOption = Annotated[
-    float | None,
-    typer.Option(
-        callback=png_scale_range,
-        help="Units per metre of a PNG or video (default: from the file, else 1000), or NPY of "
-        "integers.",
-    ),
 ]
 FrameOption = Annotated[
     int | None, typer.Option(min=0, help="The frame of a depth video (.mkv) to read, from 0.")

@@ -9,9 +9,16 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from depthcli.cli import options as groups
-from depthcli.cli.groups import Given
 from depthcli.core.camera import DEPTH_M, HFOV_DEG, Anchor, Intrinsics
-from depthcli.core.options import AUTO_TILE, Colormap, Detail, Near, ReadOptions, short_repr
+from depthcli.core.options import (
+    AUTO_TILE,
+    Colormap,
+    DepthEncoding,
+    Detail,
+    Near,
+    ReadOptions,
+    short_repr,
+)
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FORMATS, WriterOptions
@@ -20,6 +27,7 @@ from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
 if TYPE_CHECKING:
     from depthcli.io.depth.anchors import AnchorFiles
+    from depthcli.io.depth.read import DepthReadOptions
 
 ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov"),
@@ -116,6 +124,21 @@ def camera(options: groups.CameraOptions) -> Intrinsics:
 def reading(options: groups.ReadOptions) -> ReadOptions:
     """Options of reading images."""
     return ReadOptions(options.white_level, options.exposure, options.layer)
+
+
+def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> DepthReadOptions:
+    """What the user states about a depth file.
+
+    Raises:
+        UsageError: a baseline without disparity.
+    """
+    from depthcli.io.depth.read import DepthReadOptions
+
+    if options.baseline is not None and options.from_kind is not DepthEncoding.DISPARITY:
+        raise UsageError("it is for {from_kind} disparity", option="baseline")
+    return DepthReadOptions(
+        options.from_scale, options.from_kind, camera=camera, baseline_m=options.baseline
+    )
 
 
 def anchors(
@@ -259,7 +282,7 @@ _STDIN = "-"
 
 
 def without_effect(
-    given: Given, used_by: Mapping[str, Collection[str]], kinds: Collection[str]
+    given: Mapping[str, str], used_by: Mapping[str, Collection[str]], kinds: Collection[str]
 ) -> list[str]:
     """Warnings about options that another kind of file uses than those in ``kinds``.
 

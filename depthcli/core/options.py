@@ -76,6 +76,21 @@ class Near(StrEnum):
     BLACK = "black"
 
 
+class DepthEncoding(StrEnum):
+    """What the numbers in a depth file mean."""
+
+    METRIC = "metric"
+    """Depth along the camera axis."""
+    DISTANCE = "distance"
+    """Distance from the camera, along the ray of each pixel."""
+    RELATIVE = "relative"
+    """Depth up to an unknown scale and shift; larger is farther."""
+    INVERSE = "inverse"
+    """1/depth: of metres if the scale is given, else up to an unknown scale and shift."""
+    DISPARITY = "disparity"
+    """Displacement between two rectified images in pixels; needs their baseline."""
+
+
 class Sensor(StrEnum):
     """Sensor that measures the depth of rendered rooms."""
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import DEFAULT_DETAIL, Detail
+from depthcli.core.options import DEFAULT_DETAIL, DepthEncoding, Detail
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
@@ -20,7 +20,7 @@ from depthcli.errors import DatasetError, InputError
 from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.read import StoredDepth, read_stored_depth
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth, read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 from depthcli.training.provenance import TrainedRun
@@ -154,7 +154,8 @@ def open_predictions(
 
 def _read(path: Path, kind: DepthKind | None, scale: float | None) -> StoredDepth:
     try:
-        return read_stored_depth(path, kind=kind, unstated_scale=scale)
+        encoding = None if kind is None else DepthEncoding(kind)
+        return read_stored_depth(path, DepthReadOptions(kind=encoding, unstated_scale=scale))
     except InputError as error:
         raise DatasetError(error.message) from error
 

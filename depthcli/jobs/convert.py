@@ -11,11 +11,12 @@ from typing import Self
 import numpy as np
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions
+from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOptions
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.types import DepthMap, Frame, displayed_frame, with_camera
 from depthcli.errors import DepthcliError, InputError, UsageError
-from depthcli.io.depth.read import StoredDepth, read_stored_depth
+from depthcli.io.depth import read as depth_files
+from depthcli.io.depth.read import StoredDepth
 from depthcli.io.formats.table import (
     FILE_SUFFIXES,
     MILLIMETRES,
@@ -45,7 +46,7 @@ from depthcli.io.storage.paths import (
     safe_name,
     without_file_scheme,
 )
-from depthcli.jobs.inspect import is_depth_video, read_map
+from depthcli.jobs.inspect import is_depth_video, open_depth_video, read_map
 from depthcli.jobs.output_names import TreeNames
 from depthcli.jobs.outputs import (
     STDIO,
@@ -74,7 +75,9 @@ class ConvertRequest:
     #: pattern for all frames of a video; or a folder
     target: str
     format: Format | None = None  #: of the target; None to take it from the suffix
-    scale: float | None = None  #: units per metre of the source; None for what it states
+    stated: depth_files.DepthReadOptions = (
+        depth_files.AS_STATED
+    )  #: what the user states about the source
     frame: int | None = None  #: of a depth video, from 0
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
     reading: ReadOptions = AS_STATED  #: how the picture is read
@@ -90,15 +93,15 @@ class RoundTrip:
 
     max_error: float  #: largest absolute error
     mean_error: float  #: mean absolute error
-    lost: int  #: number of pixels that lost their depth
+    lost: int  #: number of pixels with a number, of any sign, that have no depth any more
 
     @classmethod
     def of(cls, depth: DepthMap, read_back: DepthMap) -> Self:
         """The errors between two maps of the same size."""
-        here, there = depth.valid, read_back.valid
-        both = here & there
+        there = read_back.valid
+        both = depth.valid & there
         error = np.abs(depth.values[both].astype(np.float64) - read_back.values[both])
-        lost = int((here & ~there).sum())
+        lost = int((np.isfinite(depth.values) & (depth.values != 0) & ~there).sum())
         return cls(*(float(error.max()), float(error.mean())) if error.size else (0.0, 0.0), lost)
 
 
@@ -125,7 +128,7 @@ def convert(request: ConvertRequest) -> ConvertResult:
     """
     is_plain = is_pattern(path_of(request.source).name)
     target_destination(request.target, request.format, is_plain=is_plain)
-    stored = read_map(path_of(request.source), scale=request.scale, frame=request.frame)
+    stored = read_map(path_of(request.source), request.stated, request.frame)
     return _write_converted(stored, request)
 
 
@@ -140,6 +143,8 @@ def _write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertRes
         depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
     else:
         depth = shown
+    if not is_depth_video(path_of(request.source)):  # a frame of it may be dark
+        depth_files.check_has_depth(depth, stored.name)
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
     guard = output_guard(inputs, overwrite=request.overwrite)
     with atomic_path(path, guard=guard) as temporary:
@@ -147,7 +152,8 @@ def _write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertRes
         warnings = writing.writer(wanted).write(depth, temporary, picture)
         round_trip = None
         if wanted.facts.is_readable:
-            round_trip = RoundTrip.of(depth, read_stored_depth(temporary, kind=depth.kind).depth)
+            kind = depth_files.DepthReadOptions(kind=DepthEncoding(depth.kind))
+            round_trip = RoundTrip.of(depth, depth_files.read_stored_depth(temporary, kind).depth)
     of_picture = given.warnings if given else ()
     warnings = (*stored.warnings_with_scale("from_scale"), *of_picture, *warnings)
     return ConvertResult(safe_name(request.source), str(path), shown, round_trip, warnings)
@@ -179,7 +185,7 @@ def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOpti
     writing = request.writing
     if stored.metadata.get("scale") == "normalized":
         return replace(writing, png_normalize=True)
-    if stored.scale is None or writing.png_scale != MILLIMETRES:
+    if not stored.is_integer or stored.scale is None or writing.png_scale != MILLIMETRES:
         return writing
     return replace(writing, png_scale=stored.scale.units_per_metre)
 
@@ -339,7 +345,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
         return _write_converted(stored, replace(request, target=target))
 
     with local_copy(path_of(request.source)) as path, one_thread_each(workers):
-        frames = readable(DepthVideo(path, scale=request.scale))
+        frames = readable(open_depth_video(path, request.stated))
         with closing(ordered_map(convert_frame, frames, workers=workers)) as results:
             yield from results
     if problem is not None:

@@ -132,7 +132,13 @@ class DepthVideo:
             )
             warnings = self.warnings if count == 0 else ()
             yield StoredDepth(
-                name or str(self.path), depth, self.labels, self._stated, frame, warnings=warnings
+                name or str(self.path),
+                depth,
+                self.labels,
+                self._stated,
+                is_integer=True,
+                frame=frame,
+                warnings=warnings,
             )
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:

@@ -51,7 +51,7 @@ def test_info_states_unit_scale_and_range(inside: Cli) -> None:
         "5000 per metre (as the file or its sidecar states)",
     )
     cv2.imwrite(str(inside.folder / "other.png"), np.full((4, 4), 1000, np.uint16))
-    assert b"scale   1000 per metre (assumed: millimetres; " in inside("info", "other.png").stdout
+    assert b"scale   1000 per metre (assumed; " in inside("info", "other.png").stdout
 
 
 @pytest.mark.parametrize("name", ["d.npy", "d.exr", "d.png"])

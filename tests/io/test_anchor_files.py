@@ -78,8 +78,8 @@ def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
         points = AnchorFiles(str(tmp_path / name), 256.0).read()
         assert points.depth_m == pytest.approx([2.5, 4.0])
     np.save(tmp_path / "b.npy", steps.astype(np.float32))
-    with pytest.raises(InputError, match="a scale is for integers"):
-        AnchorFiles(str(tmp_path / "b.npy"), 256.0).read()
+    floats = AnchorFiles(str(tmp_path / "b.npy"), 256.0).read()
+    assert floats.depth_m == pytest.approx([2.5, 4.0])
     with pytest.raises(InputError, match="not float metres"):
         AnchorFiles(str(tmp_path / "a.npy")).read()
     with pytest.raises(InputError, match=r"a\.csv is in metres"):

@@ -14,8 +14,9 @@ import pytest
 
 import depthcli
 from depthcli.core.camera import CameraSource
+from depthcli.core.options import DepthEncoding
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
-from depthcli.io.depth.read import read_metadata, read_stored_depth
+from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 STATED = Provenance("m", "ab" * 32, focal_px=3.0, orientation=6, camera_source=CameraSource.OPTION)
 DEPTH = DepthMap(DEPTH_M, provenance=STATED)
+RELATIVE = DepthReadOptions(kind=DepthEncoding.RELATIVE)
 
 
 def write_steps(path: Path, steps: np.ndarray) -> None:
@@ -105,7 +107,7 @@ def test_the_kind_comes_from_the_sidecar(suffix: str, tmp_path: Path) -> None:
     SidecarWriter().write(DepthMap(DEPTH_M, DepthKind.INVERSE), tmp_path / "a.json")
     write_map(path, DEPTH_M)
     assert read_stored_depth(path).displayed.kind is DepthKind.INVERSE
-    assert read_stored_depth(path, kind=DepthKind.RELATIVE).displayed.kind is DepthKind.INVERSE
+    assert read_stored_depth(path, RELATIVE).displayed.kind is DepthKind.INVERSE
 
 
 @pytest.mark.parametrize("kind", DepthKind)

@@ -140,7 +140,7 @@ def test_geometry_is_that_of_the_plates(tmp_path: Path) -> None:
     list(convert_video(ConvertRequest(str(source), str(tmp_path / "d.#.exr")), 0))
     frame = read_stored_depth(tmp_path / "d.1002.exr").frame
     assert (frame.pixel_aspect, frame.windows) == (1.5, windows)
-    facts = inspect_file(str(tmp_path / "d.1002.exr")).metadata
+    facts: Any = inspect_file(str(tmp_path / "d.1002.exr"))["metadata"]
     assert (facts["displayWindow"], facts["pixelAspectRatio"]) == ("100,-50 to 147,-19", "1.5")
     assert (facts["framesPerSecond"], facts["timeCode"]) == ("30000/1001", "01:00:00:29")
 

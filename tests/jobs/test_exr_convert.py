@@ -12,6 +12,7 @@ import pytest
 from helpers.plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, written
 
 from depthcli.core.camera import Intrinsics, focal_px_of_hfov
+from depthcli.errors import InputError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
 from depthcli.io.formats.table import WriterOptions
@@ -67,6 +68,10 @@ def test_other_formats_are_of_the_display_window(data: Box, tmp_path: Path) -> N
     write_depth_exr(tmp_path / "a.exr", data)
     shown = read_stored_depth(tmp_path / "a.exr").displayed.values
     assert shown.shape == size_of(DISPLAY)
+    if np.isnan(shown).all():
+        with pytest.raises(InputError):
+            converted(tmp_path / "a.exr", "b.npy")
+        return
     converted(tmp_path / "a.exr", "b.npy")
     np.testing.assert_array_equal(np.load(tmp_path / "b.npy"), shown)
     converted(tmp_path / "a.exr", "b.png")

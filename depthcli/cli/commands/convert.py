@@ -9,17 +9,15 @@ import typer
 from depthcli.cli.groups import Command, Given, group, grouped
 from depthcli.cli.options import (
     CameraOptions,
+    DepthFileOptions,
     FrameOption,
     OverwriteOption,
     ReadOptions,
     ScreenOptions,
+    StatedCameraOptions,
     WorkersOption,
     WritingOptions,
-    field_of_view,
-    focal_length,
     option,
-    png_scale_range,
-    usual,
 )
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import FORMATS, Format
@@ -31,11 +29,6 @@ app = typer.Typer(rich_markup_mode=None)
 class InputOptions:
     """Input."""
 
-    from_scale: float | None = usual(
-        "Units per metre of a PNG or video (default: from the file, else 1000), or NPY "
-        "of integers.",
-        callback=png_scale_range,
-    )
     frame: FrameOption = None
     picture: str | None = option(
         "Image of the same size, for the colours of a point cloud or --side-by-side.", metavar="IMG"
@@ -48,24 +41,12 @@ class InputOptions:
     )
 
 
-@group
-class StatedCameraOptions(CameraOptions):
-    """Camera."""
-
-    # Unlike those of predict, they do not scale depth.
-    focal_px: float | None = option(
-        "Focal length in pixels, for point clouds and for the metadata of the outputs; "
-        "depth stays as it is. Default: what the input states.",
-        callback=focal_length,
-    )
-    hfov: float | None = option(
-        "Horizontal field of view in degrees, instead of --focal-px.", callback=field_of_view
-    )
+_CAMERA = tuple(field.name for field in fields(CameraOptions))
 
 
 def _options_of(name: Format) -> tuple[str, ...]:
     """The options that a format uses, by parameter name."""
-    camera = [field.name for field in fields(CameraOptions)] if name.facts.has_camera else []
+    camera = _CAMERA if name.facts.has_camera else ()
     picture = ["picture"] if name in {Format.PLY, Format.PREVIEW} else []
     return (*name.facts.parameters, *camera, *picture)
 
@@ -104,6 +85,7 @@ def convert(
     ),
     *,
     overwrite: OverwriteOption = False,
+    depth_file: DepthFileOptions,
     inputs: InputOptions,
     workers: WorkersOption = None,
     camera: StatedCameraOptions,
@@ -142,7 +124,9 @@ def convert(
     if not screen.quiet:
         kinds = {"a folder" if is_folder else "one file", "--picture" if inputs.picture else ""}
         console.warn_all(seen_by.warnings)
-        console.warn_all(without_effect(given, FORMAT_OPTIONS, (format_,)))
+        of_camera = _CAMERA if depth_file.needs_camera else ()
+        written = {name: word for name, word in given.items() if name not in of_camera}
+        console.warn_all(without_effect(written, FORMAT_OPTIONS, (format_,)))
         console.warn_all(without_effect(given, SOURCE_OPTIONS, kinds))
     shown = ConversionScreen(as_json=screen.as_json, quiet=screen.quiet)
     count = share_cores(workers)[0]
@@ -150,7 +134,7 @@ def convert(
         source=source,
         target=output,
         format=format_,
-        scale=inputs.from_scale,
+        stated=parse.depth_reading(depth_file, seen_by),
         frame=inputs.frame,
         camera=seen_by,
         reading=parse.reading(read),

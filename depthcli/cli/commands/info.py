@@ -4,7 +4,13 @@ from typing import Any
 
 import typer
 
-from depthcli.cli.options import FileArgument, JsonOption, ScaleOption
+from depthcli.cli.groups import Command, grouped
+from depthcli.cli.options import (
+    DepthFileOptions,
+    FileArgument,
+    JsonOption,
+    StatedCameraOptions,
+)
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
@@ -12,29 +18,32 @@ from depthcli.errors import ExitCode
 _SCALE_SOURCES = {
     "file": "as the file or its sidecar states",
     "option": "--from-scale",
-    "assumed": "assumed: millimetres; --from-scale sets another",
+    "assumed": "assumed; --from-scale sets another",
 }
 app = typer.Typer(rich_markup_mode=None)
 
 
-@app.command()
+@app.command(cls=Command)
+@grouped
 def info(
     file: FileArgument,
-    from_scale: ScaleOption = None,
+    *,
+    depth_file: DepthFileOptions,
+    camera: StatedCameraOptions,
     as_json: JsonOption = False,
 ) -> int:
     """Show unit, scale, size, range and model of a depth file."""
-    from dataclasses import asdict
-
+    from depthcli.cli import parse
     from depthcli.jobs.inspect import inspect_file
 
-    facts = asdict(inspect_file(file, from_scale))
+    facts = inspect_file(file, parse.depth_reading(depth_file, parse.camera(camera)))
+    warnings: Any = facts.get("warnings", ())
     if as_json:
-        told = [console.worded(warning) for warning in facts.get("warnings", ())]
+        told = [console.worded(warning) for warning in warnings]
         console.out_json(facts | ({"warnings": told} if "warnings" in facts else {}))
     else:
-        console.warn_all(facts.pop("warnings", ()))
-        _show(facts)
+        console.warn_all(warnings)
+        _show({name: value for name, value in facts.items() if name != "warnings"})
     return ExitCode.OK
 
 

@@ -2,21 +2,31 @@
 
 import typer
 
-from depthcli.cli.options import FileArgument, FrameOption, JsonOption, ScaleOption
+from depthcli.cli.groups import Command, grouped
+from depthcli.cli.options import (
+    DepthFileOptions,
+    FileArgument,
+    FrameOption,
+    JsonOption,
+    StatedCameraOptions,
+)
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode
 
 app = typer.Typer(rich_markup_mode=None)
 
 
-@app.command()
+@app.command(cls=Command)
+@grouped
 def probe(
     file: FileArgument,
     pixels: list[str] = typer.Argument(
         ..., metavar="X,Y...", help="Pixel column and row, from 0 at the top left."
     ),
-    from_scale: ScaleOption = None,
+    *,
+    depth_file: DepthFileOptions,
     frame: FrameOption = None,
+    camera: StatedCameraOptions,
     as_json: JsonOption = False,
 ) -> int:
     """Show the depth at one or several pixels of a depth file."""
@@ -25,7 +35,8 @@ def probe(
     from depthcli.jobs.inspect import depth_at, read_map
 
     places = [parse.pixel(word) for word in pixels]
-    stored = read_map(path_of(file), scale=from_scale, frame=frame)
+    options = parse.depth_reading(depth_file, parse.camera(camera))
+    stored = read_map(path_of(file), options, frame)
     depth = stored.displayed
     values = [depth_at(depth, x, y) for x, y in places]
     for warning in stored.warnings_with_scale("from_scale"):

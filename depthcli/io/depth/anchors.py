@@ -109,7 +109,7 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
             has none.
     """
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
-    from depthcli.io.depth.read import read_stored_depth  # noqa: PLC0415
+    from depthcli.io.depth.read import DepthReadOptions, read_stored_depth  # noqa: PLC0415
     from depthcli.io.storage.paths import read_bytes  # noqa: PLC0415
 
     suffix = path.suffix.lower()
@@ -118,7 +118,7 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
     if suffix == ".csv":
         return _table(read_bytes(path), str(path))
     try:
-        stored = read_stored_depth(path, png_scale=scale)
+        stored = read_stored_depth(path, DepthReadOptions(scale))
     except UsageError as error:  # of this file, not of all that the scale is given for
         raise InputError(error.message, option="anchors_scale") from error
     depth = stored.displayed

@@ -1,32 +1,51 @@
-"""Reading depth files of depthcli and of other tools, in every format that has a reader."""
+"""Depth files of depthcli and of other tools: what their numbers mean, in one description."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthKind, DepthMap, Frame, displayed_depth
-from depthcli.errors import InputError, Message, UsageError
-from depthcli.io.depth.metadata import kind_named, provenance_of
-from depthcli.io.depth.scale import DepthScale
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.options import DepthEncoding
+from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame, displayed_depth
+from depthcli.errors import InputError, Message
+from depthcli.io.depth.metadata import provenance_of
+from depthcli.io.depth.scale import DepthScale, depth_scale, dequantized
 from depthcli.io.formats.sidecar import FileMetadata
 from depthcli.io.formats.table import READABLE_SUFFIXES, readable_format, reader_of
 from depthcli.io.storage.paths import path_of
+
+_PLAUSIBLE_M = 0.05, 100.0
+"""Medians of depth in files of floats that are taken for metres without a word."""
+_BACKGROUND = 1e9
+"""Least number that stands for the sky: Blender writes 1e10, others up to float's largest."""
+_HALF_BACKGROUND = 65504.0
+"""Largest half float, which Blender and Unreal write for the sky in such files."""
+METRIC = (DepthEncoding.METRIC, DepthEncoding.DISTANCE, DepthEncoding.DISPARITY)
+"""Meanings of numbers that have a unit even if none is stated."""
 
 
 @dataclass(frozen=True, slots=True)
 class DepthReadOptions:
     """Statements of the user about a depth file."""
 
-    #: units per metre of integers; None for what the file states
-    scale: float | None = None
-    kind: DepthKind | None = None  #: kind of the depth of a file that states none; None for metric
-    #: units per metre of the integers of a file that states none; None for millimetres in PNG
+    scale: float | None = None  #: units per metre; None for what the file states
+    #: meaning of the numbers in a file that does not state it; None for depth in metres
+    kind: DepthEncoding | None = None
+    #: units per metre of a file that states none; None for millimetres in integers, else metres
     unstated_scale: float | None = None
+    #: of distances along the ray and of disparity; None in it for what the file states
+    camera: Intrinsics = UNKNOWN_CAMERA
+    baseline_m: float | None = None  #: between the two cameras of disparity
+    layer: str | None = None  #: of an EXR; None for the likeliest
+
+
+AS_STATED = DepthReadOptions()
+"""What the file states."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +56,8 @@ class StoredDepth:
         name: the file.
         depth: the map, of an EXR over its data window.
         metadata: metadata of the file and its sidecar, texts by name.
-        scale: of integers; None if the file holds floats, or is normalized.
+        scale: of the numbers in the file; None if they are normalized or have no unit.
+        is_integer: whether they are integers.
         frame: without an image; has the windows, the shape of pixels, the rate and the time code
             of an EXR.
         channel: of an EXR, that the depth is read from; None for other files.
@@ -47,8 +67,9 @@ class StoredDepth:
     name: str
     depth: DepthMap
     metadata: Mapping[str, str]
-    scale: DepthScale | None = None
-    frame: Frame = field(default_factory=lambda: Frame(np.zeros((1, 1), np.uint8)))
+    scale: DepthScale | None
+    is_integer: bool
+    frame: Frame
     channel: str | None = None
     warnings: tuple[str, ...] = ()
 
@@ -56,77 +77,181 @@ class StoredDepth:
     def of(
         cls,
         path: Path,
-        values: npt.NDArray[np.float32],
+        stored: npt.NDArray[Any],
         metadata: FileMetadata,
         options: DepthReadOptions,
-        scale: DepthScale | None = None,
+        frame: Frame | None = None,
     ) -> Self:
-        """Depth of a file: values, (H, W) float32, and what is stated about them.
+        """Depth of a file: its numbers, and what the file and the user state about them.
+
+        Args:
+            path: the file.
+            stored: (H, W), integers, of which 0 is no depth, or floats.
+            metadata: what the file and its sidecar state.
+            options: what the user states.
+            frame: with the windows of an EXR.
 
         Raises:
-            InputError: there is no pixel.
+            InputError: there is no pixel, or distance or disparity without a camera.
         """
-        if not values.size:
+        if not stored.size:
             raise InputError(f"{path} has no pixels")
-        depth = DepthMap(values, stated_kind(metadata, options), provenance_of(metadata.texts))
-        return cls(str(path), depth, metadata.texts, scale, warnings=metadata.warnings)
+        texts, is_integer = metadata.texts, stored.dtype.kind in "iu"
+        encoding = stated_encoding(texts, options)
+        scale = depth_scale(
+            texts,
+            options.scale,
+            options.unstated_scale,
+            is_integer=is_integer,
+            has_unit=encoding in METRIC,
+        )
+        units = scale.units_per_metre if scale else 1.0
+        warnings = metadata.warnings
+        if is_integer:
+            values = dequantized(stored, units)
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 there is no depth
+                values = np.ascontiguousarray(stored, np.float32)
+            if encoding in METRIC and "software" not in texts:
+                values, found = _without_background(values, str(path))
+                warnings += found
+            if units != 1:
+                values = values / np.float32(units)
+        provenance = provenance_of(texts)
+        depth = DepthMap(values, DepthKind.METRIC, provenance)
+        if encoding in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}:
+            depth = _seen_by(depth, encoding, options, frame, str(path))
+        elif encoding is DepthEncoding.INVERSE and scale is not None:
+            depth = DepthMap(_reciprocal(values), DepthKind.METRIC, provenance)
+        elif encoding is not DepthEncoding.METRIC:
+            depth = DepthMap(values, DepthKind(encoding), provenance)
+        frame = frame or Frame(np.zeros((1, 1), np.uint8))
+        return cls(str(path), depth, texts, scale, is_integer, frame, warnings=warnings)
 
     @property
     def displayed(self) -> DepthMap:
         """The map, of an EXR in its display window."""
         return displayed_depth(self.depth, self.frame.windows)
 
+    @property
+    def unit_text(self) -> str:
+        """Unit of the numbers in the file and who states it: ``mm, assumed``."""
+        return f"none, {self.depth.kind}" if self.scale is None else self.scale.text
+
     def warnings_with_scale(self, option: str) -> tuple[str, ...]:
-        """The warnings, and one if the scale is assumed, which names the option that states it."""
+        """The warnings, and one if the unit is assumed, which names the option that states it.
+
+        Of floats, metres are assumed, which is a warning only if they are hardly metres.
+        """
         if self.scale is None or self.scale.source != "assumed":
             return self.warnings
         problem = f"{self.name} states no scale, so millimetres are assumed"
+        if not self.is_integer:
+            median_m, (low_m, high_m) = DepthRange.of(self.depth).median, _PLAUSIBLE_M
+            if median_m is None or low_m <= median_m <= high_m:
+                return self.warnings
+            problem = f"{self.name} states no unit, and as metres its median is {median_m:.3g} m"
         return (*self.warnings, Message(problem, f"{{{option}}} states another"))
 
 
-def stated_kind(metadata: FileMetadata, options: DepthReadOptions) -> DepthKind:
-    """The kind that a file states, else the user."""
-    if "kind" in metadata.texts or options.kind is None:
-        return kind_named(metadata.texts.get("kind"))
-    return options.kind
+def stated_encoding(texts: Mapping[str, str], options: DepthReadOptions) -> DepthEncoding:
+    """Meaning of the numbers that the file states, else the user; else metres."""
+    if texts.get("kind") in set(DepthKind):
+        return DepthEncoding(texts["kind"])
+    return options.kind or DepthEncoding.METRIC
 
 
-def read_stored_depth(
-    path: str | Path,
-    *,
-    png_scale: float | None = None,
-    kind: DepthKind | None = None,
-    unstated_scale: float | None = None,
-) -> StoredDepth:
+def _without_background(
+    values: npt.NDArray[np.float32], name: str
+) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
+    """Depth without the numbers that stand for the sky, and positive where all is negative.
+
+    Maya and OpenGL have cameras that look along -Z.
+    """
+    warnings: tuple[str, ...] = ()
+    sky = np.isfinite(values) & ((values >= _BACKGROUND) | (values == _HALF_BACKGROUND))
+    if sky.any():
+        number = float(values[sky].max())
+        warnings = (f"{name}: {np.count_nonzero(sky)} pixels of {number:g} are taken as no depth",)
+        values = np.where(sky, np.float32(np.nan), values)
+    finite = values[np.isfinite(values)]
+    if finite.size and finite.max() <= 0 and ((finite < 0) & (finite != -1)).any():
+        warnings += (f"{name} holds negative depth, along -Z, so its sign is changed",)
+        values = -values
+    return values, warnings
+
+
+def _seen_by(
+    depth: DepthMap,
+    encoding: DepthEncoding,
+    options: DepthReadOptions,
+    frame: Frame | None,
+    name: str,
+) -> DepthMap:
+    """Depth along the axis of distances along the ray, or of disparity."""
+    windows = frame.windows if frame else None
+    height, width = depth.values.shape
+    left = top = 0
+    if windows is not None:  # the camera is that of the display window
+        width, height = windows.display.width, windows.display.height
+        left, top = (
+            windows.pixels.left - windows.display.left,
+            windows.pixels.top - windows.display.top,
+        )
+    source = depth.provenance
+    focal_px = options.camera.focal_for(width) or (source.focal_px if source else None)
+    if focal_px is None:
+        raise InputError(f"{name} holds {encoding}, which needs a focal length", "give {focal_px}")
+    if encoding is DepthEncoding.DISPARITY:
+        if options.baseline_m is None:
+            raise InputError(f"{name} holds disparity", "give {baseline} of the two cameras")
+        factor = np.float32(focal_px * options.baseline_m)
+        return DepthMap(_reciprocal(depth.values) * factor, DepthKind.METRIC, source)
+    centre = options.camera.centre_for(width, height) or (source.centre_px if source else None)
+    x, y = centre or ((width - 1) / 2, (height - 1) / 2)
+    aspect = options.camera.pixel_aspect or (source.pixel_aspect if source else 1.0)
+    rows, columns = depth.values.shape
+    across = (np.arange(columns) + left - x) / focal_px
+    down = (np.arange(rows) + top - y) / (focal_px * aspect)
+    along_ray = np.sqrt(1 + across**2 + down[:, np.newaxis] ** 2)
+    return DepthMap((depth.values / along_ray).astype(np.float32), DepthKind.METRIC, source)
+
+
+def _reciprocal(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """1/values; NaN where they are not above 0."""
+    found = np.full_like(values, np.nan)
+    return np.divide(1, values, out=found, where=values > 0)
+
+
+def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -> StoredDepth:
     """Depth of a file in a format that is read, chosen by its suffix.
-
-    Args:
-        path: the file.
-        png_scale: units per metre of a PNG, None for what the file states, or millimetres; or of
-            integers in an NPY file, which need it to be metric.
-        kind: kind of the depth of a file that states none; None for metric.
-        unstated_scale: as ``png_scale``, but only for a file of integers that states none.
 
     Returns:
         (H, W); NaN where there is no depth. Its provenance is what the file or the sidecar beside
         it states of model, camera, anchors and orientation.
 
     Raises:
-        InputError: missing, damaged, without depth, or metric integers without a scale.
-        UsageError: a scale for a file of floats, which are metres.
+        InputError: missing, damaged, without depth, or metric integers in NPY without a scale.
     """
     path = path_of(path)
     which = readable_format(path)
     if which is None:
         raise InputError(
             f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)",
-            "'depthcli predict' and 'depthcli video' estimate the depth of pictures and videos",
+            "'depthcli predict' and 'depthcli video' estimate the depth of images and videos",
         )
-    options = DepthReadOptions(png_scale, kind, unstated_scale)
     stored: StoredDepth = reader_of(which)(path, options)
-    if png_scale is not None and stored.scale is None:
-        raise UsageError(f"a scale is for integers, and {path} holds none", "remove it")
     return stored
+
+
+def check_has_depth(depth: DepthMap, name: str) -> None:
+    """Refuse to write a map without one pixel with depth.
+
+    Raises:
+        InputError: no pixel has depth.
+    """
+    if not depth.valid.any():
+        raise InputError(f"{name} has no pixel with depth, so nothing is written")
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:

@@ -10,17 +10,23 @@ import numpy.typing as npt
 from depthcli.core.imageops import row_bands
 from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
-from depthcli.io.depth.metadata import positive_number
+from depthcli.io.depth.metadata import positive_number, step_unit
 from depthcli.io.formats.table import MILLIMETRES
 
 UINT16_MAX = 65535
 
 
 class DepthScale(NamedTuple):
-    """The scale of depth that is stored as integers."""
+    """The scale of the numbers in a depth file."""
 
     units_per_metre: float  #: 1000 for millimetres
     source: Literal["file", "option", "assumed"]  #: who states it
+
+    @property
+    def text(self) -> str:
+        """Unit and source, for tables: ``mm, assumed``."""
+        source = {"file": "stated", "option": "given", "assumed": "assumed"}[self.source]
+        return f"{step_unit(self.units_per_metre)}, {source}"
 
 
 def check_units_per_metre(scale: float) -> None:
@@ -34,28 +40,41 @@ def check_units_per_metre(scale: float) -> None:
 
 
 def depth_scale(
-    metadata: Mapping[str, str], option: float | None, unstated: float | None = None
+    metadata: Mapping[str, str],
+    option: float | None,
+    unstated: float | None = None,
+    *,
+    is_integer: bool = True,
+    has_unit: bool = True,
 ) -> DepthScale | None:
-    """Scale of the integers in a file; None if they are normalized.
+    """Scale of the numbers in a file; None if they are normalized or have no unit.
 
     Args:
         metadata: metadata of the file.
         option: units per metre that the user states; None for what the file states.
-        unstated: units per metre of a file that states none; None for millimetres.
+        unstated: units per metre of a file that states none; None for millimetres in integers and
+            metres in floats.
+        is_integer: whether the numbers are integers.
+        has_unit: whether they have a unit even if none is stated.
 
     Raises:
-        UsageError: the option is not a number above 0.
+        UsageError: an option is not a number above 0.
     """
-    if option is not None:
-        check_units_per_metre(option)
-        return DepthScale(option, "option")
-    if metadata.get("scale") == "normalized":
+    if option is None and metadata.get("scale") == "normalized":
         return None
+    for given in (option, unstated):
+        if given is not None:
+            check_units_per_metre(given)
     stated = positive_number(metadata.get("scale"))
+    if stated is None and not is_integer and has_unit and "software" in metadata:
+        stated = 1.0  # depthcli wrote it
+    if option is not None:
+        return DepthScale(option, "option")
     if stated is not None:
         return DepthScale(stated, "file")
-    assumed = DepthScale(MILLIMETRES, "assumed")
-    return assumed if unstated is None else DepthScale(unstated, "option")
+    if unstated is not None:
+        return DepthScale(unstated, "option")
+    return DepthScale(MILLIMETRES if is_integer else 1.0, "assumed") if has_unit else None
 
 
 def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArray[np.uint16], int]:

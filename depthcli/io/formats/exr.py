@@ -1,5 +1,6 @@
 """OpenEXR: floating-point depth, for compositing."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +23,8 @@ from depthcli.io.exr.file import (
 from depthcli.io.formats.sidecar import with_sidecar
 
 _COLOURS = ("G", "B", "RY", "BY")
+_UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")
+"""Layers with depth of Unreal's Movie Render Queue, which is in centimetres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,14 +90,12 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     if name is None or _is_coloured(name, channels):
         raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
     stored, part = channels[name], channels[name].part
-    metadata = with_sidecar(
-        path, own_metadata(part.texts), (part.display.width, part.display.height)
-    )
-    found = StoredDepth.of(path, stored.over(part.data), metadata, options)
+    own = own_metadata(part.texts)
     if part.pixel_aspect != 1:
-        source = found.depth.provenance or Provenance()
-        source = replace(source, pixel_aspect=part.pixel_aspect)
-        found = replace(found, depth=replace(found.depth, provenance=source))
+        own["pixel_aspect"] = str(part.pixel_aspect)
+    if _UNREAL.search(name):
+        own["scale"] = "100"
+    metadata = with_sidecar(path, own, (part.display.width, part.display.height))
     frame = Frame(
         np.zeros((1, 1), np.uint8),
         rate=part.rate,
@@ -102,7 +103,8 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         windows=Windows(part.data, part.data, part.display),
         time_code=part.time_code,
     )
-    return replace(found, frame=frame, channel=name)
+    found = StoredDepth.of(path, stored.over(part.data), metadata, options, frame)
+    return replace(found, channel=name)
 
 
 def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:

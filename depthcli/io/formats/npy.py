@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stated_kind
-from depthcli.io.depth.scale import DepthScale, dequantized
+from depthcli.io.depth.read import METRIC, DepthReadOptions, StoredDepth, stated_encoding
 from depthcli.io.formats.sidecar import with_sidecar
 from depthcli.io.storage.paths import read_bytes
 
@@ -43,23 +42,20 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         InputError: it cannot be read, is no depth map, or holds metric integers without a scale.
     """
     values = _array(path)
-    is_float, units = values.dtype.kind == "f", options.scale
-    if units is None:
-        units = options.unstated_scale
-    if units is not None and not is_float:
-        depth = dequantized(values, units)
-    else:
-        with np.errstate(over="ignore", invalid="ignore"):  # a double beyond float32 is no depth
-            depth = np.ascontiguousarray(values, np.float32)
-    height, width = depth.shape
-    metadata = with_sidecar(path, {}, (width, height), depth)
-    scale = None if is_float or units is None else DepthScale(units, "option")
-    if not is_float and scale is None and stated_kind(metadata, options) is DepthKind.METRIC:
+    height, width = values.shape
+    with np.errstate(over="ignore"):  # a double beyond float32 is no depth
+        known = np.asarray(values / (options.scale or options.unstated_scale or 1), np.float32)
+    metadata = with_sidecar(path, {}, (width, height), known)
+    is_bare = options.scale is None and options.unstated_scale is None
+    if is_bare and stated_encoding(metadata.texts, options) not in METRIC:
+        values = np.asarray(values, np.float32)  # 0 is a value if there is no unit
+    found = StoredDepth.of(path, values, metadata, options)
+    if found.is_integer and found.scale and found.scale.source == "assumed":
         raise InputError(
             f"{path} holds {values.dtype}, not float metres",
             "state its units per metre, 1000 for millimetres",
         )
-    return StoredDepth.of(path, depth, metadata, options, scale)
+    return found
 
 
 def _array(path: Path) -> npt.NDArray[Any]:

@@ -15,7 +15,6 @@ from depthcli.io.depth.read import DepthReadOptions, StoredDepth
 from depthcli.io.depth.scale import (
     UINT16_MAX,
     denormalized,
-    depth_scale,
     dequantized,
     normalized,
     quantized,
@@ -87,13 +86,11 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
             f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or a picture"
         )
     metadata = _metadata(path, data)
-    scale = depth_scale(metadata.texts, options.scale, options.unstated_scale)
-    span = _normalized_range(metadata.texts) if scale is None else None
-    if span is None:
-        values = dequantized(steps, scale.units_per_metre if scale else MILLIMETRES)
-    else:
-        values = denormalized(steps, *span)
-    return StoredDepth.of(path, values, metadata, options, scale)
+    if options.scale is None and metadata.texts.get("scale") == "normalized":
+        span = _normalized_range(metadata.texts)
+        values = dequantized(steps, MILLIMETRES) if span is None else denormalized(steps, *span)
+        return StoredDepth.of(path, values, metadata, options)
+    return StoredDepth.of(path, steps, metadata, options)
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:
