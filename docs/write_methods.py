@@ -14,10 +14,8 @@ from pathlib import Path
 
 PAGE = Path(__file__).with_name("methods.md")
 RESULTS = Path(__file__).with_name("results")
-METRICS = {"abs_rel": 4, "rmse": 3, "rms_log": 4, "log10": 4, "d1": 4, "d2": 4, "d3": 4}
+METRICS = {"abs_rel": 4, "rmse": 3, "d1": 4}
 """Metrics and their decimals."""
-SHOWN = ("abs_rel", "rmse", "d1")
-"""Metrics of the table of intervals."""
 MEANS = ("constant mean", "per-pixel mean")
 BASELINES = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc")
 CONTROLS = {  # name: (text, whether it uses pairs)
@@ -53,40 +51,41 @@ def cell(row: list[_Row], metric: str) -> str:
     return text if len(values) == 1 else f"{text} ± {_number(statistics.stdev(values), decimals)}"
 
 
-def table(align: str, *, pairs: bool) -> str:
-    """A table in Markdown, with or without the column that says whether pairs are used."""
-    found = rows(align)
+def table() -> str:
+    """The scores in Markdown, without alignment and scaled to the median."""
+    found, scaled = rows("none"), rows("median")
     texts = {name: (name, "") for name in MEANS}
     texts |= {name: (f"`{name}`", "no") for name in BASELINES}
     texts |= {"proposed": ("**`proposed`**", "used")} | CONTROLS
-    lines = [["row", *(["pairs"] if pairs else []), *METRICS]]
+    lines = [["row", "pairs", *METRICS, *(f"{metric}, scaled" for metric in METRICS)]]
     lines.append(["---"] * len(lines[0]))
     for name, (text, used) in texts.items():
-        cells = [cell(found[name], metric) for metric in METRICS]
-        lines.append([text, *([used] if pairs else []), *cells])
+        cells = [cell(each[name], metric) for each in (found, scaled) for metric in METRICS]
+        lines.append([text, used, *cells])
     return _markdown(lines)
 
 
 def intervals() -> str:
-    """A table of the differences of `proposed` with seed 1 from each other row."""
+    """The differences of `proposed` with seed 1 from each other row, without alignment."""
     differences = json.loads((RESULTS / "intervals-seed1.json").read_text("utf-8"))["differences"]
-    found = {(one["minus"].removesuffix("-seed1"), one["align"]): one for one in differences}
-    columns = [(metric, align) for align in ("none", "median") for metric in SHOWN]
-    lines = [["`proposed` minus", *SHOWN, *(f"{metric}, scaled" for metric in SHOWN)]]
+    found = {
+        one["minus"].removesuffix("-seed1"): one["intervals"]
+        for one in differences
+        if one["align"] == "none"
+    }
+    lines = [["`proposed` minus", *METRICS]]
     lines.append(["---"] * len(lines[0]))
     texts = {"per-pixel mean": "per-pixel mean"} | {name: f"`{name}`" for name in BASELINES}
     for name, text in (texts | {name: text for name, (text, _) in CONTROLS.items()}).items():
-        if (name, "none") in found:
-            cells = [_interval(found[name, align]["intervals"][m]) for m, align in columns]
-            lines.append([text, *cells])
+        if name in found:
+            lines.append([text, *(_interval(found[name][metric]) for metric in METRICS)])
     return _markdown(lines)
 
 
 def page(text: str) -> str:
     """The page with the tables as they are now."""
-    for new in (table("none", pairs=True), table("median", pairs=False), intervals()):
+    for new in (table(), intervals()):
         head = f"\n{new.splitlines()[0]}\n"
-        # The pilot's table also has sq_rel, and so another head.
         start = text.index(head) + 1
         text = text[:start] + new + text[text.index("\n\n", start) :]
     return text
