@@ -29,7 +29,7 @@ from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
 from depthcli.training.callbacks import Callback, TensorBoardLogger
 from depthcli.training.data import Batches, PairStore, TrainingBatch
-from depthcli.training.loop import Limits, fit
+from depthcli.training.loop import fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.presets import preset_file
 from depthcli.training.run import Run
@@ -106,7 +106,7 @@ def loop(config: TrainConfig, dataset: DepthDataset, out: Path, steps: int) -> l
     logger = TensorBoardLogger(watch, out, config)
     fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
     data = TrainingData(dataset, "a benchmark's pairs", None)
-    fit(config, data, out, fabric, logger, Limits(steps=steps + 1))
+    fit(config, data, out, fabric, logger, max_steps=steps + 1)
     logger.close()
     return [after - before for before, after in pairwise(watch.ends)]
 

@@ -60,9 +60,9 @@ def providers(incomplete: str) -> list[str]:
 
 def methods(incomplete: str) -> list[str]:
     """The training methods."""
-    from depthcli.training.methods.table import METHODS, PRETRAINING
+    from depthcli.training.methods.table import METHODS
 
-    return starting_with(METHODS | PRETRAINING, incomplete)
+    return starting_with(METHODS, incomplete)
 
 
 def method_lists(incomplete: str) -> list[str]:

@@ -15,7 +15,7 @@ from depthcli.core.options import Weights
 from depthcli.core.types import DepthKind
 from depthcli.datasets import base as id_ranges
 from depthcli.datasets.base import NYU, TRAIN_IDS
-from depthcli.errors import CheckpointError, ModelError, UsageError
+from depthcli.errors import ModelError, UsageError
 from depthcli.export.graph import (
     FLOAT16_TOLERANCE,
     INT8_TOLERANCE,
@@ -45,7 +45,6 @@ from depthcli.models.card import (
 )
 from depthcli.models.catalog import CARD_NAME, CARD_SUFFIX, file_of_card
 from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.methods.registry import method_class
 from depthcli.training.provenance import data_set
 
 
@@ -194,19 +193,6 @@ class ExportResult:
     parity: Parity  #: difference from torch
 
 
-def check_predicts_depth(checkpoint: Path, method: str) -> None:
-    """Check that a checkpoint is of a method that learns depth.
-
-    Raises:
-        CheckpointError: it is of one that learns from pictures alone.
-    """
-    if not method_class(method).DEPTH:
-        raise CheckpointError(
-            f"{checkpoint} learned from images alone and predicts no depth",
-            "train another method from it, with {init}",
-        )
-
-
 def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> ExportResult:
     """Export the generator of a checkpoint to an ONNX file, with its card beside it.
 
@@ -219,7 +205,6 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     """
     _check_own_card(out)
     generator, saved = load_generator(checkpoint, options.weights)
-    check_predicts_depth(checkpoint, saved.config.method)
     model = build_graph(generator, opset=options.opset, mirror=options.mirror)
     card = card_of(saved, options)
     folder = options.int8_pictures

@@ -9,7 +9,7 @@ from depthcli._version import __version__
 from depthcli.core.options import Weights
 from depthcli.datasets.base import NYU
 from depthcli.errors import ModelError, OutputError, UsageError
-from depthcli.export.onnx import ExportOptions, check_predicts_depth, export_checkpoint
+from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.models.catalog import ModelLocation, read_model
 from depthcli.training.checkpoint import CHECKPOINT, load_generator
 from depthcli.training.config import TrainConfig
@@ -41,7 +41,6 @@ def open_run(folder: Path) -> TrainedRun:
     """
     generator, saved = load_generator(folder / CHECKPOINT)
     config, state, provenance = saved.config, saved.state, saved.provenance
-    check_predicts_depth(folder / CHECKPOINT, config.method)
     return TrainedRun(
         folder=folder,
         seed=config.seed,

@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -24,7 +23,6 @@ from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.checkpoint import TrainState, write_errors
 from depthcli.training.config import TrainConfig
 from depthcli.training.data import PairStore, whole_images
-from depthcli.training.devices import Threads
 from depthcli.training.run import lr_factor
 
 TENSORBOARD_FOLDER = "tensorboard"
@@ -32,22 +30,16 @@ _BATCH_SIZE = 16  # of validation
 _SAMPLES = 6
 
 
-@dataclass(frozen=True, slots=True)
-class TrainStart:
-    """Facts about a run before its first step."""
-
-    threads: Threads  #: CPU threads that it uses
-    lacks_scenes: bool  #: whether there are too few scenes to hold some out as configured
-    seen_held_out: int  #: number of held-out pairs that the init weights were trained on
-    #: decoder channels of the init weights and of the network, if they are narrowed to these
-    narrowed_decoder: tuple[tuple[int, ...], tuple[int, ...]] | None = None
-
-
 class Callback:
     """Called during training, in the process with global rank 0. The base class does nothing."""
 
-    def on_train_start(self, start: TrainStart) -> None:
-        """Called before the first step, also of a resumed run."""
+    def on_train_start(self, *, lacks_scenes: bool, seen_held_out: int) -> None:
+        """Called before the first step, also of a resumed run.
+
+        Args:
+            lacks_scenes: whether there are too few scenes to hold some out as configured.
+            seen_held_out: number of held-out pairs that the init weights were trained on.
+        """
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Called after each step; ``steps`` is their total number."""

@@ -104,6 +104,8 @@ class Checkpoint:
             raise CheckpointError(f"{path} was made by another version of depthcli", "use that one")
         try:
             content = content if version == _VERSION else _from_version_1(content)
+            for name in ("reconstruction", "hidden"):  # settings of 0.15 without effect here
+                content["config"]["loss"].pop(name, None)
             content["config"] = merged(TrainConfig(), content["config"])
             check_config(content["config"])
             content["state"] = validated(TrainState, content["state"])

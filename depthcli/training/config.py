@@ -178,9 +178,6 @@ class LossConfig:
     relation: Amount = field(default=0.0, metadata=_weighs())
     gamma_start: Scale = 50.0  #: γ of HnegSRC's negatives at the first step
     gamma_end: Scale = 10.0  #: γ at the last step; linear in between
-    #: weight of the reconstruction of hidden blocks (masked)
-    reconstruction: Amount = field(default=0.0, metadata=_weighs())
-    hidden: Share = 0.55  #: probability that a block of an image is hidden (masked)
     #: weight of the similarity loss (SimDCL)
     similarity: Amount = field(default=0.0, metadata=_weighs())
 

@@ -9,9 +9,8 @@ and :func:`average_gradients` runs between backward pass and optimizer step.
 import logging
 import subprocess
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,14 +24,9 @@ from depthcli.core.parallel import usable_cores
 from depthcli.core.progress import exit_hook
 from depthcli.errors import TrainingError, UsageError
 from depthcli.training.checkpoint import saved_checkpoint
-from depthcli.training.config import TrainConfig
-from depthcli.training.networks.build import build_generator
 
 Precision = Literal["32-true", "bf16-mixed", "16-mixed"]
 _GRACE_PERIOD_S = 3.0
-_ROUNDS = 3
-_TIME_LIMIT_S = 5.0
-_MAX_TIME_RATIO = 0.95  # more threads must take at most this fraction of the time to be chosen
 
 
 class AveragingStrategy(DDPStrategy):
@@ -144,84 +138,16 @@ def gather_states(fabric: Fabric, state: dict[str, Any]) -> list[dict[str, Any]]
     return states[1:]
 
 
-@dataclass(frozen=True, slots=True)
-class Threads:
-    """The CPU threads of a process."""
+def set_threads(given: int | None, folder: Path, processes: int) -> None:
+    """Set torch's CPU threads: the number given, else the checkpoint's, else one per free core.
 
-    count: int  #: how many it uses
-    cores: int  #: how many it could use
-    timed: bool  #: whether a short trial chose the number
-
-
-def set_threads(asked: int | None, config: TrainConfig, folder: Path, fabric: Fabric) -> Threads:
-    """Set torch's CPU threads: the number given, else the checkpoint's, else the fastest.
-
-    torch's threads synchronize after every operation: on a machine with other load, two threads
-    can be four times slower than one.
+    Args:
+        given: number of threads of each process, or None.
+        folder: of the run; another number would change the last digits of a resumed run.
+        processes: number of processes that share the cores.
     """
     cores = usable_cores()
-    saved = saved_checkpoint(folder) if asked is None else None
-    if saved is not None:  # another number would change the last digits of the results
-        asked = min(cores, saved.state.threads or torch.get_num_threads())
-    count = default_threads(config, fabric, cores) if asked is None else asked
-    torch.set_num_threads(count)
-    return Threads(count, cores, asked is None)
-
-
-def default_threads(config: TrainConfig, fabric: Fabric, cores: int) -> int:
-    """The number of threads for a new run, at most ``cores``."""
-    if fabric.world_size > 1:
-        return max(1, cores // fabric.world_size)
-    if fabric.device.type != "cpu" or cores == 1:
-        return cores
-    return fastest(_measured_s(config, fabric, candidates(cores)))
-
-
-def candidates(cores: int) -> tuple[int, ...]:
-    """The numbers of threads to try, in ascending order.
-
-    >>> candidates(6)
-    (1, 2, 4, 6)
-    """
-    doubled = [2**n for n in range(cores.bit_length()) if 2**n < cores]
-    return (*doubled, cores)
-
-
-def fastest(seconds: Mapping[int, float]) -> int:
-    """The smallest number of threads that no larger one beats by more than 5 %.
-
-    >>> fastest({1: 1.0, 2: 0.97}), fastest({1: 1.0, 2: 0.6}), fastest({1: 1.0, 2: 4.0})
-    (1, 2, 1)
-    """
-    best = min(seconds)
-    for threads in sorted(seconds):
-        if seconds[threads] < _MAX_TIME_RATIO * seconds[best]:
-            best = threads
-    return best
-
-
-def _measured_s(config: TrainConfig, fabric: Fabric, tried: tuple[int, ...]) -> dict[int, float]:
-    """Seconds of a few steps of the generator for each number of threads, in turns."""
-    threads, data = torch.get_num_threads(), config.data
-    with torch.random.fork_rng(devices=[]):
-        network = build_generator(config.generator, data.channels)
-        images = torch.zeros(config.optim.batch_size, data.channels, data.height, data.width)
-        spent_s = dict.fromkeys(tried, 0.0)
-        began = time.perf_counter()
-        _step_s(network, images, fabric)  # warm-up: the first one also allocates
-        for _ in range(_ROUNDS):
-            for count in tried:
-                torch.set_num_threads(count)
-                spent_s[count] += _step_s(network, images, fabric)
-            if time.perf_counter() - began > _TIME_LIMIT_S:
-                break
-    torch.set_num_threads(threads)
-    return spent_s
-
-
-def _step_s(network: nn.Module, images: Tensor, fabric: Fabric) -> float:
-    began = time.perf_counter()
-    with fabric.autocast():
-        loss = network(images).square().mean()
-    loss.backward()
-    return time.perf_counter() - began
+    saved = saved_checkpoint(folder) if given is None else None
+    if saved is not None:
+        given = min(cores, saved.state.threads)
+    torch.set_num_threads(given or max(1, cores // processes))

@@ -15,63 +15,34 @@ def generator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Te
     """The generator's adversarial loss; a scalar.
 
     Args:
-        gan: ``lsgan``, ``hinge`` or ``ralsgan``.
+        gan: ``lsgan``: mean (D(fake) − 1)² (Mao et al. 2017); ``hinge``: mean max(0, 1 − D(fake)),
+            with the margin of the DCLGAN family; ``ralsgan``: the discriminator's loss with real
+            and fake exchanged (Jolicoeur-Martineau 2018).
         discriminator: discriminator, images (B, 1, H, W) to outputs (B, 1, h, w).
         real: (B, 1, H, W) in [-1, 1]; used by the relativistic form only.
         fake: (B, 1, H, W), with gradient.
     """
     if gan == "ralsgan":
-        return ralsgan_generator(discriminator(real).float(), discriminator(fake).float())
-    return (lsgan_generator if gan == "lsgan" else hinge_generator)(discriminator(fake).float())
+        return discriminator_loss(gan, discriminator, real=fake, fake=real)
+    on_fake: Tensor = discriminator(fake).float()
+    return F.relu(1 - on_fake).mean() if gan == "hinge" else ((on_fake - 1) ** 2).mean()
 
 
 def discriminator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
-    """The discriminator's adversarial loss; a scalar. Arguments as above."""
-    forms = {
-        "lsgan": lsgan_discriminator,
-        "hinge": hinge_discriminator,
-        "ralsgan": ralsgan_discriminator,
-    }
-    return forms[gan](discriminator(real).float(), discriminator(fake).float())
+    """The discriminator's adversarial loss; a scalar.
 
-
-# Least squares (eq. 5 and 6; Mao et al. 2017). All are of outputs (B, 1, h, w), to a scalar.
-
-
-def lsgan_discriminator(real: Tensor, fake: Tensor) -> Tensor:
-    """½(mean (D(real) − 1)² + mean D(fake)²)."""
-    return 0.5 * (((real - 1) ** 2).mean() + (fake**2).mean())
-
-
-def lsgan_generator(fake: Tensor) -> Tensor:
-    """Mean (D(fake) − 1)²."""
-    return ((fake - 1) ** 2).mean()
-
-
-# Hinge, with the generator's margin of the DCLGAN family.
-
-
-def hinge_discriminator(real: Tensor, fake: Tensor) -> Tensor:
-    """½(mean max(0, 1 − D(real)) + mean max(0, 1 + D(fake)))."""
-    return 0.5 * (F.relu(1 - real).mean() + F.relu(1 + fake).mean())
-
-
-def hinge_generator(fake: Tensor) -> Tensor:
-    """Mean max(0, 1 − D(fake))."""
-    return F.relu(1 - fake).mean()
-
-
-# Relativistic average least squares (Jolicoeur-Martineau 2018).
-
-
-def ralsgan_discriminator(real: Tensor, fake: Tensor) -> Tensor:
-    """½(mean (D(real) − mean D(fake) − 1)² + mean (D(fake) − mean D(real) + 1)²)."""
-    return 0.5 * (((real - fake.mean() - 1) ** 2).mean() + ((fake - real.mean() + 1) ** 2).mean())
-
-
-def ralsgan_generator(real: Tensor, fake: Tensor) -> Tensor:
-    """The discriminator's loss with real and fake exchanged."""
-    return ralsgan_discriminator(fake, real)
+    ``lsgan`` is ½(mean (D(real) − 1)² + mean D(fake)²) (eq. 5 and 6), ``hinge`` ½(mean max(0, 1 −
+    D(real)) + mean max(0, 1 + D(fake))), and ``ralsgan`` ½(mean (D(real) − mean D(fake) − 1)² +
+    mean (D(fake) − mean D(real) + 1)²). Arguments as of :func:`generator_loss`.
+    """
+    on_real: Tensor = discriminator(real).float()
+    on_fake: Tensor = discriminator(fake).float()
+    if gan == "hinge":
+        return 0.5 * (F.relu(1 - on_real).mean() + F.relu(1 + on_fake).mean())
+    if gan == "lsgan":
+        return 0.5 * (((on_real - 1) ** 2).mean() + (on_fake**2).mean())
+    above, below = on_real - on_fake.mean() - 1, on_fake - on_real.mean() + 1
+    return 0.5 * ((above**2).mean() + (below**2).mean())
 
 
 def full_precision(like: Tensor) -> torch.autocast:
@@ -161,20 +132,6 @@ def negative_weights(key: Tensor, gamma: float) -> Tensor:
 
 def _diagonal_mask(key: Tensor) -> Tensor:
     return torch.eye(key.shape[1], dtype=torch.bool, device=key.device)
-
-
-def reconstruction_loss(output: Tensor, picture: Tensor, hidden: Tensor) -> Tensor:
-    """Mean |output − picture| over hidden pixels; a scalar, 0 if none is hidden.
-
-    Args:
-        output: (B, 1, h, w), at most as large as the picture.
-        picture: (B, 1, H, W) in [-1, 1]; compared at the output's size, by area.
-        hidden: (B, 1, H, W) bool; a pixel of the output counts by the share of it that is hidden.
-    """
-    size = output.shape[2:]
-    weight = F.interpolate(hidden.float(), size=size, mode="area")
-    distance = (output - F.interpolate(picture, size=size, mode="area")).abs()
-    return (distance * weight).sum() / weight.sum().clamp(min=1)
 
 
 def regularized_l1(

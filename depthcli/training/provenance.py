@@ -22,8 +22,6 @@ from depthcli.datasets.training_data import (
     NYU_ASPECT,
     NYU_HFOV_DEG,
     NYU_PAPER,
-    OWN_PAIRS,
-    OWN_PICTURES,
     TrainingData,
     own_pairs_title,
 )
@@ -91,9 +89,9 @@ def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int],
 def data_set(title: str) -> str:
     """The name under which the pairs of a data set are recorded, of its name in model cards.
 
-    All splits of NYU Depth v2 share one, and so do the pairs of a folder and its images alone.
+    All splits of NYU Depth v2 share one.
     """
-    return NYU if title.startswith(NYU) else title.replace(OWN_PICTURES, OWN_PAIRS, 1)
+    return NYU if title.startswith(NYU) else title
 
 
 def _under_names(name: str, ids: tuple[str, ...]) -> PairIds:

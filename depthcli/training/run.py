@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,18 +68,16 @@ class Run:
         """The network that is validated: the weight average, if there is one."""
         return self.average.network if self.average else self.method.generator
 
-    def load_init_weights(self, paths: Sequence[Path], images: Callable[[], Tensor]) -> str:
-        """Load the mean weights of exported models or checkpoints; returns their origin.
-
-        ``images`` is as for :func:`depthcli.training.init_weights.load_init_weights`.
+    def load_init_weights(self, paths: Sequence[Path]) -> None:
+        """Load the mean weights of exported models or checkpoints.
 
         Raises:
             CheckpointError: they do not fit.
+            ModelError: a model cannot be read.
         """
-        origin = load_init_weights(self.method.generator, paths, images)
+        self.provenance = load_init_weights(self.method.generator, paths, self.provenance)
         if self.average:
             self.average = WeightAverage(self.method.generator, self.config.optim.ema)
-        return origin
 
     def step(self, batch: TrainingBatch) -> dict[str, float]:
         """One optimization step of every phase; the loss terms by name.

@@ -23,10 +23,14 @@ from depthcli.core.options import Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
+<<<<<<< HEAD
 from depthcli.errors import ExitCode
+=======
+from depthcli.inference.pipeline import load
+>>>>>>> da6ec9f2 (train: remove masked, resized init weights, thread trial)
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import updated
-from depthcli.training.loop import Limits, fit
+from depthcli.training.loop import fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
 
@@ -49,7 +53,7 @@ def _config(method: str, seed: int = 0) -> TrainConfig:
 def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float = math.inf) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
     opened = TrainingData(data, NYU_PAPER, None)
-    fit(config, opened, folder, fabric, Callback(), Limits(steps=steps))
+    fit(config, opened, folder, fabric, Callback(), max_steps=steps)
 
 
 def _large() -> Rooms:
@@ -228,14 +232,3 @@ def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
     assert shown.err.splitlines()[-1].startswith(
         "depthcli: error: 1 run is skipped: proposed-seed0 ("
     )
-
-
-def test_run_without_depth_is_left_out(
-    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """As ``train masked`` makes it, beside the run that starts from it."""
-    settings = {"data": SMALL["data"], "generator": {"norm": "batch"}}
-    config = updated(default_config("masked"), settings)
-    _train(config, open_nyu(data), runs / "masked", steps=1)
-    assert _run(runs, data, "--quiet") == ExitCode.SOME_FAILED
-    assert "1 run is skipped: masked (" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from lightning_fabric import Fabric
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import LossConfig
-from depthcli.training.loop import Limits, fit
+from depthcli.training.loop import fit
 from helpers.rooms import EFFICIENT, room_data, write_rooms
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def train_two_steps(
         data = data._replace(pseudo_labels=open_paired_folder(pseudo_labels))
     fabric = Fabric(accelerator="cpu", devices=1)
     sources = [init_weights] if init_weights else ()
-    return fit(config, data, folder, fabric, Callback(), Limits(steps=2), init_weights=sources)
+    return fit(config, data, folder, fabric, Callback(), max_steps=2, init_weights=sources)
 
 
 def write_pseudo_labels(folder: Path, prefix: str = "photo-") -> Path:

@@ -1,4 +1,4 @@
-"""Init weights: of models and checkpoints, their mean, and networks of other sizes."""
+"""Init weights: of models and checkpoints, and their mean."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,16 +8,15 @@ import pytest
 import torch
 from helpers.rooms import PAPER
 from helpers.supervised_runs import BARE, SUPERVISED, train_two_steps
-from torch import Tensor
 
 from depthcli.errors import CheckpointError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
-from depthcli.training.config import GeneratorConfig
-from depthcli.training.init_weights import load_init_weights, resized_weights
+from depthcli.training.init_weights import load_init_weights
 from depthcli.training.networks.build import build_generator
-from depthcli.training.networks.efficient import EfficientGenerator
+from depthcli.training.provenance import DataProvenance
 
+NEW = DataProvenance()
 WIDE = replace(BARE.generator, decoder=(16, 16, 16, 8))
 NARROW = replace(WIDE, decoder=(16, 8, 8, 8))
 
@@ -29,13 +28,13 @@ def test_run_starts_from_a_model_and_states_it(tmp_path: Path) -> None:
     taught, _ = load_generator(tmp_path / "first" / CHECKPOINT)
     generator = build_generator(BARE.generator).eval()
     origin = f"model.onnx {exported.card.sha256[:16]}"
-    assert load_init_weights(generator, [model], pytest.fail) == origin
+    assert load_init_weights(generator, [model], NEW).init_weights == origin
     image = torch.rand(2, 1, 32, 32) * 2 - 1
     torch.testing.assert_close(generator(image), taught(image), atol=1e-4, rtol=1e-4)
     apart = tmp_path / "apart.onnx"
     onnx.save(onnx.load(model), apart, save_as_external_data=True, size_threshold=0)
     with pytest.raises(CheckpointError):
-        load_init_weights(generator, [apart], pytest.fail)
+        load_init_weights(generator, [apart], NEW)
 
     second = tmp_path / "second"
     train_two_steps(BARE, second, model)
@@ -59,10 +58,10 @@ def test_learned_gain_of_the_input_is_a_weight(tmp_path: Path, *, mirror: bool) 
     export_checkpoint(tmp_path / CHECKPOINT, model, ExportOptions("first", mirror=mirror))
     for source in (tmp_path / CHECKPOINT, model):
         generator = build_generator(config).eval()
-        load_init_weights(generator, [source], pytest.fail)
+        load_init_weights(generator, [source], NEW)
         assert torch.equal(generator.input_gain, taught.input_gain)
-        with pytest.raises(CheckpointError, match="input_gain"):
-            load_init_weights(build_generator(PAPER.generator), [source], pytest.fail)
+        with pytest.raises(CheckpointError):
+            load_init_weights(build_generator(PAPER.generator), [source], NEW)
 
 
 def test_several_files_give_the_mean_of_their_weights(tmp_path: Path) -> None:
@@ -70,7 +69,7 @@ def test_several_files_give_the_mean_of_their_weights(tmp_path: Path) -> None:
     for seed, file in enumerate(files):
         train_two_steps(replace(SUPERVISED, seed=seed), file.parent)
     generator = build_generator(SUPERVISED.generator).eval()
-    origin = load_init_weights(generator, files, pytest.fail)
+    origin = load_init_weights(generator, files, NEW).init_weights
     assert origin.startswith("mean of last.ckpt ")
     assert origin.count("last.ckpt ") == 3
     states = [load_generator(file)[0].state_dict() for file in files]
@@ -92,63 +91,5 @@ def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
         (NARROW, [wide, narrow]),
     ):
         with pytest.raises(CheckpointError) as caught:
-            load_init_weights(build_generator(config), files, _images)
+            load_init_weights(build_generator(config), files, NEW)
         assert "\n" not in str(caught.value)
-
-
-def _images() -> Tensor:
-    return torch.rand(3, 1, 32, 48, generator=torch.Generator().manual_seed(1)) * 2 - 1
-
-
-def _random(config: GeneratorConfig, seed: int = 0) -> EfficientGenerator:
-    """With random weights in the last layer, too, which is built as zeros."""
-    torch.manual_seed(seed)
-    generator = build_generator(config)
-    torch.nn.init.normal_(generator.head.weight)
-    return generator.eval()
-
-
-@pytest.mark.parametrize("norm", ["batch", "none"])
-def test_deeper_network_starts_with_the_same_depth(norm: str) -> None:
-    shallow = replace(WIDE, norm=norm, depths=(1, 2, 1, 1))
-    before, deeper = _random(shallow), _random(replace(shallow, depths=(2, 2, 3, 1)), seed=1)
-    weights = resized_weights(deeper, before.state_dict(), pytest.fail)
-    assert set(weights) == set(deeper.state_dict())
-    deeper.load_state_dict(weights)
-    assert torch.equal(deeper(_images()), before(_images()))
-    deeper(_images()).square().mean().backward()
-    for stage, block in ((0, 1), (2, 1), (2, 2)):  # they can learn: the gradient is not zero
-        assert deeper.stages[stage][block].body[1][0].weight.grad.abs().max() > 0
-
-
-@pytest.mark.parametrize("norm", ["batch", "none"])
-def test_narrower_decoder_loses_no_channel_that_is_used(norm: str) -> None:
-    config = replace(WIDE, norm=norm)
-    wide, narrow = _random(config), _random(replace(NARROW, norm=norm), seed=1)
-    for index, channels in {1: list(range(8)), 2: list(range(3, 11))}.items():
-        last = wide.fusions[index][1 if norm == "batch" else 0]
-        with torch.no_grad():
-            last.weight[channels] = 0
-            last.bias[channels] = -1  # zero after ReLU, on every image
-    narrow.load_state_dict(resized_weights(narrow, wide.state_dict(), _images))
-    torch.testing.assert_close(narrow(_images()), wide(_images()))
-
-
-def test_mean_of_several_runs_is_narrowed(tmp_path: Path) -> None:
-    files = [tmp_path / name / CHECKPOINT for name in "ab"]
-    for seed, file in enumerate(files):
-        train_two_steps(replace(BARE, generator=WIDE, seed=seed), file.parent)
-    narrow, mean = build_generator(NARROW), build_generator(WIDE)
-    load_init_weights(narrow, files, _images)
-    load_init_weights(mean, files, pytest.fail)
-    expected = resized_weights(narrow, mean.state_dict(), _images)
-    assert all(torch.equal(w, expected[name]) for name, w in narrow.state_dict().items())
-
-
-def test_run_starts_from_a_shallower_and_wider_one(tmp_path: Path) -> None:
-    train_two_steps(replace(BARE, generator=WIDE), tmp_path / "first")
-    second = replace(BARE, generator=replace(NARROW, depths=(2, 1, 1, 2)))
-    train_two_steps(second, tmp_path / "second", tmp_path / "first" / CHECKPOINT)
-    generator, _ = load_generator(tmp_path / "second" / CHECKPOINT)
-    assert generator.decoder_channels == NARROW.decoder
-    assert [len(stage) for stage in generator.stages] == [2, 1, 1, 2]

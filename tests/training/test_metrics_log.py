@@ -13,7 +13,7 @@ from lightning_fabric import Fabric
 
 from depthcli.training.callbacks import Callback, append_log, truncate_log
 from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, TrainState
-from depthcli.training.loop import Limits, fit
+from depthcli.training.loop import fit
 from depthcli.training.run import Run
 
 
@@ -87,7 +87,7 @@ def test_crash_between_line_and_checkpoint_does_not_repeat_the_epoch(
 
     def go_on() -> None:
         fabric = Fabric(accelerator="cpu", devices=1)
-        fit(EFFICIENT, room_data(), tmp_path, fabric, Callback(), Limits(steps=5))
+        fit(EFFICIENT, room_data(), tmp_path, fabric, Callback(), max_steps=5)
 
     save = Run.save
     with monkeypatch.context() as patch:

@@ -20,7 +20,7 @@ from depthcli.training.devices import (
     gather_states,
     rank_zero_first,
 )
-from depthcli.training.loop import Limits, fit
+from depthcli.training.loop import fit
 from depthcli.training.run import Run, finite_losses
 
 CONFIG = replace(EFFICIENT, optim=replace(EFFICIENT.optim, batch_size=4))
@@ -96,7 +96,7 @@ def _learn(fabric: Fabric, folder: Path) -> list[tuple[int, dict[str, float]]]:
     callback.on_step_end = lambda state, _, losses: notes.append((state.step, losses))  # type: ignore[method-assign]
     for out, limits in (("whole", (2,)), ("parts", (1, 1))):
         for steps in limits:
-            fit(CONFIG, room_data(), folder / out, fabric, callback, Limits(steps=steps))
+            fit(CONFIG, room_data(), folder / out, fabric, callback, max_steps=steps)
     return notes
 
 

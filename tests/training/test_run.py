@@ -15,7 +15,7 @@ from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
 from depthcli.training.config import OptimConfig, TrainConfig, updated
 from depthcli.training.data import TrainingBatch
-from depthcli.training.loop import Limits, fit
+from depthcli.training.loop import fit
 from depthcli.training.run import Run, lr_factor
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
@@ -78,7 +78,7 @@ def _half(config: TrainConfig, scale: float = 64.0) -> Fabric:
 def test_half_precision_resumes_with_its_scale(tmp_path: Path) -> None:
     config = replace(EFFICIENT, precision="16-mixed")
     for steps, out in ((4, "whole"), (2, "parts"), (2, "parts")):
-        fit(config, room_data(), tmp_path / out, _half(config), Callback(), Limits(steps=steps))
+        fit(config, room_data(), tmp_path / out, _half(config), Callback(), max_steps=steps)
     whole, parts = (Checkpoint.load(tmp_path / out / CHECKPOINT) for out in ("whole", "parts"))
     assert whole.precision["scale"] == 64 * 2**4
     assert parts.precision == whole.precision

@@ -51,7 +51,7 @@ class DataOptions:
 
     data: Path | None = usual(
         "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
-        "folder with rgb/ and depth/; for masked, any folder of images."
+        "folder with rgb/ and depth/."
     )
     pseudo_labels: Path | None = option(
         "Additional pairs with less reliable depth, such as predictions of another model: "
@@ -109,7 +109,7 @@ class DeviceOptions:
         max=MAX_THREADS,
     )
     threads: int | None = option(
-        "CPU threads. Default: the fastest in a short trial.", min=1, max=MAX_THREADS
+        "CPU threads. Default: those of the run that is resumed, or one per core.", min=1, max=MAX_THREADS
     )
 
 
@@ -120,8 +120,7 @@ def train(
         None,
         metavar="[METHOD]",
         autocompletion=completion.methods,
-        help=f"One of {', '.join(METHODS)}; or masked, which learns from images without "
-        "depth, for --init.",
+        help=f"One of {', '.join(METHODS)}.",
     ),
     *,
     out: Path = typer.Option(

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from depthcli.cli.screen.progress import ProgressDisplay, Stage
     from depthcli.jobs.train import TrainResult
-    from depthcli.training.callbacks import TrainStart
     from depthcli.training.checkpoint import TrainState
     from depthcli.training.config import TrainConfig
 
@@ -66,20 +65,14 @@ class _Reporter(Callback):
     def __init__(self) -> None:
         self._losses: dict[str, float] = {}
 
-    def on_train_start(self, start: TrainStart) -> None:
+    def on_train_start(self, *, lacks_scenes: bool, seen_held_out: int) -> None:
         """Warn of what the user may not expect of validation and init weights."""
-        if start.lacks_scenes:
+        if lacks_scenes:
             console.warn("too few scenes to hold one out, so nothing is validated")
-        if start.seen_held_out:
+        if seen_held_out:
             console.warn(
-                f"the init weights were trained on {start.seen_held_out} of the held-out "
-                "pairs, so the scores are not those of new pictures"
-            )
-        if start.narrowed_decoder:
-            before, after = (json.dumps(c, separators=(",", ":")) for c in start.narrowed_decoder)
-            console.warn(
-                f"the decoder of the init weights, {before}, is narrowed to {after}; "
-                f"--set generator.decoder={before} keeps it"
+                f"the init weights were trained on {seen_held_out} of the held-out pairs, so the "
+                "scores are not those of new images"
             )
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
@@ -114,15 +107,9 @@ class TextCallback(_Reporter):
         self._first_step: int | None = None
         self._steps = 0
 
-    def on_train_start(self, start: TrainStart) -> None:
-        """Print the number of threads, and show the bar."""
-        threads = start.threads
-        if threads.timed and threads.count < threads.cores:
-            console.note(
-                f"training with {threads.count} of {threads.cores} possible threads: more were "
-                "not faster in a short trial; --threads sets the number"
-            )
-        super().on_train_start(start)
+    def on_train_start(self, *, lacks_scenes: bool, seen_held_out: int) -> None:
+        """Warn, and show the bar."""
+        super().on_train_start(lacks_scenes=lacks_scenes, seen_held_out=seen_held_out)
         if sys.stderr.isatty():
             self._display = self._stack.enter_context(show_progress(silent=False))
 

@@ -11,7 +11,8 @@ from torch import Tensor, nn
 
 from depthcli.training.config import TrainConfig
 from depthcli.training.data import TrainingBatch
-from depthcli.training.networks.build import Generator, build_generator
+from depthcli.training.losses import discriminator_loss, generator_loss
+from depthcli.training.networks.build import Generator, build_discriminator, build_generator
 from depthcli.training.networks.patch import PatchSampler
 
 Phase = Literal["generator", "discriminator"]
@@ -27,7 +28,6 @@ class Method(nn.Module):
     Attributes:
         TERMS: the weights of ``LossConfig`` that the method uses; others have to be zero.
         PAIRED: whether it can be trained with aligned pairs of picture and depth map.
-        DEPTH: whether it learns from depth; if not, it is for ``--init``, and predicts no depth.
         phases: the order of the two half steps.
         generator: G, gray to depth: the network that is validated and exported.
         share_done: fraction of the schedule that is done, in [0, 1); set by the training loop.
@@ -35,7 +35,6 @@ class Method(nn.Module):
 
     TERMS: ClassVar[frozenset[str]]
     PAIRED: ClassVar[bool] = False
-    DEPTH: ClassVar[bool] = True
     phases: tuple[Phase, ...]
 
     def __init__(self, config: TrainConfig) -> None:
@@ -71,6 +70,64 @@ class Method(nn.Module):
         depth_m = depth_m.clamp(nearest_m, output.max_m)
         t = torch.log(depth_m) if output.coding == "log" else depth_m
         return (t - self.codec.shift) / self.codec.scale
+
+
+class TwoWay(Method):
+    """Two generators, G from gray to depth and F back, with a discriminator for each.
+
+    D_y judges depth, D_x gray. Parts that no loss term needs are None.
+    """
+
+    def __init__(self, config: TrainConfig, *, backward: bool, gray_discriminator: bool) -> None:
+        super().__init__(config)
+        judges = bool(self.weights.adversarial)
+        self.backward_generator: Generator | None = (
+            build_generator(config.generator) if backward else None
+        )
+        self.depth_discriminator = build_discriminator(config) if judges else None
+        self.gray_discriminator = (
+            build_discriminator(config) if judges and gray_discriminator else None
+        )
+
+    def networks(self, phase: Phase) -> list[nn.Module]:
+        """G, F and the heads; or the discriminators."""
+        if phase == "generator":
+            return present(self.generator, self.backward_generator, *self.heads())
+        return present(self.depth_discriminator, self.gray_discriminator)
+
+    def adversarial_terms(
+        self, x: Tensor, y: Tensor, fake_x: Tensor | None, fake_y: Tensor
+    ) -> dict[str, Tensor]:
+        """The generators' half of eq. 5 and 6."""
+        gan, d_y, d_x = self.weights.gan, self.depth_discriminator, self.gray_discriminator
+        if d_y is None:
+            return {}
+        with frozen(present(d_y, d_x)):
+            loss = generator_loss(gan, d_y, real=y, fake=fake_y)
+            if d_x is not None:
+                loss = loss + generator_loss(gan, d_x, real=x, fake=required(fake_x))
+        return {"adversarial": self.weights.adversarial * loss}
+
+    def discriminator_terms(
+        self, x: Tensor, y: Tensor, fake_x: Tensor | None, fake_y: Tensor
+    ) -> dict[str, Tensor]:
+        """The discriminators' half of eq. 5 and 6; the fakes are detached."""
+        judged = {
+            "gray_discriminator": (self.gray_discriminator, x, fake_x),
+            "depth_discriminator": (self.depth_discriminator, y, fake_y),
+        }
+        return {
+            name: discriminator_loss(self.weights.gan, network, real=real, fake=fake)
+            for name, (network, real, fake) in judged.items()
+            if network is not None and fake is not None
+        }
+
+    def identity_terms(self, x: Tensor, y: Tensor, same_y: Tensor | None) -> dict[str, Tensor]:
+        """Eq. 3; ``same_y`` is G(y)."""
+        if not self.weights.identity:
+            return {}
+        same_x = F.l1_loss(generate(required(self.backward_generator), x), x)
+        return {"identity": self.weights.identity * (F.l1_loss(required(same_y), y) + same_x)}
 
 
 def generate(generator: nn.Module, image: Tensor) -> Tensor:
@@ -117,6 +174,16 @@ def frozen(networks: Iterable[nn.Module]) -> Iterator[None]:
 def patch_heads(generator: Generator, taps: Sequence[str]) -> PatchSampler:
     """Newly initialized heads for some taps of a generator."""
     return PatchSampler([generator.tap_channels(tap) for tap in taps])
+
+
+def compared_patches(
+    generator: Generator, sampler: PatchSampler | None, source: Tensor, output: Tensor
+) -> tuple[list[Tensor], list[Tensor]]:
+    """Patch vectors (B, P, dim) of each tap: queries of the output, keys of the source."""
+    sampler = required(sampler)
+    keys, positions = sampler(generator.features(source))
+    queries, _ = sampler(generator.features(output), positions)
+    return queries, keys
 
 
 def mean_over_taps(

@@ -6,29 +6,14 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
+from depthcli.training import losses
 from depthcli.training.config import TrainConfig
 from depthcli.training.data import TrainingBatch
-from depthcli.training.losses import (
-    discriminator_loss,
-    generator_loss,
-    hdce,
-    patch_nce,
-    semantic_relation,
-)
-from depthcli.training.methods.base import (
-    Method,
-    Phase,
-    frozen,
-    generate,
-    mean_over_taps,
-    patch_heads,
-    present,
-    required,
-)
+from depthcli.training.methods import base
 from depthcli.training.networks.build import build_discriminator
 
 
-class Cut(Method):
+class Cut(base.Method):
     """GAN + contrast of x and G(x) + contrast of y and G(y).
 
     With ``flip_contrast`` (FastCUT), G gets the mirrored picture in half of the steps; its features
@@ -36,30 +21,30 @@ class Cut(Method):
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y"})
-    phases: tuple[Phase, ...] = ("discriminator", "generator")
+    phases: tuple[base.Phase, ...] = ("discriminator", "generator")
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
         self.discriminator = build_discriminator(config) if self.weights.adversarial else None
         compares = self.weights.contrast_x or self.weights.contrast_y or self.weights.relation
-        self.sampler = patch_heads(self.generator, self.generator.TAPS) if compares else None
+        self.sampler = base.patch_heads(self.generator, self.generator.TAPS) if compares else None
         self._fakes: tuple[Tensor, bool] | None = None
 
-    def networks(self, phase: Phase) -> list[nn.Module]:
+    def networks(self, phase: base.Phase) -> list[nn.Module]:
         """G and the patch heads; or the discriminator."""
         if phase == "generator":
-            return present(self.generator, self.sampler)
-        return present(self.discriminator)
+            return base.present(self.generator, self.sampler)
+        return base.present(self.discriminator)
 
-    def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
+    def forward(self, batch: TrainingBatch, phase: base.Phase) -> dict[str, Tensor]:
         """The discriminator's term, or the generator's."""
         x, y = batch.network_input, self.encode(batch.depth_m)
         if phase == "discriminator":
             self._fakes = self._translate(x)  # the generator's phase, which is next, reuses it
             fake_y = self._fakes[0].detach()
-            discriminator = required(self.discriminator)
+            discriminator = base.required(self.discriminator)
             return {
-                "discriminator": discriminator_loss(
+                "discriminator": losses.discriminator_loss(
                     self.weights.gan, discriminator, real=y, fake=fake_y
                 )
             }
@@ -69,13 +54,13 @@ class Cut(Method):
 
     def _translate(self, x: Tensor) -> tuple[Tensor, bool]:
         flipped = self.weights.flip_contrast and bool(torch.rand(()) < 0.5)  # noqa: PLR2004
-        return generate(self.generator, x.flip(3) if flipped else x), flipped
+        return base.generate(self.generator, x.flip(3) if flipped else x), flipped
 
     def _adversarial(self, y: Tensor, fake_y: Tensor) -> dict[str, Tensor]:
         if self.discriminator is None:
             return {}
-        with frozen([self.discriminator]):
-            loss = generator_loss(self.weights.gan, self.discriminator, real=y, fake=fake_y)
+        with base.frozen([self.discriminator]):
+            loss = losses.generator_loss(self.weights.gan, self.discriminator, real=y, fake=fake_y)
         return {"adversarial": self.weights.adversarial * loss}
 
     def _contrastive_terms(
@@ -83,11 +68,13 @@ class Cut(Method):
     ) -> dict[str, Tensor]:
         terms = {}
         if self.weights.contrast_x:
-            loss = mean_over_taps(patch_nce, *self._patch_vectors(x, fake_y, flipped=flipped))
+            loss = base.mean_over_taps(
+                losses.patch_nce, *self._patch_vectors(x, fake_y, flipped=flipped)
+            )
             terms["contrast_x"] = self.weights.contrast_x * loss
         if self.weights.contrast_y:
-            same_y = generate(self.generator, y)
-            loss = mean_over_taps(patch_nce, *self._patch_vectors(y, same_y))
+            same_y = base.generate(self.generator, y)
+            loss = base.mean_over_taps(losses.patch_nce, *self._patch_vectors(y, same_y))
             terms["contrast_y"] = self.weights.contrast_y * loss
         return terms
 
@@ -95,7 +82,7 @@ class Cut(Method):
         self, source: Tensor, output: Tensor, *, flipped: bool = False
     ) -> tuple[list[Tensor], list[Tensor]]:
         """Queries of the output and keys of the source, (B, P, dim) of each tap."""
-        sampler = required(self.sampler)
+        sampler = base.required(self.sampler)
         keys, positions = sampler(self.generator.features(source))
         maps = self.generator.features(output)
         maps = [features.flip(3) for features in maps] if flipped else maps
@@ -118,15 +105,15 @@ class HnegSrc(Cut):
         self, x: Tensor, y: Tensor, fake_y: Tensor, *, flipped: bool
     ) -> dict[str, Tensor]:
         terms, weights = {}, self.weights
-        hard = partial(hdce, gamma=self.gamma)
+        hard = partial(losses.hdce, gamma=self.gamma)
         if weights.contrast_x or weights.relation:
             vectors = self._patch_vectors(x, fake_y, flipped=flipped)
         if weights.contrast_x:
-            terms["contrast_x"] = weights.contrast_x * mean_over_taps(hard, *vectors)
+            terms["contrast_x"] = weights.contrast_x * base.mean_over_taps(hard, *vectors)
         if weights.relation:
-            relation = mean_over_taps(semantic_relation, *vectors)
+            relation = base.mean_over_taps(losses.semantic_relation, *vectors)
             terms["relation"] = weights.relation * relation
         if weights.contrast_y:
-            same_y = self._patch_vectors(y, generate(self.generator, y))
-            terms["contrast_y"] = weights.contrast_y * mean_over_taps(hard, *same_y)
+            same_y = self._patch_vectors(y, base.generate(self.generator, y))
+            terms["contrast_y"] = weights.contrast_y * base.mean_over_taps(hard, *same_y)
         return terms

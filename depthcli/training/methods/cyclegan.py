@@ -4,21 +4,11 @@ from typing import ClassVar, NamedTuple
 
 import torch
 import torch.nn.functional as F  # noqa: N812
-from torch import Tensor, nn
+from torch import Tensor
 
 from depthcli.training.config import TrainConfig
 from depthcli.training.data import TrainingBatch
-from depthcli.training.losses import discriminator_loss, generator_loss
-from depthcli.training.methods.base import (
-    Method,
-    Phase,
-    frozen,
-    generate,
-    present,
-    required,
-    upsampled_like,
-)
-from depthcli.training.networks.build import build_discriminator, build_generator
+from depthcli.training.methods.base import Phase, TwoWay, generate, required, upsampled_like
 
 
 class ImagePool:
@@ -61,49 +51,34 @@ class GeneratorOutputs(NamedTuple):
     same_y: Tensor | None  #: G(y)
 
 
-class CycleGan(Method):
-    """Eq. 2, 3, 5 and 6; a weight of zero leaves the term and its networks out.
-
-    G maps gray to depth, F depth to gray; D_y judges depth, D_x gray.
-    """
+class CycleGan(TwoWay):
+    """Eq. 2, 3, 5 and 6; a weight of zero leaves the term and its networks out."""
 
     TERMS: ClassVar = frozenset({"adversarial", "cycle", "identity"})
     phases: tuple[Phase, ...] = ("generator", "discriminator")
 
-    def __init__(self, config: TrainConfig) -> None:
-        super().__init__(config)
-        self.backward_generator = build_generator(config.generator) if self._has_backward else None
-        self.depth_discriminator = build_discriminator(config) if self.weights.adversarial else None
-        self.gray_discriminator = (
-            build_discriminator(config) if self._has_gray_discriminator else None
-        )
+    def __init__(self, config: TrainConfig, *, backward: bool = False) -> None:
+        weights = config.loss
+        judges_gray = bool(weights.adversarial and weights.adversarial_backward)
+        needed = bool(weights.cycle or weights.identity or judges_gray)
+        super().__init__(config, backward=backward or needed, gray_discriminator=judges_gray)
         self.pools = (ImagePool(config.optim.pool_size), ImagePool(config.optim.pool_size))
-        self._fake_y: Tensor | None = None
-        self._fake_x: Tensor | None = None
-
-    @property
-    def _has_backward(self) -> bool:
-        return bool(self.weights.cycle or self.weights.identity or self._has_gray_discriminator)
-
-    @property
-    def _has_gray_discriminator(self) -> bool:
-        return bool(self.weights.adversarial and self.weights.adversarial_backward)
-
-    def networks(self, phase: Phase) -> list[nn.Module]:
-        """G and F; or the discriminators."""
-        if phase == "generator":
-            return present(self.generator, self.backward_generator)
-        return present(self.depth_discriminator, self.gray_discriminator)
+        self._fakes: tuple[Tensor | None, Tensor] | None = None
 
     def forward(self, batch: TrainingBatch, phase: Phase) -> dict[str, Tensor]:
-        """The generators' terms, or the discriminators'."""
+        """The generators' terms, or the discriminators', on pooled fakes of the phase before."""
         x, y = batch.network_input, self.encode(batch.depth_m)
-        if phase == "discriminator":
-            return self._discriminator_terms(x, y)
-        outputs = self._translate(x, y)
-        self._fake_y = outputs.fake_y.detach()
-        self._fake_x = None if outputs.fake_x is None else outputs.fake_x.detach()
-        return self._terms(batch, y, outputs)
+        if phase == "generator":
+            outputs = self._translate(x, y)
+            fake_x = outputs.fake_x
+            self._fakes = (None if fake_x is None else fake_x.detach(), outputs.fake_y.detach())
+            return self._terms(batch, y, outputs)
+        if self._fakes is None:
+            return {}
+        fake_x, fake_y = self._fakes
+        if self.gray_discriminator is not None and fake_x is not None:
+            fake_x = self.pools[0].exchange(fake_x)
+        return self.discriminator_terms(x, y, fake_x, self.pools[1].exchange(fake_y))
 
     def _translate(self, x: Tensor, y: Tensor) -> GeneratorOutputs:
         forward, backward, weights = self.generator, self.backward_generator, self.weights
@@ -120,52 +95,13 @@ class CycleGan(Method):
         self, batch: TrainingBatch, y: Tensor, outputs: GeneratorOutputs
     ) -> dict[str, Tensor]:
         """Weighted terms; y is the batch's depth, coded."""
-        x, weights, terms = batch.network_input, self.weights, {}
-        if weights.cycle:
-            terms["cycle"] = weights.cycle * self._cycle(x, y, outputs)
-        if weights.identity:
-            terms["identity"] = weights.identity * self._identity(x, y, outputs)
-        if weights.adversarial:
-            terms["adversarial"] = weights.adversarial * self._adversarial(x, y, outputs)
-        return terms
-
-    def _cycle(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
-        """Eq. 2."""
-        there = F.l1_loss(generate(required(self.backward_generator), outputs.fake_y), x)
-        return there + F.l1_loss(generate(self.generator, required(outputs.fake_x)), y)
-
-    def _identity(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
-        """Eq. 3."""
-        same_x = generate(required(self.backward_generator), x)
-        return F.l1_loss(required(outputs.same_y), y) + F.l1_loss(same_x, x)
-
-    def _adversarial(self, x: Tensor, y: Tensor, outputs: GeneratorOutputs) -> Tensor:
-        """The generators' half of eq. 5 and 6."""
-        gan, d_y, d_x = (
-            self.weights.gan,
-            required(self.depth_discriminator),
-            self.gray_discriminator,
-        )
-        with frozen(present(d_y, d_x)):
-            loss = generator_loss(gan, d_y, real=y, fake=outputs.fake_y)
-            if d_x is not None:
-                loss = loss + generator_loss(gan, d_x, real=x, fake=required(outputs.fake_x))
-        return loss
-
-    def _discriminator_terms(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
-        """The discriminators' half of eq. 5 and 6, on pooled fakes."""
-        gan, terms = self.weights.gan, {}
-        if self.gray_discriminator is not None and self._fake_x is not None:
-            past_x = self.pools[0].exchange(self._fake_x)
-            terms["gray_discriminator"] = discriminator_loss(
-                gan, self.gray_discriminator, real=x, fake=past_x
-            )
-        if self.depth_discriminator is not None and self._fake_y is not None:
-            past_y = self.pools[1].exchange(self._fake_y)
-            terms["depth_discriminator"] = discriminator_loss(
-                gan, self.depth_discriminator, real=y, fake=past_y
-            )
-        return terms
+        x, terms = batch.network_input, {}
+        if self.weights.cycle:  # eq. 2
+            there = F.l1_loss(generate(required(self.backward_generator), outputs.fake_y), x)
+            back = F.l1_loss(generate(self.generator, required(outputs.fake_x)), y)
+            terms["cycle"] = self.weights.cycle * (there + back)
+        terms |= self.identity_terms(x, y, outputs.same_y)
+        return terms | self.adversarial_terms(x, y, outputs.fake_x, outputs.fake_y)
 
     def extra_state(self) -> dict[str, list[Tensor]]:
         """The image pools."""

@@ -1,6 +1,6 @@
 """The paper's method (eq. 7): CycleGAN with contrast and a regularized L1 on paired depth."""
 
-from collections.abc import Callable
+from functools import partial
 from typing import ClassVar
 
 import torch.nn.functional as F  # noqa: N812
@@ -9,14 +9,7 @@ from torch import Tensor, nn
 from depthcli.training.config import PAIRED_LOSSES, TrainConfig
 from depthcli.training.data import TrainingBatch
 from depthcli.training.losses import cfl_nce, paired_losses, patch_nce, regularized_l1
-from depthcli.training.methods.base import (
-    Phase,
-    mean_over_taps,
-    patch_heads,
-    present,
-    required,
-    upsampled_like,
-)
+from depthcli.training.methods import base
 from depthcli.training.methods.cyclegan import CycleGan, GeneratorOutputs
 
 
@@ -27,22 +20,14 @@ class Proposed(CycleGan):
     PAIRED: ClassVar = True
 
     def __init__(self, config: TrainConfig) -> None:
-        super().__init__(config)
+        super().__init__(config, backward=bool(config.loss.l1 and config.loss.l1_backward))
         contrast = self.weights.contrast_x or self.weights.contrast_y
-        self.sampler = patch_heads(self.generator, self.generator.TAPS) if contrast else None
+        self.sampler = base.patch_heads(self.generator, self.generator.TAPS) if contrast else None
         self._paired_losses = paired_losses(self.weights)
 
-    @property
-    def _has_backward(self) -> bool:
-        return super()._has_backward or self._has_backward_l1
-
-    @property
-    def _has_backward_l1(self) -> bool:
-        return bool(self.weights.l1 and self.weights.l1_backward)
-
-    def networks(self, phase: Phase) -> list[nn.Module]:
+    def networks(self, phase: base.Phase) -> list[nn.Module]:
         """G, F and the patch heads; or the discriminators."""
-        heads = present(self.sampler) if phase == "generator" else []
+        heads = base.present(self.sampler) if phase == "generator" else []
         return super().networks(phase) + heads
 
     def _terms(
@@ -52,9 +37,9 @@ class Proposed(CycleGan):
         x, valid_mask, penalty = batch.network_input, batch.valid_mask, self.weights.weight_penalty
         raw_y = self._correct_pseudo_label_scale(outputs.raw_y, y, batch)
         terms = self._paired_terms(raw_y, y, valid_mask) | super()._terms(batch, y, outputs)
-        if self._has_backward_l1:
-            backward = required(self.backward_generator)
-            l1 = regularized_l1(required(outputs.fake_x), x, backward, penalty, valid_mask)
+        if self.weights.l1 and self.weights.l1_backward:
+            backward = base.required(self.backward_generator)
+            l1 = regularized_l1(base.required(outputs.fake_x), x, backward, penalty, valid_mask)
             terms["l1_backward"] = self.weights.l1 * l1
         return terms | self._contrastive_terms(x, y, outputs)
 
@@ -65,9 +50,9 @@ class Proposed(CycleGan):
         """
         if batch.is_pseudo_label is None:
             return raw_y
-        difference = upsampled_like(y, raw_y) - raw_y
+        difference = base.upsampled_like(y, raw_y) - raw_y
         if batch.valid_mask is not None:
-            valid_mask = upsampled_like(batch.valid_mask.float(), raw_y)
+            valid_mask = base.upsampled_like(batch.valid_mask.float(), raw_y)
             offset = (difference * valid_mask).sum((1, 2, 3)) / valid_mask.sum((1, 2, 3)).clamp(
                 min=1
             )
@@ -100,19 +85,13 @@ class Proposed(CycleGan):
     ) -> dict[str, Tensor]:
         """Eq. 4: features of the output against those of the input or of the paired truth."""
         weights, terms = self.weights, {}
+        patches = partial(base.compared_patches, self.generator, self.sampler)
         if weights.contrast_x:
             paired = weights.contrast == "cfl"
             loss, source = (cfl_nce, y) if paired else (patch_nce, x)
-            terms["contrast_x"] = weights.contrast_x * self._contrast(loss, source, outputs.fake_y)
+            contrast = base.mean_over_taps(loss, *patches(source, outputs.fake_y))
+            terms["contrast_x"] = weights.contrast_x * contrast
         if weights.contrast_y:
-            same_y = required(outputs.same_y)
-            terms["contrast_y"] = weights.contrast_y * self._contrast(patch_nce, y, same_y)
+            contrast = base.mean_over_taps(patch_nce, *patches(y, base.required(outputs.same_y)))
+            terms["contrast_y"] = weights.contrast_y * contrast
         return terms
-
-    def _contrast(
-        self, loss: Callable[[Tensor, Tensor], Tensor], source: Tensor, output: Tensor
-    ) -> Tensor:
-        sampler = required(self.sampler)
-        keys, positions = sampler(self.generator.features(source))
-        queries, _ = sampler(self.generator.features(output), positions)
-        return mean_over_taps(loss, queries, keys)

@@ -7,9 +7,7 @@ from pkgutil import resolve_name
 from depthcli.errors import UsageError
 from depthcli.training.config import TERMS, TrainConfig, updated
 from depthcli.training.methods.base import Method
-from depthcli.training.methods.table import METHODS, PRETRAINING
-
-_ALL = METHODS | PRETRAINING
+from depthcli.training.methods.table import METHODS
 
 DEFAULTS = Path(__file__).parent / "defaults"
 
@@ -20,9 +18,9 @@ def method_class(name: str) -> type[Method]:
     Raises:
         UsageError: there is no such method.
     """
-    if name not in _ALL:
-        raise UsageError(f"no method '{name}'; choose from {', '.join(_ALL)}")
-    found: type[Method] = resolve_name(f"depthcli.training.methods.{_ALL[name]}")
+    if name not in METHODS:
+        raise UsageError(f"no method '{name}'; choose from {', '.join(METHODS)}")
+    found: type[Method] = resolve_name(f"depthcli.training.methods.{METHODS[name]}")
     return found
 
 

@@ -10,6 +10,3 @@ METHODS = {
     "proposed": "proposed:Proposed",
 }
 """Name -> ``module:class``, in the order of the paper's Table I."""
-
-PRETRAINING = {"masked": "masked:Masked"}
-"""Methods that learn from pictures alone, to start the others with ``--init``; not compared."""

@@ -54,13 +54,8 @@ class DecodingGenerator(nn.Module):
         maps = dict(zip(DecodingGenerator.TAPS, self._encode(x)[0], strict=True))
         return [found for tap in taps if (found := maps[tap]) is not None]
 
-    @property
-    def last_channels(self) -> int:
-        """Channels of :meth:`last_features`."""
-        return self.head.in_channels
-
-    def last_features(self, x: Tensor) -> Tensor:
-        """The last feature map (B, last_channels, ceil(H/2), ceil(W/2)) of x (B, C, H, W)."""
+    def forward(self, x: Tensor) -> Tensor:
+        """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, C, H, W) in [-1, 1]."""
         skips, y = self._encode(x)
         y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
         y = self.dropout(y)
@@ -70,11 +65,7 @@ class DecodingGenerator(nn.Module):
             else:
                 y = F.interpolate(y, size=skip.shape[2:], mode="bilinear", align_corners=False)
                 y = fusion(torch.cat([y, skip], 1))
-        return y  # type: ignore[no-any-return]
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, C, H, W) in [-1, 1]."""
-        return self.head(self.last_features(x))  # type: ignore[no-any-return]
+        return self.head(y)  # type: ignore[no-any-return]
 
 
 class EfficientGenerator(DecodingGenerator):
@@ -98,7 +89,6 @@ class EfficientGenerator(DecodingGenerator):
         norm: bool,
     ) -> None:
         super().__init__()
-        self.depths = tuple(depths)
         self.stem = ConvNorm(1, encoder[0], stride=2, norm=norm)
         self.stages = nn.ModuleList(
             nn.Sequential(
@@ -108,12 +98,6 @@ class EfficientGenerator(DecodingGenerator):
             for below, width, depth in zip(encoder, encoder[1:], depths, strict=False)
         )
         self._add_decoder(encoder, decoder, dropout, norm=norm)
-
-    def with_decoder(self, channels: Sequence[int]) -> "EfficientGenerator":
-        """A network that differs in its decoder's channels, newly initialized, on the CPU."""
-        return EfficientGenerator(
-            self.encoder_channels, channels, self.depths, self.dropout.p, norm=self.norm
-        )
 
     def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
         maps = [self.stem(x)]

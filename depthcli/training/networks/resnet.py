@@ -68,23 +68,14 @@ class ResnetGenerator(nn.Module):
         maps["block5"] = y
         return [maps[tap] for tap in taps]
 
-    @property
-    def last_channels(self) -> int:
-        """Channels of :meth:`last_features`."""
-        return self.width
-
-    def last_features(self, x: Tensor) -> Tensor:
-        """The last feature map (B, last_channels, H, W) of x (B, 1, H, W)."""
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, 1, H, W) to (B, 1, H, W); H and W multiples of 4."""
         stem = self.stem(self.pad(x))
         y = self.down2(self.down1(stem))
         for block in self.blocks:
             y = block(y)
         y = self.up2(self.up1(y))
-        return y + stem if self.residual == "stem" else y  # type: ignore[no-any-return]
-
-    def forward(self, x: Tensor) -> Tensor:
-        """(B, 1, H, W) to (B, 1, H, W); H and W multiples of 4."""
-        z = self.head(self.last_features(x))
+        z = self.head(y + stem if self.residual == "stem" else y)
         if self.input_gain is not None:
             z = z + self.input_gain * x
         return torch.tanh(z)

@@ -14,14 +14,14 @@ from depthcli.errors import UsageError
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import TrainConfig
-from depthcli.training.loop import Limits, fit
+from depthcli.training.loop import fit
 from depthcli.training.methods.registry import build_method
 from depthcli.training.methods.table import METHODS
 
 
 def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:
     fabric = Fabric(accelerator="cpu", devices=1)
-    return fit(config, room_data(), folder, fabric, Callback(), Limits(steps=steps)).step
+    return fit(config, room_data(), folder, fabric, Callback(), max_steps=steps).step
 
 
 @pytest.mark.parametrize("name", METHODS)

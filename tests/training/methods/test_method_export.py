@@ -17,14 +17,14 @@ from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.inference.transforms import prepare
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, load_generator
-from depthcli.training.loop import Limits, fit
+from depthcli.training.loop import fit
 from depthcli.training.methods.table import METHODS
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
-    fit(tiny(name), room_data(), tmp_path, fabric, Callback(), Limits(steps=2))
+    fit(tiny(name), room_data(), tmp_path, fabric, Callback(), max_steps=2)
     done = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "model.onnx", ExportOptions())
     assert done.card.training["method"] == name
     bilinear = Detail(Upsampling.BILINEAR)
