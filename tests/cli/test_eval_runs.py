@@ -23,11 +23,6 @@ from depthcli.core.options import Detail, Upsampling
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
-<<<<<<< HEAD
-from depthcli.errors import ExitCode
-=======
-from depthcli.inference.pipeline import load
->>>>>>> da6ec9f2 (train: remove masked, resized init weights, thread trial)
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import updated
 from depthcli.training.loop import fit

@@ -49,7 +49,6 @@ def test_a_run_stops_goes_on_and_tells_of_it(
     assert done.state == Checkpoint.load(tmp_path / "run" / "last.ckpt").state
     assert (done.state.step, notes.epochs) == (6, [1, 2, 3])
     assert [lacks_scenes for lacks_scenes, _ in notes.starts] == [False, False]
-    assert not notes.starts[0].threads.timed
     assert capfd.readouterr() == ("", "")
 
 

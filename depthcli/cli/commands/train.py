@@ -109,7 +109,9 @@ class DeviceOptions:
         max=MAX_THREADS,
     )
     threads: int | None = option(
-        "CPU threads. Default: those of the run that is resumed, or one per core.", min=1, max=MAX_THREADS
+        "CPU threads. Default: those of the run that is resumed, or one per core.",
+        min=1,
+        max=MAX_THREADS,
     )
 
 
