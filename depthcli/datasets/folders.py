@@ -11,7 +11,6 @@ import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,7 +24,6 @@ from depthcli.io.depth.metadata import positive_number
 from depthcli.io.depth.read import read_metadata
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images import png, read
-from depthcli.io.listing.folder import is_own_output
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import read_lenses
 
@@ -97,10 +95,6 @@ def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
     return pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, axis=2)  # noqa: PLR2004
 
 
-# The size of an image without depth is asked for right after the image.
-_read_once = lru_cache(maxsize=1)(read_image_rgb)
-
-
 def check_unit(
     maps_m: Iterable[npt.NDArray[np.float32]],
     where: Path,
@@ -129,7 +123,7 @@ def sample_positions(count: int, at_most: int = 9) -> list[int]:
 
 @dataclass(frozen=True)
 class FolderDataset(DepthDataset):
-    """Pairs read from image files; pairs without depth are 1 m away everywhere."""
+    """Pairs read from image files."""
 
     root: Path  #: the folder of the files
     units_per_metre: float = MILLIMETRES  #: value of one metre in the depth images
@@ -142,9 +136,8 @@ class FolderDataset(DepthDataset):
             DatasetError: it cannot be read or has another size than its depth.
         """
         path, depth = self.pairs[i].image, self.pairs[i].depth
-        assert path is not None  # noqa: S101 - a file of each pair is listed
-        if depth is None:
-            return _read_once(path)
+        assert path is not None  # noqa: S101 - the files of each pair are listed
+        assert depth is not None  # noqa: S101
         pixels = read_image_rgb(path)
         if self.paired and pixels.shape[:2] != depth_shape(depth):
             height, width = depth_shape(depth)
@@ -161,8 +154,7 @@ class FolderDataset(DepthDataset):
             DatasetError: it cannot be read.
         """
         depth = self.pairs[i].depth
-        if depth is None:
-            return np.ones(self.image(i).shape[:2], np.float32)
+        assert depth is not None  # noqa: S101 - the files of each pair are listed
         return read_depth_m(depth, self.units_per_metre / self.pairs[i].scale)
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
@@ -268,21 +260,6 @@ def open_unpaired_folder(path: Path, *, units_per_metre: float = MILLIMETRES) ->
     dataset = FolderDataset(tuple(pairs), path, units_per_metre, paired=False)
     _check_depth(dataset, PLAUSIBLE_M)
     return dataset
-
-
-def open_image_folder(path: Path) -> FolderDataset:
-    """List the images of a folder and its subfolders, or of its ``rgb/`` if it has one.
-
-    Raises:
-        DatasetError: there is none but outputs of depthcli, or two differ in their suffix only.
-    """
-    root, kind = (path, "rgb") if (path / "rgb").is_dir() else (path.parent, path.name)
-    listed = list_files(root, kind, IMAGE_SUFFIXES)
-    files = {name: file for name, file in listed.items() if not is_own_output(str(file))}
-    if not files:
-        raise DatasetError(f"{root / kind} holds outputs of depthcli only", "name photographs")
-    pairs = tuple(Pair(name, image=file) for name, file in sorted(files.items()))
-    return FolderDataset(pairs, path, paired=False)
 
 
 def has_matching_files(path: Path) -> bool:

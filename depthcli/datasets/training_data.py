@@ -15,13 +15,10 @@ NYU_ASPECT = 4 / 3
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
-OWN_PAIRS, OWN_PICTURES = "own pairs (", "own pictures ("
-"""What the names of folders of one's own begin with: of pairs, and of pictures alone."""
-
 
 def own_pairs_title(folder: Path) -> str:
     """The name of a folder of one's own pairs in a model's card."""
-    return f"{OWN_PAIRS}{folder.resolve().name})"
+    return f"own pairs ({folder.resolve().name})"
 
 
 class TrainingData(NamedTuple):
@@ -65,7 +62,6 @@ def open_training_data(
     path: Path,
     *,
     paired: bool,
-    depth: bool = True,
     split: Literal["paper", "official"] = "paper",
     units_per_metre: float = MILLIMETRES,
 ) -> TrainingData:
@@ -78,7 +74,6 @@ def open_training_data(
             other names than NYU's numbers, whose subfolders are the scenes if it has no index.csv.
         paired: whether each picture needs its depth. If not, and names or sizes in the two folders
             differ, they are opened as unpaired.
-        depth: whether depth is needed; if not, any folder of pictures will do.
         split: of NYU Depth v2, whose training part is used. Of other data, ``official`` is what the
             data itself names "train", and ``paper`` is all of it.
         units_per_metre: value of one metre in the depth images of a folder of your own.
@@ -88,7 +83,7 @@ def open_training_data(
     """
     opener = opener_of(path) if path.is_dir() else nyu.open_nyu
     if opener is None or (opener is nyu.open_nyu and nyu.has_own_index(path)):
-        data = _own_folder(path, paired, depth, units_per_metre, indexed=opener is not None)
+        data = _own_folder(path, paired, units_per_metre, indexed=opener is not None)
     elif units_per_metre != MILLIMETRES:
         raise DatasetError(f"{path} is a data set whose unit is known: remove data.units_per_metre")
     elif opener is nyu.open_nyu:
@@ -110,13 +105,9 @@ def open_training_data(
     return data
 
 
-def _own_folder(
-    path: Path, paired: bool, depth: bool, units_per_metre: float, *, indexed: bool
-) -> TrainingData:
+def _own_folder(path: Path, paired: bool, units_per_metre: float, *, indexed: bool) -> TrainingData:
     """A folder of one's own; if it has an index, its pairs."""
     title = path.resolve().name
-    if not (depth or indexed):
-        return TrainingData(folders.open_image_folder(path), f"{OWN_PICTURES}{title})", None)
     if not (paired or indexed or folders.has_matching_files(path)):
         lists = folders.open_unpaired_folder(path, units_per_metre=units_per_metre)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
