@@ -351,6 +351,11 @@ class DepthMap:
         return self.kind is DepthKind.METRIC
 
     @property
+    def unit(self) -> str | None:
+        """``m``; None for relative and inverse depth."""
+        return "m" if self.is_metric else None
+
+    @property
     def valid(self) -> npt.NDArray[np.bool_]:
         """(H, W) bool: where there is a finite depth, for metres above 0."""
         return has_depth(self.values, self.kind)

@@ -77,7 +77,7 @@ def inspect_file(file: str, options: DepthReadOptions = AS_STATED) -> dict[str, 
     return {
         "input": safe_name(file),
         "kind": depth.kind.value,
-        "unit": "m" if depth.is_metric else None,
+        "unit": depth.unit,
         "scale": scale,
         "scale_source": source,
         "width": depth.width,

@@ -41,7 +41,7 @@ def probe(
     values = [depth_at(depth, x, y) for x, y in places]
     for warning in stored.warnings_with_scale("from_scale"):
         console.warn(warning)
-    unit = "m" if depth.is_metric else None
+    unit = depth.unit
     for (x, y), value in zip(places, values, strict=True):
         if as_json:
             console.out_json({"x": x, "y": y, "depth": value, "unit": unit})

@@ -13,7 +13,7 @@ from depthcli.cli.screen.progress import show_progress
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, ModelError, UsageError, about
-from depthcli.io.depth.metadata import DepthMetadata, anchor_fields, camera_text
+from depthcli.io.depth.metadata import anchor_fields, camera_text, origin_fields
 from depthcli.io.listing.folder import skip_summary
 from depthcli.jobs.write import FailedInput
 
@@ -159,17 +159,16 @@ def print_failed(failed: FailedInput, *, as_json: bool) -> None:
 
 def picture_json(done: PictureResult) -> dict[str, object]:
     """The fields of one line of ``--json``."""
-    known = DepthMetadata.of(done.depth)
     return {
         "input": done.name,
         "status": "ok",
         "outputs": list(done.outputs),
-        "kind": known.kind,
-        "unit": known.unit,
+        "kind": done.depth.kind.value,
+        "unit": done.depth.unit,
         **DepthRange.of(done.depth)._asdict(),
         "width": done.depth.width,
         "height": done.depth.height,
-        **known.origin(),
+        **origin_fields(done.depth),
         **anchor_fields(done.depth),
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
@@ -337,7 +336,7 @@ class _Totals:
 def _outcome(done: ConvertResult) -> dict[str, object]:
     return {
         "output": done.target,
-        "unit": "m" if done.depth.is_metric else None,
+        "unit": done.depth.unit,
         **(asdict(done.round_trip) if done.round_trip else _NOT_READ_BACK),
         "warnings": [console.worded(warning) for warning in done.warnings],
     }

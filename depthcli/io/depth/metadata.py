@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from typing import NamedTuple, Self, TypeAlias
+from typing import TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.camera import CameraSource, hfov_deg
@@ -23,45 +23,18 @@ _LEAST, _MOST = 1e-9, 1e12
 _ORIENTATIONS = frozenset("12345678")
 
 
-class DepthMetadata(NamedTuple):
-    """Metadata of a map in all formats; the names are those in JSON."""
-
-    kind: str  #: metric, relative or inverse
-    unit: str | None  #: ``m``; None for relative and inverse maps
-    model: str | None  #: name of the model; None if unknown
-    model_sha256: str | None  #: checksum of its file; None if unknown
-    #: focal length that the metres are for, in pixels of the map; None if unknown
-    focal_px: float | None
-    #: (cx, cy), principal point in pixels of the map; None for the middle of the map
-    centre_px: tuple[float, float] | None
-    #: ``option``, ``exif``, or ``card`` if it is assumed; None if unknown
-    camera_source: str | None
-    pixel_aspect: float  #: width by height of a pixel; focal_px is in widths of pixels
-    camera: str | None  #: focal length and source as a text; None if unknown
-
-    @classmethod
-    def of(cls, depth: DepthMap) -> Self:
-        """The metadata of a map."""
-        source = depth.provenance or _UNKNOWN
-        return cls(
-            kind=depth.kind.value,
-            unit="m" if depth.is_metric else None,
-            model=source.model,
-            model_sha256=source.model_sha256,
-            focal_px=source.focal_px,
-            centre_px=source.centre_px,
-            camera_source=source.camera_source,
-            pixel_aspect=source.pixel_aspect,
-            camera=camera_text(depth),
-        )
-
-    def origin(self) -> dict[str, _Value | None]:
-        """The fields about model and camera, ``ORIGIN_FIELDS``, by name."""
-        return {name: getattr(self, name) for name in ORIGIN_FIELDS}
-
-
-ORIGIN_FIELDS = tuple(name for name in DepthMetadata._fields if name not in {"kind", "unit"})
+ORIGIN_FIELDS = (
+    *("model", "model_sha256", "focal_px", "centre_px", "camera_source"),
+    *("pixel_aspect", "camera"),
+)
 """Names of the fields about model and camera; formats without metadata have them in a sidecar."""
+
+
+def origin_fields(depth: DepthMap) -> dict[str, _Value | None]:
+    """The facts about model and camera, ``ORIGIN_FIELDS``, by name; None where one is unknown."""
+    source = depth.provenance or _UNKNOWN
+    stated = {name: getattr(source, name) for name in ORIGIN_FIELDS[:-1]}
+    return {**stated, "camera": camera_text(depth)}
 
 
 def anchor_fields(depth: DepthMap) -> dict[str, dict[str, float] | None]:
@@ -76,15 +49,15 @@ def metadata_texts(depth: DepthMap) -> dict[str, str]:
     What is unknown is left out, and the shape of square pixels. The unit of a map without one is
     ``none``.
     """
-    known, source = DepthMetadata.of(depth), depth.provenance or _UNKNOWN
-    texts = {"kind": known.kind, "unit": known.unit or "none", "software": SOFTWARE}
+    source = depth.provenance or _UNKNOWN
+    texts = {"kind": depth.kind.value, "unit": depth.unit or "none", "software": SOFTWARE}
     if source.time_s is not None:
         texts["time_s"] = f"{source.time_s:.12g}"
     if source.anchor_fit is not None:
         used, given, residual_m = source.anchor_fit
         texts["anchors"] = f"{used},{given},{residual_m:.6g}"
-    origin = known.origin()
-    if known.pixel_aspect == 1:
+    origin = origin_fields(depth)
+    if source.pixel_aspect == 1:
         del origin["pixel_aspect"]
     if source.focal_px is not None or source.centre_px is not None:
         texts["camera_size_px"] = f"{depth.width},{depth.height}"

@@ -18,11 +18,11 @@ from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import (
     ORIGIN_FIELDS,
     SOFTWARE,
-    DepthMetadata,
     anchor_fields,
     kind_named,
     number,
     of_size,
+    origin_fields,
 )
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.paths import read_regular
@@ -44,11 +44,11 @@ class SidecarWriter:
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
-        known, source = DepthMetadata.of(depth), depth.provenance or Provenance()
+        source = depth.provenance or Provenance()
         document = {
             "software": SOFTWARE,
-            "kind": known.kind,
-            "unit": known.unit,
+            "kind": depth.kind.value,
+            "unit": depth.unit,
             "png16_scale": None if self.png_normalize or not depth.is_metric else self.png_scale,
             "width": depth.width,
             "height": depth.height,
@@ -56,7 +56,7 @@ class SidecarWriter:
             **({} if source.time_s is None else {"time_s": source.time_s}),
             **DepthRange.of(depth)._asdict(),
             "network_size_px": source.input_size_px,
-            **known.origin(),
+            **origin_fields(depth),
             **anchor_fields(depth),
         }
         path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", "utf-8")

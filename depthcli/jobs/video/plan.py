@@ -170,9 +170,9 @@ class VideoResult:
 
     def metadata(self) -> dict[str, object]:
         """The fields of JSON and sidecar that are the same for every run."""
-        from depthcli.io.depth.metadata import DepthMetadata  # noqa: PLC0415 - is loaded by now
+        from depthcli.io.depth.metadata import origin_fields  # noqa: PLC0415 - is loaded by now
 
-        depth, known = self.depth, DepthMetadata.of(self.depth)
+        depth = self.depth
         time_code, writing = self.first.time_code, self.settings.writing
         is_stretched = writing.png_normalize and VideoFormat.PNG16 in self.plan.names
         return {
@@ -186,15 +186,15 @@ class VideoResult:
             "width": depth.width,
             "height": depth.height,
             "orientation": self.first.orientation,
-            "kind": known.kind,
-            "unit": known.unit,
+            "kind": depth.kind.value,
+            "unit": depth.unit,
             "scale": writing.png_scale if depth.is_metric and not is_stretched else None,
             "scenes": self.scenes,
             "flicker": self.flicker,
             "flicker_unsmoothed": self.flicker_unsmoothed,
             "smooth_s": self.settings.smooth_s,
             "lock_s": self.settings.lock_s,
-            **known.origin(),
+            **origin_fields(depth),
         }
 
     def sidecar(self, *, has_times: bool) -> str:
