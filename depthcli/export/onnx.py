@@ -13,36 +13,13 @@ from onnx import helper
 
 from depthcli.core.options import Weights
 from depthcli.core.types import DepthKind
-from depthcli.datasets import base as id_ranges
-from depthcli.datasets.base import NYU, TRAIN_IDS
+from depthcli.datasets import base as datasets
 from depthcli.errors import ModelError, UsageError
-from depthcli.export.graph import (
-    FLOAT16_TOLERANCE,
-    INT8_TOLERANCE,
-    IR_VERSION,
-    OPSET,
-    TOLERANCE,
-    MirrorAverage,
-    Parity,
-    build_graph,
-    calibration_batches,
-    check_parity,
-    fold_batch_norm,
-    quantize,
-    weights_to_float16,
-)
+from depthcli.export import graph
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.metrics.pixels import MIN_DEPTH_M
-from depthcli.models.card import (
-    METADATA_KEY,
-    CameraSpec,
-    Colour,
-    Fit,
-    InputSpec,
-    ModelCard,
-    OnnxSpec,
-    OutputSpec,
-)
+from depthcli.models import card as cards
+from depthcli.models.card import ModelCard
 from depthcli.models.catalog import CARD_NAME, CARD_SUFFIX, file_of_card
 from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.provenance import data_set
@@ -56,7 +33,7 @@ class ExportOptions:
     version: str = "1.0.0"  #: of the model
     half: bool = False  #: store weights as float16; computations are in float32
     mirror: bool = False  #: average with the mirrored picture, at twice the cost
-    opset: int = OPSET  #: ONNX opset version
+    opset: int = graph.OPSET  #: ONNX opset version
     #: maximum difference between torch and onnxruntime; None for the default
     tolerance: float | None = None
     int8_pictures: Path | None = None  #: folder of pictures to calibrate int8; None for no int8
@@ -73,8 +50,8 @@ class ExportOptions:
         if self.tolerance is not None:
             return self.tolerance
         if self.int8_pictures is not None:
-            return INT8_TOLERANCE
-        return FLOAT16_TOLERANCE if self.half else TOLERANCE
+            return graph.INT8_TOLERANCE
+        return graph.FLOAT16_TOLERANCE if self.half else graph.TOLERANCE
 
 
 MODEL_NAME = "model.onnx"
@@ -104,18 +81,18 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         version=options.version,
         summary=f"{config.method}, {config.generator.name} generator, {saved.provenance.data}",
         license=options.license,
-        input=InputSpec(
-            colour=Colour(config.data.colour),
+        input=cards.InputSpec(
+            colour=cards.Colour(config.data.colour),
             width=config.data.width,
             height=config.data.height,
             dynamic=True,
             multiple_of=_FULL_STRIDE,
-            fit=Fit.KEEP_ASPECT,
+            fit=cards.Fit.KEEP_ASPECT,
             mean=(0.5,) * config.data.channels,
             std=(0.5,) * config.data.channels,
             pixel_aspect=round(saved.provenance.aspect * config.data.height / config.data.width, 9),
         ),
-        output=OutputSpec(
+        output=cards.OutputSpec(
             kind=DepthKind.METRIC,
             transform=codec.transform,
             scale=codec.scale,
@@ -123,8 +100,8 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
             min_m=config.output.min_m if config.output.coding == "log" else MIN_DEPTH_M,
             max_m=config.output.max_m,
         ),
-        camera=None if hfov_deg is None else CameraSpec(hfov_deg),
-        onnx=OnnxSpec(options.opset, IR_VERSION),
+        camera=None if hfov_deg is None else cards.CameraSpec(hfov_deg),
+        onnx=cards.OnnxSpec(options.opset, graph.IR_VERSION),
         training=_training_facts(saved, options),
         float_model=options.float_model,
     )
@@ -163,7 +140,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
         "seed": saved.config.seed,
         "pairs": len(provenance.train_ids),
         "held_out_pairs": len(provenance.held_out_ids),
-        TRAIN_IDS: _nyu_ids(seen.get(NYU, ())),
+        datasets.TRAIN_IDS: _nyu_ids(seen.get(datasets.NYU, ())),
         "steps": state.step,
         "minutes": round(state.seconds / 60, 1),
         "validation": {
@@ -181,7 +158,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
 
 def _nyu_ids(ids: Sequence[str]) -> str | None:
     """Pairs of NYU Depth v2 that the weights have seen, for evaluations of the model."""
-    return id_ranges.compact(i for i in ids if i.isdecimal()) if ids else None
+    return datasets.compact(i for i in ids if i.isdecimal()) if ids else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +167,7 @@ class ExportResult:
 
     path: Path  #: the ONNX file
     card: ModelCard  #: its card, written beside it
-    parity: Parity  #: difference from torch
+    parity: graph.Parity  #: difference from torch
 
 
 def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> ExportResult:
@@ -205,19 +182,19 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     """
     _check_own_card(out)
     generator, saved = load_generator(checkpoint, options.weights)
-    model = build_graph(generator, opset=options.opset, mirror=options.mirror)
+    model = graph.build_graph(generator, opset=options.opset, mirror=options.mirror)
     card = card_of(saved, options)
     folder = options.int8_pictures
-    pictures = [] if folder is None else calibration_batches(folder, card.input)
+    pictures = [] if folder is None else graph.calibration_batches(folder, card.input)
     if pictures:
-        model = quantize(model, pictures)
+        model = graph.quantize(model, pictures)
     elif options.half:
-        weights_to_float16(model)
-    helper.set_model_props(model, {METADATA_KEY: card.to_json()})
+        graph.weights_to_float16(model)
+    helper.set_model_props(model, {cards.METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
-    network = MirrorAverage(fold_batch_norm(generator)) if options.mirror else generator
+    network = graph.MirrorAverage(graph.fold_batch_norm(generator)) if options.mirror else generator
     cases = _parity_cases(card.input)[: 1 if pictures else None]
-    parity = check_parity(network, data, cases, options.max_difference, pictures)
+    parity = graph.check_parity(network, data, cases, options.max_difference, pictures)
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
@@ -237,7 +214,7 @@ def _check_own_card(out: Path) -> None:
         raise UsageError(f"{card} is not the card of {out.name}; choose another -o")
 
 
-def _parity_cases(spec: InputSpec) -> tuple[tuple[int, int, int], ...]:
+def _parity_cases(spec: cards.InputSpec) -> tuple[tuple[int, int, int], ...]:
     """(batch, height, width): nominal size, a batch, other aspect ratios, a larger size."""
     height, width = spec.height, spec.width
     half = max(spec.multiple_of, height // 2 // spec.multiple_of * spec.multiple_of)

@@ -1,18 +1,8 @@
-"""Augmentation that keeps depth metric; the geometry is that of :mod:`~depthcli.training.augment`.
+"""Augmentation that keeps depth metric: random views of an image and the depth that follows.
 
-CutMix for depth: a rectangle of another view, pasted into both picture and depth.
-
-A pasted rectangle keeps its depth but not its surroundings, so the network cannot infer the depth
-from these.
-
-Source: Yun et al., "CutMix: Regularization Strategy to Train Strong Classifiers with Localizable
-Features", ICCV 2019; here labels are mixed per pixel, not by area.
-
-Random views of a picture, and the depth that follows from them, by the pinhole camera model.
-
-All views have the same focal length, in pixels of the network's input. So zooming in by s divides
-depth by s, a view with another aspect ratio shows less of the picture, and an off-centre view is
-either a crop or the view of a rotated camera.
+All views have the same focal length, in pixels of the network's input. So, by the pinhole camera
+model, zooming in by s divides depth by s, a view with another aspect ratio shows less of the image,
+and an off-centre view is either a crop or the view of a rotated camera.
 """
 
 import math
@@ -30,6 +20,9 @@ _SIDE_RANGE = (0.25, 0.75)  # of the rectangle, as fractions of the view's sides
 
 def cutmix(maps: list[Tensor], share: float, random: torch.Generator) -> list[Tensor]:
     """Paste a rectangle of each view's neighbour in the batch into some of the views.
+
+    A pasted rectangle keeps its depth but not its surroundings, so that the network cannot infer
+    depth from these (CutMix, Yun et al. 2019; here labels are mixed per pixel, not by area).
 
     The maps are (B, C, H, W), of the same views, and get the same rectangles; ``share`` is the
     probability per view. Returns maps of the same shapes and types.

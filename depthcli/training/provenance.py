@@ -8,23 +8,9 @@ from typing import Annotated, Any, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG
 from depthcli.core.options import Rule
-from depthcli.datasets import base as id_ranges
-from depthcli.datasets.base import (
-    NYU,
-    TRAIN_IDS,
-    DepthDataset,
-    data_fingerprint,
-    held_out_scenes,
-    is_label,
-    label_id,
-)
-from depthcli.datasets.training_data import (
-    NYU_ASPECT,
-    NYU_HFOV_DEG,
-    NYU_PAPER,
-    TrainingData,
-    own_pairs_title,
-)
+from depthcli.datasets import base, training_data
+from depthcli.datasets.base import NYU, DepthDataset
+from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, DatasetError
 from depthcli.models.card import ModelCard
 from depthcli.training.config import DataConfig, TrainConfig
@@ -38,12 +24,12 @@ _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: nu
 class DataProvenance:
     """Data that a run is trained on, and weights that it starts from."""
 
-    data: str = NYU_PAPER  #: name of the data set, as in model cards
+    data: str = training_data.NYU_PAPER  #: name of the data set, as in model cards
     train_ids: tuple[str, ...] = ()  #: pairs for training
     held_out_ids: tuple[str, ...] = ()  #: pairs for validation
     #: horizontal field of view of their camera in degrees; None if it is not known
-    hfov_deg: Annotated[float, HFOV_DEG] | None = NYU_HFOV_DEG
-    aspect: _Aspect = NYU_ASPECT  #: width over height of their first image
+    hfov_deg: Annotated[float, HFOV_DEG] | None = training_data.NYU_HFOV_DEG
+    aspect: _Aspect = training_data.NYU_ASPECT  #: width over height of their first image
     fingerprint: str = ""  #: :func:`~depthcli.datasets.base.data_fingerprint` of them
     pseudo_labels: str = ""  #: name of the pseudo labels; "" if there are none
     pseudo_label_ids: PairIds = dataclasses.field(default_factory=dict)  #: their pairs
@@ -69,10 +55,12 @@ def provenance_of(config: TrainConfig, data: TrainingData) -> DataProvenance:
         held_out_ids=tuple(data.dataset.ids[i] for i in held_out),
         hfov_deg=data.hfov_deg,
         aspect=data.aspect,
-        fingerprint=data_fingerprint(data.dataset),
+        fingerprint=base.data_fingerprint(data.dataset),
         pseudo_labels=data.pseudo_labels_title,
-        pseudo_label_ids=_under_names(own_pairs_title(labels.root), labels.ids) if labels else {},
-        pseudo_label_fingerprint=data_fingerprint(labels) if labels else "",
+        pseudo_label_ids=_under_names(training_data.own_pairs_title(labels.root), labels.ids)
+        if labels
+        else {},
+        pseudo_label_fingerprint=base.data_fingerprint(labels) if labels else "",
     )
 
 
@@ -80,7 +68,7 @@ def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int],
     """Positions of the training pairs and of the held-out ones; scenes are not split."""
     if not data.holdout_every:
         return list(range(len(dataset))), []
-    held_out = held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
+    held_out = base.held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
     inside = [scene in held_out for scene in dataset.scenes]
     train_rows = [i for i, held in enumerate(inside) if not held]
     return train_rows, [i for i, held in enumerate(inside) if held]
@@ -96,7 +84,7 @@ def data_set(title: str) -> str:
 
 def _under_names(name: str, ids: tuple[str, ...]) -> PairIds:
     """Ids by data set: also NYU if all are its numbers, as a copy of it need not have an index."""
-    names = (name, NYU) if all(map(is_label, ids)) else (name,)
+    names = (name, NYU) if all(map(base.is_label, ids)) else (name,)
     return merged_ids([dict.fromkeys(names, ids)])
 
 
@@ -106,14 +94,16 @@ def merged_ids(records: Iterable[Mapping[str, Sequence[str]]]) -> PairIds:
     for record in records:
         for name, ids in record.items():
             is_nyu = data_set(name) == NYU
-            found.setdefault(data_set(name), set()).update(map(label_id, ids) if is_nyu else ids)
+            found.setdefault(data_set(name), set()).update(
+                map(base.label_id, ids) if is_nyu else ids
+            )
     return {name: tuple(sorted(ids)) for name, ids in found.items() if ids}
 
 
 def ids_of_card(card: ModelCard) -> PairIds:
     """Pairs of NYU Depth v2 that a model was trained on, as far as its card states them."""
     try:
-        numbers = id_ranges.parse(str(card.training.get(TRAIN_IDS, "")))
+        numbers = base.parse(str(card.training.get(base.TRAIN_IDS, "")))
     except ValueError:  # ``training`` in a card is free-form
         return {}
     return {NYU: tuple(f"{number:04d}" for number in numbers)}
@@ -124,7 +114,7 @@ def common_ids(
 ) -> set[str]:
     """Ids of a data set's pairs that are also in a record of pairs by data set."""
     name = data_set(data.title)
-    own = set(map(label_id, ids)) if name == NYU else set(ids)
+    own = set(map(base.label_id, ids)) if name == NYU else set(ids)
     return own.intersection(seen.get(name, ()))
 
 

@@ -4,6 +4,7 @@ import ast
 import tomllib
 import warnings
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from depthcli.training.checkpoint import CHECKPOINT, saved_checkpoint
 from depthcli.training.config import TrainConfig, check_config, updated
 from depthcli.training.methods.registry import check_terms, default_config
 from depthcli.training.presets import preset_file
-from depthcli.training.provenance import config_differences, mismatch_error, value_differences
+from depthcli.training.provenance import config_differences, mismatch_error
 
 
 def resolve_config(
@@ -35,10 +36,8 @@ def resolve_config(
     files = [preset_file(preset), *files] if preset else files
     saved = None if folder is None else saved_checkpoint(folder)
     if folder is not None and saved is not None:
-        mismatches = (
-            *value_differences({"method": saved.config.method}, {"method": method}),
-            *config_differences(saved.config, apply_overrides(saved.config, files, settings)),
-        )
+        given = replace(apply_overrides(saved.config, files, settings), method=method)
+        mismatches = config_differences(saved.config, given)
         if mismatches:
             raise mismatch_error(folder / CHECKPOINT, mismatches)
         return saved.config

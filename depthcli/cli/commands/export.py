@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -136,15 +137,5 @@ def _print_export(done: ExportResult) -> None:
 
 
 def _print_export_json(done: ExportResult) -> None:
-    parity = done.parity
-    console.out_json(
-        {
-            "path": str(done.path),
-            "sha256": done.card.sha256,
-            "bytes": done.card.size_bytes,
-            "max_abs": parity.max_abs,
-            "mean_abs": parity.mean_abs,
-            "tolerance": parity.tolerance,
-            "cases": [list(case) for case in parity.cases],
-        }
-    )
+    facts = {"path": str(done.path), "sha256": done.card.sha256, "bytes": done.card.size_bytes}
+    console.out_json(facts | dataclasses.asdict(done.parity))
