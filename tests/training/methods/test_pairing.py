@@ -53,7 +53,7 @@ def test_exchanging_depth_maps_changes_what_the_proposed_method_learns() -> None
 def test_an_unpaired_method_is_never_shown_pairs(name: str) -> None:
     assert not default_config(name).data.paired
     config = apply_overrides(default_config(name), [], ["data.paired=true"])
-    with pytest.raises(UsageError, match=f"{name} trains on unpaired data"):
+    with pytest.raises(UsageError):
         build_method(config)
 
 

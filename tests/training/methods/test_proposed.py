@@ -180,7 +180,7 @@ def test_output_at_half_the_size_is_held_to_the_mean_of_the_truth() -> None:
 
 
 @pytest.mark.parametrize("config", [PAPER, EFFICIENT], ids=["resnet", "efficient"])
-def test_what_stands_in_a_hole_is_not_learned(config: Any) -> None:
+def test_pixels_in_holes_are_not_learned(config: Any) -> None:
     """The terms against the truth are of measured pixels alone, at the output's size."""
     loss = replace(NOTHING, l1=1.0, gradient=1.0, l1_backward=True)
     method, plain = Proposed(replace(config, loss=loss)).eval(), tiny_methods.batch()
