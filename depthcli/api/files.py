@@ -17,6 +17,7 @@ from depthcli.io.storage.paths import path_of
 from depthcli.video import depth_video as depth_videos
 from depthcli.video import source as video_frames
 from depthcli.video.container import InputPipe
+from depthcli.video.facts import Eye
 from depthcli.video.frames import WHOLE, Span
 
 
@@ -31,9 +32,16 @@ class DepthVideo(depth_videos.DepthVideo):
 class VideoSource(video_frames.VideoSource):
     """Frames of a video; a ``DepthcliWarning`` tells what is wrong with it."""
 
-    def __init__(self, source: str | Path | InputPipe, *, max_pixels: int = MAX_PIXELS) -> None:
+    def __init__(
+        self,
+        source: str | Path | InputPipe,
+        *,
+        max_pixels: int = MAX_PIXELS,
+        stream: int | None = None,
+        eye: Eye | None = None,
+    ) -> None:
         """As below, with a warning if colours or times are doubtful."""
-        super().__init__(source, max_pixels=max_pixels)
+        super().__init__(source, max_pixels=max_pixels, stream=stream, eye=eye)
         for text in self.warnings:
             warnings.warn(f"{source}: {text}", DepthcliWarning, stacklevel=2)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, BinaryIO
 
-from depthcli.errors import DepthcliError, InputError, OutputError
+from depthcli.errors import DepthcliError, InputError, OutputError, UsageError
 from depthcli.io.listing.folder import HEIF_SUFFIXES
 from depthcli.io.storage.paths import regular_size
 from depthcli.video.numbering import SINGLE_IMAGE_ADVICE, is_single_image
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # Playlists are excluded, because they name other files and addresses.
 _FORMATS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,asf,flv,live_flv,ogg,mxf,gxf,"
-    "nut,ivf,h264,hevc,av1,obu,m4v,mjpeg,dv,rm,wtv,gif,apng,yuv4mpegpipe,nsv,swf,vc1,dnxhd,dirac"
+    "nut,ivf,h264,hevc,av1,obu,m4v,mjpeg,jpeg_pipe,dv,rm,wtv,gif,apng,yuv4mpegpipe,nsv,swf,vc1,dnxhd,dirac"
 )
 _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 
@@ -95,11 +95,19 @@ class OutputPipe(_Pipe):
         return len(data)
 
 
-def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
+def open_video(
+    source: Path | InputPipe, stream_number: int | None = None
+) -> tuple[InputContainer, VideoStream]:
     """A file or a pipe and its video stream, ready for the first packet.
+
+    Args:
+        source: the video.
+        stream_number: among its video streams, from 0; None for the one with most frames, which is
+            the first one if that is not stated.
 
     Raises:
         InputError: missing, empty, unreadable, or without a video stream that can be decoded.
+        UsageError: there is no stream of this number.
     """
     import av  # noqa: PLC0415 - naming outputs does not need it
 
@@ -113,9 +121,12 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
     container = None
     try:
         container = av.open(file, "r", options=_OPTIONS, metadata_errors="replace")
-        covers = av.stream.Disposition.attached_pic  # of audio files
-        stream = next((s for s in container.streams.video if not s.disposition & covers), None)
-        if stream is not None and stream.codec_context is not None:
+        streams = video_streams(container)
+        if stream_number is not None and stream_number >= len(streams):
+            raise UsageError(f"{source} has {len(streams)} video streams", option="stream")
+        stream = streams[stream_number] if stream_number is not None else _longest(streams)
+        is_image = container.format.name == "jpeg_pipe" and _is_image(source)
+        if stream is not None and stream.codec_context is not None and not is_image:
             stream.thread_type = "AUTO"
             return container, stream
     except (av.FFmpegError, ValueError):
@@ -124,13 +135,38 @@ def open_video(source: Path | InputPipe) -> tuple[InputContainer, VideoStream]:
         container.close()
     if isinstance(source, InputPipe):
         source.check()
-    elif is_single_image(source.name):
+    elif source.suffix.lower() == ".webp":
+        raise InputError(
+            f"{source} is an image, or an animation that FFmpeg does not read",
+            "use 'depthcli predict', or convert the animation to GIF or APNG first",
+        )
+    elif _is_image(source):
         raise InputError(f"{source} is a single image", SINGLE_IMAGE_ADVICE)
     raise InputError(
         f"{source} holds no video that can be read: damaged, cut off, without a video stream, "
         "or of a codec that FFmpeg does not have here",
         pipe_advice(source),
     )
+
+
+def video_streams(container: InputContainer) -> list[VideoStream]:
+    """The video streams of a file, without the covers of audio files."""
+    covers = 1 << 10  # AV_DISPOSITION_ATTACHED_PIC
+    return [s for s in container.streams.video if not s.disposition & covers]
+
+
+def _longest(streams: list[VideoStream]) -> VideoStream | None:
+    """The stream with most frames, of which still images have one; the first of equals."""
+
+    def frames(stream: VideoStream) -> float:
+        seconds = (stream.duration or 0) * (stream.time_base or 0)
+        return stream.frames or float(seconds * (stream.average_rate or 0))
+
+    return max(streams, key=frames, default=None)
+
+
+def _is_image(source: Path | InputPipe) -> bool:
+    return not isinstance(source, InputPipe) and is_single_image(source.name)
 
 
 def pipe_advice(source: Path | InputPipe) -> str:

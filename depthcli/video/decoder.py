@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 import av
@@ -37,23 +38,31 @@ class FrameDecoder:
 
     Attributes:
         ended_early: whether reading stopped at an error or within a packet; valid at the end.
+        has_gaps: whether the container marked a packet beside which data may be missing.
     """
 
     def __init__(
-        self, container: InputContainer, stream: VideoStream, *, is_own: bool = False
+        self,
+        container: InputContainer,
+        stream: VideoStream,
+        *,
+        path: Path | None = None,
+        is_own: bool = False,
     ) -> None:
         """Begin before the first packet.
 
         Args:
             container: open for reading.
             stream: one of its streams.
+            path: of the file; without it, packets that the container marks as incomplete are left
+                out, because they cannot be verified.
             is_own: whether depthcli wrote it, so that all frames of its FFV1 have checksums; other
                 files are taken to have them if their first frame has.
         """
-        self.ended_early = False
+        self.ended_early = self.has_gaps = False
         self._failed = 0
         self._skipped: list[int] = []
-        self._corrupt: list[int] = []
+        self._path, self._stream = path, stream
         self._is_checked = stream.codec_context.name == _CHECKED_CODEC
         self._has_checksums = True if is_own else None
         self._is_intact = True
@@ -77,14 +86,8 @@ class FrameDecoder:
         return failed
 
     def _decoded(self) -> Iterator[VideoFrame]:
-        for packet in iter(self._packet, None):
+        for packet in self._whole_packets():
             if packet.size:  # not at the end
-                if packet.is_corrupt:  # by the end of the file, or by a gap before the next packet
-                    self._corrupt.append(packet.pts or 0)
-                    self.ended_early = True
-                    continue
-                self._skipped += self._corrupt
-                self._corrupt, self.ended_early = [], False
                 if self._is_checked and not self._is_valid(packet):
                     # The decoder may still hold earlier frames.
                     self._skipped.append(packet.pts or 0)
@@ -100,6 +103,45 @@ class FrameDecoder:
                     self._failed += 1
                 else:
                     yield frame
+
+    def _whole_packets(self) -> Iterator[Packet[VideoStream]]:
+        """The packets without those that are incomplete.
+
+        MPEG-TS marks the packet before a gap in its counters, which is whole where recordings were
+        joined. The last packet of a file that is cut off is marked as well.
+        """
+        marked, refused = None, None
+        for packet in iter(self._packet, None):
+            if marked is not None and packet.size:
+                refused = self._refused() if refused is None else refused
+                if self._path is None or marked.pts in refused:
+                    self._skipped.append(marked.pts or 0)
+                else:
+                    yield marked
+                marked, self.has_gaps = None, True
+            if packet.size and packet.is_corrupt:
+                marked = packet
+                continue
+            self.ended_early |= marked is not None
+            yield packet
+
+    def _refused(self) -> set[int | None]:
+        """Times of the marked packets that a strict decoder refuses; the file is read once more."""
+        refused = set[int | None]()
+        if self._path is None:
+            return refused
+        container, _ = open_video(self._path)
+        with container, suppress(av.FFmpegError):
+            stream = container.streams[self._stream.index]
+            stream.codec_context.thread_type = "NONE"
+            stream.codec_context.options = {"err_detect": "explode"}
+            for packet in container.demux(stream):
+                try:
+                    packet.decode()
+                except (av.FFmpegError, EOFError):
+                    if packet.is_corrupt:
+                        refused.add(packet.pts)
+        return refused
 
     def _packet(self) -> Packet[VideoStream] | None:
         try:

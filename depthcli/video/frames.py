@@ -191,7 +191,10 @@ class Timeline:
         index: number of the last frame.
         time_s: its time from the first frame; -1 before there is one.
         lost: how many frames are missing so far.
+        has_gaps: whether the file states that data may be missing somewhere.
     """
+
+    has_gaps = False
 
     def __init__(
         self,
@@ -239,8 +242,8 @@ class Timeline:
         measured_s = None if ticks is None else ticks * self._tick_s - self.start_s
         index = self.index + 1
         # After damage, further frames may be missing without a packet that tells it.
-        is_damaged = bool(self._unassigned) or (self._is_constant and self.lost > 0)
-        index += self._missing(index, measured_s) if is_damaged else 0
+        may_miss = self._is_constant and (self.has_gaps or self.lost > 0)
+        index += self._missing(index, measured_s) if may_miss or self._unassigned else 0
         self.time_s = self._time(index, measured_s)
         self.index = index
         return index, self.time_s

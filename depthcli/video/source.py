@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import av
 import numpy as np
@@ -17,11 +17,12 @@ from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoRef
 from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame, pixel_aspect_of
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.pixels import upright
-from depthcli.video.container import InputPipe, open_video, pipe_advice
+from depthcli.video.container import InputPipe, open_video, pipe_advice, video_streams
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
+from depthcli.video.facts import Eye, camera_warnings, focal_35mm, side_data, view_of
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, Timeline, exact_rate
 from depthcli.video.numbering import is_sequence
 from depthcli.video.time_code import TimeCode, header_time_code, time_code_after
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
-_RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "m4v", "mjpeg",
-                "mpegvideo", "obu", "vc1", "vvc"}  # fmt: skip
+_RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "jpeg_pipe",
+                "m4v", "mjpeg", "mpegvideo", "obu", "vc1", "vvc"}  # fmt: skip
 
 # Containers without presentation times: FFmpeg numbers the packets, also those of B-frames.
 _NUMBERED_FORMATS = {"avi", "mxf"}
@@ -108,14 +109,10 @@ def rgb_pixels(
 
 def orientation_of(frame: VideoFrame) -> int:
     """The EXIF orientation (1-8) of a frame's display matrix; 1 for other angles."""
-    try:
-        side_data: Any = frame.side_data  # whose type is stated wrongly
-        data = side_data.get(Type.DISPLAYMATRIX)
-    except ValueError:  # PyAV does not know all kinds, as that of EXIF, beside the matrix
+    data = side_data(frame, Type.DISPLAYMATRIX)
+    if data is None:  # or beside a kind that PyAV does not know, such as that of EXIF
         return _EXIF_OF_ANGLE.get(frame.rotation % 360, 1)
-    if data is None:
-        return 1
-    a, b, _, c, d = np.frombuffer(bytes(data), "<i4")[:5].tolist()
+    a, b, _, c, d = np.frombuffer(data, "<i4")[:5].tolist()
     across, down = math.hypot(a, c) or 1, math.hypot(b, d) or 1  # the matrix may scale as well
     shares = a / across, b / down, c / across, d / down
     turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
@@ -143,28 +140,51 @@ class VideoSource(FrameSource):
     is_own_depth: bool  #: whether it is depth that depthcli wrote
     frames_stated = None
 
-    def __init__(self, source: str | Path | InputPipe, *, max_pixels: int = MAX_PIXELS) -> None:
-        """Open any video that FFmpeg reads, except playlists; larger frames are refused.
+    def __init__(
+        self,
+        source: str | Path | InputPipe,
+        *,
+        max_pixels: int = MAX_PIXELS,
+        stream: int | None = None,
+        eye: Eye | None = None,
+    ) -> None:
+        """Open any video that FFmpeg reads, except playlists.
+
+        Args:
+            source: the video.
+            max_pixels: larger frames are refused.
+            stream: number of the video stream, from 0; None for the one with most frames.
+            eye: the view of a stereo video; None for whole frames.
 
         Raises:
             InputError: missing, empty, no video, no frame in it, or too large.
+            UsageError: there is no such stream or view.
         """
         self._source = Path(source) if isinstance(source, str) else source
         self._path = self._source if isinstance(self._source, Path) else None
         self.paths = () if self._path is None else (self._path,)
-        self._container, stream = open_video(self._source)
+        self._container, chosen = open_video(self._source, stream)
+        self._is_closed = False
         self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in self._container.metadata)
-        check_pixel_count(str(source), stream.width, stream.height, max_pixels)
-        rate = _stated_rate(self._container, stream)
+        check_pixel_count(str(source), chosen.width, chosen.height, max_pixels)
+        rate = _stated_rate(self._container, chosen)
         if rate is None:
             no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
-            self.warnings = (no_rate,)
+            self.warnings += (no_rate,)
         self.rate = rate or FALLBACK_RATE
-        self.tick_s = stream.time_base or 1 / self.rate
+        self.tick_s = chosen.time_base or 1 / self.rate
         if self.paths:  # in a pipe it is a guess
-            self.frames_stated = _stated_frames(self._container, stream, self.rate)
-        self._time_code = header_time_code(self._container, stream, self.rate)
-        self._decoder = FrameDecoder(self._container, stream, is_own=self.is_own_depth)
+            self.frames_stated = _stated_frames(self._container, chosen, self.rate)
+        streams = video_streams(self._container)
+        if stream is None and len(streams) > 1:
+            problem = f"of its {len(streams)} video streams, number {streams.index(chosen)} is read"
+            self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
+        self._focal_35mm, unused = focal_35mm(self._path, self._container)
+        self.warnings += () if unused is None else (unused,)
+        self._time_code = header_time_code(self._container, chosen, self.rate)
+        self._decoder = FrameDecoder(
+            self._container, chosen, path=self._path, is_own=self.is_own_depth
+        )
         self._reformatter = VideoReformatter()
         first = self._decoder.next()
         self._check_pipe()
@@ -174,8 +194,8 @@ class VideoSource(FrameSource):
                 pipe_advice(self._source),
             )
         self._current, self._is_read = first, False
-        self._inspect(first, stream, max_pixels)
-        self._begin(first, stream)
+        self._inspect(first, chosen, max_pixels, eye)
+        self._begin(first, chosen)
 
     def _begin(self, first: VideoFrame, stream: VideoStream) -> None:
         """Set the clock by the first frame that can be decoded."""
@@ -222,34 +242,42 @@ class VideoSource(FrameSource):
             except av.FFmpegError:
                 self.problem = "a frame cannot be converted; the frames before it are done"
                 return
-            pixels = upright(pixels, self._orientation)
+            pixels = upright(pixels[self._view], self._orientation)
             if pixels.shape[:2] != (self.height, self.width):
                 self.problem = "the frames change their size; those before are done"
                 return
             yield Frame(
-                pixels.copy() if self._orientation > 1 else pixels,
+                pixels if pixels.flags.c_contiguous else pixels.copy(),
                 self._path,
                 self._timeline.index,
                 float(self._timeline.time_s),
                 orientation=self._orientation,
+                focal_35mm=self._focal_35mm,
                 pixel_aspect=self._pixel_aspect,
                 time_code=self._current_time_code(),
             )
 
     def close(self) -> None:
         """Close the file."""
+        self._is_closed = True
         self._container.close()
 
-    def _inspect(self, first: VideoFrame, stream: VideoStream, max_pixels: int) -> None:
+    def _inspect(
+        self, first: VideoFrame, stream: VideoStream, max_pixels: int, eye: Eye | None
+    ) -> None:
         """Read the properties that only a decoded frame has."""
         check_pixel_count(str(self._source), first.width, first.height, max_pixels)
         self._orientation = orientation_of(first)
-        size = first.width, first.height
+        self._view = view_of(first, eye)
+        size = (
+            len(range(first.width)[self._view[1]]),
+            len(range(first.height)[self._view[0]]),
+        )
         is_turned = self._orientation >= _TRANSPOSED
         self.width, self.height = size[::-1] if is_turned else size
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
-        self.warnings += tuple(_warnings_about(first))
+        self.warnings += (*_warnings_about(first), *camera_warnings(first, eye))
 
     def _current_time_code(self) -> TimeCode | None:
         if self._time_code is None:
@@ -263,9 +291,12 @@ class VideoSource(FrameSource):
         while frame is not None:
             self._current = frame
             ticks = self._ticks(frame)
+            self._timeline.has_gaps = self._decoder.has_gaps
             place = self._timeline.add(ticks, self._decoder.pop_failed(ticks))
             self._report_lost()
             yield place
+            if self._is_closed:  # FFmpeg would read freed memory
+                raise UsageError(f"{self._source} is closed", "read its frames before that")
             frame = self._decoder.next()
             self._check_pipe()
         self._check_end()
@@ -312,6 +343,8 @@ def open_frames(
     rate: Fraction | None = None,
     max_pixels: int = MAX_PIXELS,
     options: ReadOptions = AS_STATED,
+    stream: int | None = None,
+    eye: Eye | None = None,
 ) -> FrameSource:
     """Open a video or a sequence.
 
@@ -320,6 +353,8 @@ def open_frames(
         rate: frames a second of a sequence; None for what it states.
         max_pixels: frames that claim more are refused.
         options: for the images of a sequence.
+        stream: number of the stream of a video; None for the one with most frames.
+        eye: the view of a stereo video; None for whole frames.
 
     Raises:
         InputError: it cannot be read, or is depth that depthcli wrote.
@@ -331,7 +366,7 @@ def open_frames(
 
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
 
-    video = VideoSource(source, max_pixels=max_pixels)
+    video = VideoSource(source, max_pixels=max_pixels, stream=stream, eye=eye)
     if video.is_own_depth:
         video.close()
         raise InputError(

@@ -160,3 +160,23 @@ def with_sound(
         output.mux(pictures.encode(None))
         output.mux(sound.encode(None))
     return path
+
+
+def with_track_tag(mov: bytes, name: str, kind: int, value: bytes) -> bytes:
+    """The same file, whose header is its end, with QuickTime metadata of the first track."""
+
+    def box(tag: bytes, *parts: bytes) -> bytes:
+        content = b"".join(parts)
+        return (8 + len(content)).to_bytes(4) + tag + content
+
+    keys = box(b"keys", bytes(4), (1).to_bytes(4), box(b"mdta", name.encode()))
+    data = box(b"data", kind.to_bytes(4), bytes(4), value)
+    handler = box(b"hdlr", bytes(8), b"mdta", bytes(14))
+    meta = box(b"meta", handler, keys, box(b"ilst", box((1).to_bytes(4), data)))
+    result = bytearray(mov)
+    trak = result.index(b"trak") - 4
+    end = trak + int.from_bytes(result[trak : trak + 4])
+    for at in (trak, result.index(b"moov") - 4):
+        size = int.from_bytes(result[at : at + 4]) + len(meta)
+        result[at : at + 4] = size.to_bytes(4)
+    return bytes(result[:end] + meta + result[end:])

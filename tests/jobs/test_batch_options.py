@@ -16,7 +16,8 @@ from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:

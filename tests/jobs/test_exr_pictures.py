@@ -39,7 +39,8 @@ from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.output_names import output_bases
 from depthcli.jobs.outputs import plan_outputs
 from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, video
+from depthcli.jobs.video.plan import VideoRequest
+from depthcli.jobs.video.run import video
 from depthcli.jobs.write import FailedInput
 from depthcli.video.formats import VideoFormat
 

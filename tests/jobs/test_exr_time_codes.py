@@ -17,7 +17,8 @@ from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
 

@@ -29,7 +29,8 @@ from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource, open_frames

@@ -36,7 +36,8 @@ from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
 from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, video
+from depthcli.jobs.video.plan import VideoRequest
+from depthcli.jobs.video.run import video
 from depthcli.jobs.write import FailedInput
 from depthcli.models.catalog import find_model
 from depthcli.video.formats import VideoFormat

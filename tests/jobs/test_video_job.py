@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from helpers.file_trees import contents
 from helpers.tiny import load, write_model, write_picture
-from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
+from helpers.videos import NTSC, encode, flat_frames, with_track_tag, write_mp4, write_video
 from helpers.watched import Watched
 
 import depthcli
@@ -27,13 +27,8 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.video.plan import (
-    VideoRequest,
-    VideoSettings,
-    plan_video,
-    video,
-    video_destination,
-)
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_destination
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import SEQUENCES, PreviewCodec, VideoFormat
 from depthcli.video.frames import Point, Span
@@ -610,3 +605,41 @@ def test_the_lock_holds_colours_and_lets_go_at_a_cut(tmp_path: Path, loader: Ses
     assert jump[0] > 40  # without it the change of one part repaints the rest
     assert jump[1] < 15
     assert abs(free[-1] - held[-1]).max() < 20
+
+
+def test_depth_follows_the_focal_length_of_the_file(clip: Path, tmp_path: Path) -> None:
+    write_model(tmp_path / "learned", camera={"hfov_deg": 60.0})
+    loader = SessionLoader(str(tmp_path / "learned"))
+    plain = run(clip, tmp_path / "plain.mkv", loader)
+    phone = clip.with_name("phone.mp4")
+    name = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
+    phone.write_bytes(with_track_tag(clip.read_bytes(), name, 21, (13).to_bytes(4)))
+    done = run(phone, tmp_path / "phone.mkv", loader)
+    assert plain.depth.provenance is not None
+    assert done.depth.provenance is not None
+    focal_px = 13 * math.hypot(64, 48) / math.hypot(36, 24)
+    assert done.metadata()["focal_px"] == pytest.approx(focal_px)
+    assert done.metadata()["camera_source"] == "exif"
+    ratio = focal_px / (32 / math.tan(math.radians(30)))
+    np.testing.assert_allclose(done.depth.values, plain.depth.values * ratio, atol=0.002)
+
+
+def test_a_broken_link_costs_its_own_frame(tmp_path: Path, loader: SessionLoader) -> None:
+    for number in range(3):
+        write_picture(tmp_path / "shot" / f"{number}.png")
+    (tmp_path / "shot" / "1.png").unlink()
+    (tmp_path / "shot" / "1.png").symlink_to("missing.png")
+    done = run(tmp_path / "shot", tmp_path / "d.%d.png", loader)
+    assert list(done.numbers) == [0, 2]
+    assert done.problem is not None
+    assert "1.png" in done.problem
+
+
+def test_a_name_that_is_too_long_is_refused_before_any_frame(
+    clip: Path, loader: SessionLoader
+) -> None:
+    longest = clip.rename(clip.with_name("a" * 247 + ".mp4"))
+    progress = Watched()
+    with pytest.raises(OutputError):
+        video(VideoRequest(str(longest), model=loader), progress)
+    assert progress.done == 0

@@ -13,7 +13,8 @@ from helpers.videos import flat_frames, write_mp4, write_video
 from depthcli.errors import OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.run import Batch, dry_run
-from depthcli.jobs.video.plan import VideoRequest, video
+from depthcli.jobs.video.plan import VideoRequest
+from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:

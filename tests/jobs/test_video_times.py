@@ -14,7 +14,8 @@ from helpers.videos import NTSC, encode, flat_frames
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.convert import ConvertRequest, convert_video
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span

@@ -16,7 +16,8 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import Background
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import WriterOptions
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from helpers.videos import NTSC, damage_frames, encode
+from helpers.videos import NTSC, damage_frames, encode, flat_frames
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
@@ -97,3 +97,18 @@ def test_lost_packets_of_a_transport_stream_are_no_missing_end(
             missing = 60 - len(times)
             told = f"it is damaged: {missing} frames cannot be decoded" if missing else None
             assert source.problem == told
+
+
+@pytest.mark.parametrize("codec", ["mpeg2video", "libx264"])
+def test_all_frames_of_joined_transport_streams_are_read(codec: str, tmp_path: Path) -> None:
+    """Recorders join files with ``cat``; the demuxer marks the packet before the joint."""
+    paths = [
+        encode(tmp_path / f"{n}.ts", flat_frames([n] * 10), Fraction(10), codec, "yuv420p")
+        for n in (40, 200)
+    ]
+    path = tmp_path / "joined.ts"
+    path.write_bytes(b"".join(part.read_bytes() for part in paths))
+    with VideoSource(path) as source:
+        levels = [int(frame.pixels[9, 9, 0]) for frame in source.frames()]
+        assert source.problem is None
+    np.testing.assert_allclose(levels, [40] * 10 + [200] * 10, atol=3)

@@ -12,7 +12,8 @@ from helpers.videos import flat_frames, write_video
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.video.plan import VideoRequest, video
+from depthcli.jobs.video.plan import VideoRequest
+from depthcli.jobs.video.run import video
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 from depthcli.video.source import VideoSource

@@ -25,6 +25,7 @@ from depthcli.cli.options import (
 )
 from depthcli.core.options import short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
+from depthcli.video.facts import Eye
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
@@ -87,6 +88,13 @@ class FrameOptions:
         "Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
         "its EXR headers state, else 25.",
         metavar="RATE",
+    )
+    stream: int | None = option(
+        "Number of the video stream, from 0. Default: the one with most frames.", min=0
+    )
+    eye: Eye | None = option(
+        "View of a stereo video whose frames hold two, side by side or one above the other. "
+        "Default: whole frames."
     )
 
 
@@ -152,7 +160,7 @@ def video(
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.outputs import STDIO
-    from depthcli.jobs.video import plan as job
+    from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
     from depthcli.jobs.write import FailedInput
     from depthcli.video.numbering import is_sequence
@@ -173,6 +181,8 @@ def video(
         camera=parse.camera(camera),
         reading=parse.reading(read),
         detail=parse.detail(detail),
+        stream=frames.stream,
+        eye=frames.eye,
         max_pixels=read.max_pixels,
         fps=None if frames.fps is None else parse_fps(frames.fps),
         start_number=output.start_number,

@@ -1,29 +1,27 @@
-"""``depthcli video`` as a job: its request, the names of its outputs, and its result."""
+"""The request of ``depthcli video``, the names of its outputs, and its result."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, BinaryIO
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail, ReadOptions
-from depthcli.core.parallel import share_cores
-from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions, format_of
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.paths import RemotePath, path_of, safe_name
+from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.jobs.output_names import comparable, names_near, output_bases
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
 from depthcli.video.container import InputPipe, OutputPipe
+from depthcli.video.facts import Eye
 from depthcli.video.formats import (
     SEQUENCES,
     Codec,
@@ -64,6 +62,8 @@ class VideoSettings:
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
     reading: ReadOptions = AS_STATED  #: how the images of a sequence are read
     detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size frame
+    stream: int | None = None  #: number of the video stream; None for the one with most frames
+    eye: Eye | None = None  #: view of a stereo video; None for whole frames
     max_pixels: int = MAX_PIXELS  #: videos with larger frames are refused
     fps: Fraction | None = None  #: frames per second of an image sequence; None for what it states
     #: number of the first frame in file names; None for its number in the input
@@ -359,50 +359,3 @@ def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict
     if stdout is None:
         raise UsageError("the output is '-' but there is no stdout; name a file or a folder")
     return {wanted[0]: STDIO}
-
-
-def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResult:
-    """Predict the depth of a video, in constant memory.
-
-    After an error, incomplete video files are removed; complete numbered files are kept, and are
-    reused if the same request is made again.
-
-    Args:
-        request: the video and its outputs.
-        progress: advanced for each frame; its total is the number of frames, if the file states it.
-
-    Returns:
-        What was written. ``problem`` is set if the video ended early; its frames up to there are
-        written.
-
-    Raises:
-        InputError: the video cannot be read, or has no frame in the span.
-        OutputError: an output cannot be written.
-        ModelError: the model cannot be used.
-        UsageError: the outputs do not fit the video, or collide, or an option does not fit the
-            model.
-    """
-    plan = plan_video(request)
-    workers, threads = share_cores(request.workers, request.model.threads)
-    loading = replace(request.model, threads=threads).start()
-    # Imported here, while the model loads.
-    from depthcli.inference.pipeline import Pipeline  # noqa: PLC0415
-    from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
-
-    pipeline = Pipeline(loading.result(), request.settings.detail)
-    with _local_plan(plan, progress) as here:
-        return write_video(here, pipeline, request.settings, workers, progress)
-
-
-@contextmanager
-def _local_plan(plan: VideoPlan, progress: Progress) -> Iterator[VideoPlan]:
-    """The plan with a local copy of a video in a store, as FFmpeg's libraries open local files."""
-    if not isinstance(plan.source, RemotePath) or is_sequence(plan.source):
-        yield plan
-        return
-    from depthcli.io.storage.paths import local_copy  # noqa: PLC0415 - for those who need it
-
-    with local_copy(plan.source, progress) as copy:
-        with copy.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        yield replace(plan, source=copy, sha256=sha256)

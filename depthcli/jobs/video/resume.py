@@ -156,7 +156,8 @@ def _origin(
     plan: VideoPlan, source: FrameSource, pipeline: Pipeline, settings: VideoSettings
 ) -> str:
     """Fingerprint of everything that the frames depend on."""
-    states = [(path, path.stat()) for path in source.paths]
+    # A broken link in a sequence costs no other image.
+    states = [(path, path.stat() if path.exists() else path.lstat()) for path in source.paths]
     card = pipeline.card
     return fingerprint(
         __version__,
@@ -172,7 +173,7 @@ def _origin(
             settings.camera,
             settings.reading,
             settings.span,
-            settings.fps,
+            (settings.fps, settings.stream, settings.eye),
             settings.start_number,
         ),
     )

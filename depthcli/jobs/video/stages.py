@@ -73,15 +73,21 @@ def write_video(
         UsageError: the options do not fit the model.
     """
     start_s = time.perf_counter()
-    for which in plan.names:
-        if plan.path(which).is_dir():
-            raise OutputError(f"{plan.path(which)} is a folder", "choose another {out}")
+    for path in map(plan.path, plan.names):
+        try:
+            problem = f"{path} is a folder" if path.is_dir() else None
+        except OSError as error:  # the name is too long
+            problem = f"cannot write {path}: {error.strerror}"
+        if problem is not None:
+            raise OutputError(problem, "choose another {out}")
     with (
         open_frames(
             plan.source,
             rate=settings.fps,
             max_pixels=settings.max_pixels,
             options=settings.reading,
+            stream=settings.stream,
+            eye=settings.eye,
         ) as source,
         ExitStack() as stack,
     ):
@@ -256,11 +262,11 @@ class FrameStages:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
         image = image.with_pixel_aspect(camera.pixel_aspect or image.pixel_aspect)
-        # The first frame is always predicted, for the report.
-        kept = None if self.first is None else self._kept(image.index)
-        if kept is not None:
+        kept = self._kept(image.index)
+        if kept is not None and self.first is not None:  # the first is predicted, for the report
             depth = DepthMap(kept, self._pipeline.card.output.kind)
         else:
+            kept = None
             depth = self._pipeline.predict(image, camera).depth
             if self._scale is not None:
                 values = dequantized(quantized(depth.values, self._scale)[0], self._scale)

@@ -1,0 +1,64 @@
+"""Predicting the depth of a video, as ``depthcli video`` does."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from depthcli.core.parallel import share_cores
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.io.storage.paths import RemotePath
+from depthcli.jobs.video.plan import VideoPlan, VideoRequest, VideoResult, plan_video
+from depthcli.video.numbering import is_sequence
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResult:
+    """Predict the depth of a video, in constant memory.
+
+    After an error, incomplete video files are removed; complete numbered files are kept, and are
+    reused if the same request is made again.
+
+    Args:
+        request: the video and its outputs.
+        progress: advanced for each frame; its total is the number of frames, if the file states it.
+
+    Returns:
+        What was written. ``problem`` is set if the video ended early; its frames up to there are
+        written.
+
+    Raises:
+        InputError: the video cannot be read, or has no frame in the span.
+        OutputError: an output cannot be written.
+        ModelError: the model cannot be used.
+        UsageError: the outputs do not fit the video, or collide, or an option does not fit the
+            model.
+    """
+    plan = plan_video(request)
+    workers, threads = share_cores(request.workers, request.model.threads)
+    loading = replace(request.model, threads=threads).start()
+    # Imported here, while the model loads.
+    from depthcli.inference.pipeline import Pipeline  # noqa: PLC0415
+    from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
+
+    pipeline = Pipeline(loading.result(), request.settings.detail)
+    with _local_plan(plan, progress) as here:
+        return write_video(here, pipeline, request.settings, workers, progress)
+
+
+@contextmanager
+def _local_plan(plan: VideoPlan, progress: Progress) -> Iterator[VideoPlan]:
+    """The plan with a local copy of a video in a store, as FFmpeg's libraries open local files."""
+    if not isinstance(plan.source, RemotePath) or is_sequence(plan.source):
+        yield plan
+        return
+    from depthcli.io.storage.paths import local_copy  # noqa: PLC0415 - for those who need it
+
+    with local_copy(plan.source, progress) as copy:
+        with copy.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        yield replace(plan, source=copy, sha256=sha256)

@@ -1,0 +1,176 @@
+"""Facts that a video states about its camera: focal length, stereo layout and projection."""
+
+from __future__ import annotations
+
+import mmap
+import re
+import struct
+from collections.abc import Iterator
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from depthcli.errors import Message, UsageError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from av.container import InputContainer
+    from av.video.frame import VideoFrame
+
+_FOCAL_35MM = "camera.focal_length.35mm_equivalent"
+_FOCAL = re.compile(r"focal|lens", re.IGNORECASE)
+_LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?(?:mm)?", re.ASCII)
+_MM = re.compile(r"\d ?mm", re.ASCII)
+_TEXT, _FLOAT32, _FLOAT64 = 1, 23, 24  # well-known types of QuickTime's metadata
+
+
+class Eye(StrEnum):
+    """A view of a stereo video."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+
+class _Stereo(NamedTuple):
+    """A stereo layout."""
+
+    kind: int
+    is_inverted: bool  #: whether the right view is the first one
+
+
+_SIDE_BY_SIDE, _TOP_BOTTOM = 1, 2
+_PACKED = {_SIDE_BY_SIDE: "side by side", _TOP_BOTTOM: "one above the other"}
+_INTERLEAVED = range(3, 8)
+_PROJECTIONS = {0: "equirectangular", 1: "cubemap", 2: "equirectangular", 3: "VR180", 5: "fisheye"}
+"""Projections that are not flat, by FFmpeg's numbers."""
+
+
+def focal_35mm(path: Path | None, container: InputContainer) -> tuple[float | None, str | None]:
+    """The 35-mm equivalent focal length of a video, as phones write it.
+
+    Args:
+        path: of the file; None for a pipe, whose tracks are not searched.
+        container: open for reading.
+
+    Returns:
+        Millimetres, or None; and a warning about a focal length that is stated in another form.
+    """
+    tags = dict(container.metadata)
+    if path is not None and container.format.name.startswith("mov"):
+        tags |= _track_tags(path)
+    for key, text in tags.items():
+        found = _LENGTH.fullmatch(text.strip())
+        if key.lower().endswith(_FOCAL_35MM) and found and float(found[1]) > 0:
+            return float(found[1]), None
+    for key, text in tags.items():
+        if _FOCAL.search(key) and (_MM.search(text) or _LENGTH.fullmatch(text.strip())):
+            problem = f"its focal length ({key}: {text}) is not used: the size of its sensor"
+            return None, Message(f"{problem} is not known", "give {focal_px} or {hfov}")
+    return None, None
+
+
+def _track_tags(path: Path) -> dict[str, str]:
+    """QuickTime's metadata of the tracks, which FFmpeg leaves out; empty if the file is damaged."""
+    tags: dict[str, str] = {}
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        for moov in _boxes(data, b"moov", 0, len(data)):
+            for trak in _boxes(data, b"trak", *moov):
+                for meta in _boxes(data, b"meta", *trak):
+                    tags = dict(_items(data, *meta)) | tags  # the first track counts
+    return tags
+
+
+def _items(data: mmap.mmap, start: int, end: int) -> Iterator[tuple[str, str]]:
+    """Names and values of a metadata box."""
+    names = []
+    for at, stop in _boxes(data, b"keys", start, end):
+        names += [data[i + 4 : j] for i, j in _boxes(data, None, at + 8, stop, head=4)]
+    for ilst in _boxes(data, b"ilst", start, end):
+        for at, stop in _boxes(data, None, *ilst):
+            number = int.from_bytes(data[at - 4 : at])
+            for i, j in _boxes(data, b"data", at, stop):
+                if 0 < number <= len(names) and i + 8 <= j:
+                    name = names[number - 1].decode("utf-8", "replace")
+                    yield name, _value(int.from_bytes(data[i : i + 4]), data[i + 8 : j])
+
+
+def _value(kind: int, data: bytes) -> str:
+    if kind == _TEXT:
+        return data.decode("utf-8", "replace")
+    if (kind, len(data)) in {(_FLOAT32, 4), (_FLOAT64, 8)}:
+        return f"{struct.unpack('>f' if kind == _FLOAT32 else '>d', data)[0]:g}"
+    return f"{int.from_bytes(data[:8])}"
+
+
+def _boxes(
+    data: mmap.mmap, kind: bytes | None, start: int, end: int, head: int = 8
+) -> Iterator[tuple[int, int]]:
+    """Where the content of each box of a kind begins and ends (ISO/IEC 14496-12, 4.2)."""
+    while start + head <= end:
+        size, begin = int.from_bytes(data[start : start + 4]), start + head
+        if size == 1:
+            size, begin = int.from_bytes(data[start + 8 : start + 16]), start + 16
+        stop = start + size if size else end
+        if not begin <= stop <= end:
+            return
+        if kind is None or data[start + 4 : start + 8] == kind:
+            yield begin, stop
+        start = stop
+
+
+def camera_warnings(frame: VideoFrame, eye: Eye | None) -> Iterator[str]:
+    """Warnings about what a pinhole camera does not see, by the first frame of a video."""
+    from av.sidedata.sidedata import Type  # noqa: PLC0415 - loads FFmpeg
+
+    stereo, spherical = _stereo(frame), side_data(frame, Type.SPHERICAL)
+    if stereo is None and eye is not None:
+        yield "the video states no stereo layout; two views side by side are assumed"
+    if stereo is not None and eye is None:
+        layout = _PACKED.get(stereo.kind, "interleaved")
+        yield Message(
+            f"each frame holds two views, {layout}, which the network takes for one image",
+            "choose one with {eye}",
+        )
+    projection = _PROJECTIONS.get(struct.unpack_from("<i", spherical)[0]) if spherical else None
+    if projection is not None:
+        yield Message(
+            f"the video is a panorama ({projection}), which is taken for a flat image",
+            "cut a flat view out of it first: ffmpeg -i in.mp4 -vf v360=e:flat out.mp4",
+        )
+
+
+def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
+    """Rows and columns of one view of a stereo frame; all of them without an eye.
+
+    Raises:
+        UsageError: the views are interleaved.
+    """
+    whole = slice(None)
+    if eye is None:
+        return whole, whole
+    stereo = _stereo(frame) or _Stereo(_SIDE_BY_SIDE, is_inverted=False)
+    if stereo.kind not in _PACKED:
+        raise UsageError("its two views are interleaved", "separate them first", option="eye")
+    size = frame.width if stereo.kind == _SIDE_BY_SIDE else frame.height
+    is_first = (eye is Eye.LEFT) != stereo.is_inverted
+    half = slice(size // 2) if is_first else slice(size - size // 2, None)
+    return (whole, half) if stereo.kind == _SIDE_BY_SIDE else (half, whole)
+
+
+def _stereo(frame: VideoFrame) -> _Stereo | None:
+    """The stereo layout of a frame; None if it has one view, or one that is not decoded."""
+    from av.sidedata.sidedata import Type  # noqa: PLC0415
+
+    data = side_data(frame, Type.STEREO3D)
+    kind, flags = struct.unpack_from("<2i", data) if data else (0, 0)
+    return _Stereo(kind, bool(flags & 1)) if kind in {*_PACKED, *_INTERLEAVED} else None
+
+
+def side_data(frame: VideoFrame, kind: Any) -> bytes | None:  # noqa: ANN401 - PyAV's enum
+    """Data of one kind beside a frame; None if there is none, or a kind that PyAV does not know."""
+    try:
+        beside: Any = frame.side_data  # whose type is stated wrongly
+        found = beside.get(kind)
+    except ValueError:
+        return None
+    return None if found is None else bytes(found)

@@ -1,0 +1,148 @@
+"""Facts that a video states about its streams and its camera."""
+
+from __future__ import annotations
+
+import struct
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import av
+import numpy as np
+import pytest
+from helpers.videos import NTSC, encode, flat_frames, with_track_tag, write_mp4
+
+from depthcli.errors import UsageError
+from depthcli.video.facts import Eye
+from depthcli.video.source import VideoSource
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+FOCAL_35MM = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
+
+
+def write_streams(path: Path, counts: Sequence[int]) -> Path:
+    """A video with several streams, each of one gray level."""
+    with av.open(str(path), "w") as output:
+        streams = []
+        for _ in counts:
+            stream = output.add_stream("mpeg4", rate=25)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+            streams.append(stream)
+        for number, (stream, count) in enumerate(zip(streams, counts, strict=True)):
+            for index, pixels in enumerate(flat_frames([60 * number + 30] * count)):
+                frame = av.VideoFrame.from_ndarray(pixels, "rgb24")
+                frame.pts, frame.time_base = index, Fraction(1, 25)
+                output.mux(stream.encode(frame))
+            output.mux(stream.encode(None))
+    return path
+
+
+def read(path: Path, **options: Any) -> tuple[VideoSource, list[Any]]:
+    with VideoSource(path, **options) as source:
+        return source, list(source.frames())
+
+
+@pytest.mark.parametrize(
+    ("counts", "options", "expected"),
+    [
+        ((1, 5), {}, 1),  # as in an animated AVIF, whose first stream is the still image
+        ((4, 4, 2), {}, 0),
+        ((1, 5), {"stream": 0}, 0),
+        ((9, 5), {"stream": 1}, 1),
+    ],
+)
+def test_the_stream_with_most_frames_is_read(
+    counts: tuple[int, ...], options: dict[str, int], expected: int, tmp_path: Path
+) -> None:
+    source, frames = read(write_streams(tmp_path / "a.mp4", counts), **options)
+    assert len(frames) == counts[expected]
+    assert abs(int(frames[0].pixels[9, 9, 0]) - 60 * expected - 30) < 4
+    assert ["stream" in warning for warning in source.warnings] == [True] * (not options)
+
+
+def test_a_stream_that_does_not_exist_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as caught:
+        VideoSource(write_streams(tmp_path / "a.mp4", (2, 2)), stream=2)
+    assert "2 video streams" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "expected"),
+    [
+        (21, (13).to_bytes(4), 13),  # iPhone
+        (21, (27).to_bytes(1), 27),
+        (77, (24).to_bytes(4), 24),
+        (23, struct.pack(">f", 26.5), 26.5),
+        (1, b"50.00mm", 50),  # Blackmagic Camera
+        (1, b"unknown", None),
+    ],
+)
+def test_the_focal_length_of_a_track_is_that_of_its_frames(
+    kind: int, value: bytes, expected: float | None, tmp_path: Path
+) -> None:
+    path = write_mp4(tmp_path / "a.mov", flat_frames(range(3)))
+    path.write_bytes(with_track_tag(path.read_bytes(), FOCAL_35MM, kind, value))
+    _, frames = read(path)
+    assert [frame.focal_35mm for frame in frames] == [expected] * 3
+
+
+def test_a_focal_length_without_its_sensor_gives_a_warning(tmp_path: Path) -> None:
+    path = write_mp4(tmp_path / "a.mov", flat_frames(range(3)))
+    name = "com.apple.quicktime.camera.lens_model"
+    text = b"iPhone 15 Pro back camera 6.765mm f/1.78"
+    path.write_bytes(with_track_tag(path.read_bytes(), name, 1, text))
+    source, frames = read(path)
+    assert frames[0].focal_35mm is None
+    (warning,) = source.warnings
+    assert "6.765mm" in warning
+    assert "focal_px" in warning
+
+
+def stereo(path: Path, packing: int | None, *, is_stacked: bool = False) -> Path:
+    """H.264 whose left view, the first one, is dark, and the right one bright."""
+    views = [np.full((64, 64, 3), level, np.uint8) for level in (40, 200)]
+    frame = np.concatenate(views, axis=0 if is_stacked else 1)
+    options = {} if packing is None else {"x264-params": f"frame-packing={packing}"}
+    return encode(path, [frame] * 3, NTSC, "libx264", "yuv420p", options=options)
+
+
+@pytest.mark.parametrize(("packing", "is_stacked"), [(3, False), (4, True), (None, False)])
+@pytest.mark.parametrize(("eye", "level"), [(Eye.LEFT, 40), (Eye.RIGHT, 200)])
+def test_one_view_of_a_stereo_video_is_read(
+    packing: int | None, eye: Eye, level: int, tmp_path: Path, *, is_stacked: bool
+) -> None:
+    path = stereo(tmp_path / "a.mkv", packing, is_stacked=is_stacked)
+    source, frames = read(path, eye=eye)
+    assert (source.width, source.height, frames[0].pixels.shape) == (64, 64, (64, 64, 3))
+    assert abs(frames[0].pixels.astype(int) - level).max() < 4
+    assert len(source.warnings) == (packing is None)
+
+
+def test_two_views_in_a_frame_give_a_warning(tmp_path: Path) -> None:
+    source, frames = read(stereo(tmp_path / "a.mkv", 3))
+    assert frames[0].pixels.shape == (64, 128, 3)
+    (warning,) = source.warnings
+    assert "eye" in warning
+    with pytest.raises(UsageError):
+        read(stereo(tmp_path / "b.mkv", 5), eye=Eye.LEFT)  # one frame after the other
+
+
+@pytest.mark.parametrize("size", [(48, 64), (480, 640)])
+def test_raw_motion_jpeg_of_any_size_is_read(size: tuple[int, int], tmp_path: Path) -> None:
+    """ESP32-CAM and other cameras store JPEGs one after the other (espressif/esp32-camera#84)."""
+    noise = np.random.default_rng(0).integers(0, 255, (*size, 3), np.uint8)
+    path = encode(tmp_path / "a.mjpeg", [noise] * 4, Fraction(25), "mjpeg", "yuvj444p")
+    source, frames = read(path)
+    assert len(frames) == 4
+    assert (source.height, source.width) == size
+
+
+def test_frames_of_a_closed_video_are_an_error(tmp_path: Path) -> None:
+    source = VideoSource(write_mp4(tmp_path / "a.mp4", flat_frames(range(20))))
+    frames = source.frames()
+    next(frames)
+    source.close()
+    with pytest.raises(UsageError):
+        list(frames)
