@@ -39,6 +39,10 @@ _PLACEHOLDERS = {
 }
 
 
+_DEVICE_NAMES = ("--device", "--gpu", "--cuda", "--cpu")
+"""Names that other programs have for ``--provider``."""
+
+
 class LazyGroup(TyperGroup):
     """A group that imports a command's module when that command is called."""
 
@@ -134,6 +138,10 @@ def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
     context = getattr(error, "ctx", None)
     path = context.command_path if context else table.PROGRAM
     message = error.format_message().strip().rstrip(".")
+    if context and getattr(error, "option_name", None) in _DEVICE_NAMES:
+        known = {word for parameter in context.command.params for word in parameter.opts}
+        meant = next((name for name in ("--provider", "--accelerator") if name in known), None)
+        message = f"no such option: {error.option_name}" + (f"; give {meant}" if meant else "")
     return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
 
 

@@ -8,7 +8,7 @@ a dataclass and takes 28 ms to load.)
 import hashlib
 import json
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass, replace
 from enum import Enum
@@ -42,11 +42,12 @@ class FieldError(ValueError):
     Attributes:
         path: of the field, such as ``input.width``; empty for the whole value.
         problem: what is wrong with it.
+        others: errors of other fields.
     """
 
-    def __init__(self, problem: str, path: str = "") -> None:
-        super().__init__(f"{path} {problem}".lstrip())
-        self.path, self.problem = path, problem
+    def __init__(self, problem: str, path: str = "", others: Sequence["FieldError"] = ()) -> None:
+        super().__init__("; ".join((f"{path} {problem}".lstrip(), *map(str, others))))
+        self.path, self.problem, self.others = path, problem, others
 
     @classmethod
     def expected(cls, what: str, value: object) -> "FieldError":
@@ -56,7 +57,8 @@ class FieldError(ValueError):
     def within(self, name: object) -> "FieldError":
         """Name the field of the error; the name may be untrusted."""
         word = name if isinstance(name, str) and name.isidentifier() else short_repr(name)
-        return FieldError(self.problem, f"{word[:_MAX_CHARS]}.{self.path}".rstrip("."))
+        path = f"{word[:_MAX_CHARS]}.{self.path}".rstrip(".")
+        return FieldError(self.problem, path, [other.within(name) for other in self.others])
 
 
 def parsed_json(text: str | bytes) -> object:
@@ -120,19 +122,27 @@ def _hints(kind: type) -> tuple[dict[str, Any], frozenset[str]]:
 
 
 def _read_fields(
-    names: Collection[Any], values: object, read: Callable[[Any, object], object]
+    names: Collection[Any],
+    values: object,
+    read: Callable[[Any, object], object],
+    required: Collection[Any] = (),
 ) -> dict[Any, Any]:
     if not isinstance(values, dict):
         raise FieldError.expected(f"a group of {', '.join(names)}", values)
-    for name in values:
-        if name not in names:
-            raise FieldError(f"is unknown; choose from {', '.join(names)}").within(name)
-    found, name = {}, None
-    try:
-        for name, value in values.items():
+    errors, found = [], {}
+    for name, value in values.items():
+        try:
+            if name not in names:
+                raise FieldError(f"is unknown; choose from {', '.join(names)}")  # noqa: TRY301
             found[name] = read(name, value)
-    except FieldError as error:
-        raise error.within(name) from None
+        except FieldError as error:
+            errors.append(error.within(name))
+    errors += [
+        FieldError("is missing", name) for name in names if name in required and name not in values
+    ]
+    if errors:
+        first, *others = errors
+        raise FieldError(first.problem, first.path, [*first.others, *others])
     return found
 
 
@@ -162,9 +172,7 @@ def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa:
             raise
     if is_dataclass(hint):
         hints, required = _hints(cast("type", hint))
-        given = _read_fields(hints, value, lambda name, item: _converted(hints[name], item))
-        if missing := [name for name in hints if name in required and name not in given]:
-            raise FieldError("is missing", missing[0])
+        given = _read_fields(hints, value, lambda n, item: _converted(hints[n], item), required)
         return cast("Any", hint)(**given)
     return _plain(hint, value, rule) if origin is None else _items(origin, parts, value, rule)
 

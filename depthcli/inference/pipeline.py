@@ -11,7 +11,7 @@ from depthcli.core.anchors import AnchorPoints, fitted, lost_in_fit
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import AUTO_TILE, DEFAULT_DETAIL, Detail
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
-from depthcli.errors import InputError, ModelError
+from depthcli.errors import InputError, Message, ModelError
 from depthcli.inference.camera import intrinsics_of, metric_scale
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare
@@ -145,8 +145,11 @@ class Pipeline:
         if scale != 1:
             values *= np.float32(scale)
         depth = DepthMap(values, self.card.output.kind, self._provenance(frame, layout, camera))
-        flat = flat_warnings(depth)
-        return Prediction(depth, flat or _range_warnings(self.card.output, depth, scale))
+        warnings = flat_warnings(depth) or _range_warnings(self.card.output, depth, scale)
+        if self.detail.tile_px and tile_px is None:
+            wide = f"the image is {frame.width} pixels wide"
+            warnings += (Message("it has no effect", wide, option="tile"),)
+        return Prediction(depth, warnings)
 
     def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
         batch, layout = prepare(self.card.input, frame)

@@ -34,7 +34,7 @@ from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pai
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import measure_ms
 from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.storage.atomic import atomic_path, write_text
+from depthcli.io.storage.atomic import atomic_path, is_special, write_text
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.training.provenance import TrainedRun
 
@@ -235,6 +235,8 @@ class ReportFiles:
         for path, mark in ((self.csv, _OWN_CSV), (self.html, _OWN_HTML)):
             if path is not None and path.is_dir():
                 raise UsageError(f"{path} is a folder; name a file")
+            if path is not None and is_special(path):
+                raise UsageError(f"{path} is a device or a pipe", "name a file")
             if path is not None and path.is_file() and mark not in path.read_bytes():
                 raise UsageError(f"{path} is no report of depthcli and is not replaced")
 

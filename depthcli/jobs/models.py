@@ -200,8 +200,10 @@ def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
     if card is None:
         embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
         if embedded is None:
+            beside = path.with_name(catalog.CARD_NAME)
+            other = f"; {beside} is of another file" if beside.is_file() else ""
             raise UsageError(
-                f"{path} has no card inside or beside it",
+                f"{path} has no card inside or beside it{other}",
                 "give {card}, and see 'depthcli models cards' for ready ones",
             )
         where = f"card inside {path}"

@@ -153,11 +153,11 @@ def _formats(
             _check_suffix(path, asked[0])
         return asked
     if found is None:
-        suffixes = ", ".join(rules.suffixes)
+        suffix, known = path.suffix if path else "", ", ".join(rules.suffixes)
         raise _out_error(
             path or Path(STDIO),
-            f"has no suffix that selects a format, such as {suffixes}",
-            "add one, give {format}, or end the name in '/' for a folder",
+            f"ends in {suffix}, which is no format" if suffix else "has no suffix of a format",
+            f"use {known}, give {{format}}, or end the name in '/' for a folder",
         )
     if path is not None:
         _check_suffix(path, found)

@@ -5,12 +5,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
-from depthcli.errors import (
-    DepthcliError,
-    OutputError,
-    is_out_of_memory,
-)
+from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame, has_depth
+from depthcli.errors import DepthcliError, OutputError, is_out_of_memory
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.temporary import temporary_folder
@@ -77,6 +73,8 @@ def _write(
 ) -> tuple[str, ...]:
     if not name.facts.has_overscan:
         depth, frame = displayed_depth(depth, frame.windows), displayed_frame(frame)
+    if not (has_depth(depth.values[::16, ::16], depth.kind).any() or depth.valid.any()):
+        raise OutputError("no pixel has depth, so nothing is written")
     return options.writer(name).write(depth, path, frame)
 
 

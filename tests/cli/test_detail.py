@@ -10,11 +10,7 @@ from helpers.tiny import write_picture
 if TYPE_CHECKING:
     from helpers.command_line import Cli
 
-HEIGHT, WIDTH = 2400, 3200
 
-
-# Prints a process's greatest memory in kilobytes; a process of its own, because a child's figure
-# begins with its parent's.
 def test_tiles_change_the_map_but_not_its_size(inside: Cli) -> None:
     write_picture(inside.folder / "room.png")
     for name, options in (("a", ()), ("b", ("--tile", "auto")), ("c", ("--upsample", "bilinear"))):
@@ -22,3 +18,7 @@ def test_tiles_change_the_map_but_not_its_size(inside: Cli) -> None:
     maps = [np.load(inside.folder / f"{name}.npy") for name in "abc"]
     assert {m.shape for m in maps} == {(48, 64)}
     assert all(np.abs(maps[0] - other).max() > 1e-3 for other in maps[1:])
+    wide = inside("predict", "room.png", "-o", "d.npy", "--tile", "9999")
+    assert wide.returncode == 0
+    assert b"--tile: " in wide.stderr
+    assert np.array_equal(np.load(inside.folder / "d.npy"), maps[0])

@@ -215,3 +215,43 @@ def test_json_of_every_input_is_one_line(inside: Cli) -> None:
         write_picture(inside.folder / name)
     done = inside("predict", "a.png", "b.png", "--json")
     assert [json.loads(line)["input"] for line in done.stdout.splitlines()] == ["a.png", "b.png"]
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["predict", "a.png", "--device", "cuda"], "--provider"),
+        (["batch", "in", "--out", "out", "--gpu"], "--provider"),
+        (["train", "cut", "--gpu"], "--accelerator"),
+    ],
+)
+def test_device_names_of_other_programs_lead_to_the_option(
+    words: list[str], meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 2
+    assert meant in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["predict", "a.png", "-o", "/dev/stdout", "--format", "npy"],
+        ["batch", ".", "--out", "out", "--shard", ""],
+        ["predict", "a.png", "-o", "a.glb"],
+    ],
+)
+def test_values_that_choose_nothing_are_usage_errors(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_picture(tmp_path / "a.png")
+    assert main(words) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_unknown_suffix_of_out_is_told_with_the_known_ones(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    main(["predict", "a.png", "-o", "a.glb"])
+    problem = capsys.readouterr().err
+    assert all(suffix in problem for suffix in (".glb", ".png", ".exr", ".npy", ".ply"))

@@ -161,3 +161,13 @@ def test_whole_numbers_have_64_bits(number: int) -> None:
     assert validated(Whole, {"number": number}) == Whole(number)
     with pytest.raises(FieldError):
         validated(Whole, {"number": number + (1 if number > 0 else -1)})
+
+
+def test_all_faults_are_in_one_error() -> None:
+    fields = {"colour": "green", "inner": {"even": 3, "share": "x"}, "other": 1}
+    with pytest.raises(FieldError) as refused:
+        validated(Outer, fields)
+    named = str(refused.value)
+    assert all(
+        name in named for name in ("colour ", "inner.even ", "inner.share ", "other ", "name ")
+    )

@@ -208,7 +208,9 @@ def test_a_plate_without_pixels_in_the_display_window_has_no_depth(
     tmp_path: Path, loader: SessionLoader
 ) -> None:
     plate = write_plate(tmp_path, 1, (300, 300, 309, 309))
-    done = predicted(plate, loader, Format.EXR, Format.PREVIEW)
+    with pytest.raises(OutputError):
+        predicted(plate, loader, Format.PREVIEW)
+    done = predicted(plate, loader, Format.EXR)
     assert np.isnan(done.depth.values).all()
     assert np.isfinite(written(tmp_path / "out" / "plate.1.depth.exr")[3]).all()
     assert np.isnan(

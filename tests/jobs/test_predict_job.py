@@ -8,7 +8,7 @@ import subprocess
 import sys
 from io import BufferedWriter, BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,16 +17,14 @@ from helpers.command_line import unmeasured
 from helpers.tiny import write_model, write_picture
 
 from depthcli.core.camera import Anchor
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
-from depthcli.jobs.write import FailedInput
-
-if TYPE_CHECKING:
-    from depthcli.core.types import Frame
+from depthcli.jobs.write import FailedInput, output_guard, write_output
 
 
 def test_every_picture_has_its_result_in_its_turn(
@@ -189,3 +187,16 @@ def test_a_picture_that_does_not_fit_into_memory_fails_alone(
     assert isinstance(huge, FailedInput)
     assert isinstance(huge.error, InputError)
     assert not isinstance(small, FailedInput)
+
+
+def test_depth_without_a_valid_pixel_is_not_written(tmp_path: Path) -> None:
+    frame = Frame(np.zeros((4, 6, 3), np.uint8))
+    empty = DepthMap(np.full((4, 6), np.nan, np.float32))
+    path, guard = tmp_path / "a.npy", output_guard(())
+    with pytest.raises(OutputError):
+        write_output(WriterOptions(), Format.NPY, empty, frame, path, guard)
+    assert list(tmp_path.iterdir()) == []
+    one = np.full((4, 6), np.nan, np.float32)
+    one[3, 5] = 1
+    write_output(WriterOptions(), Format.NPY, DepthMap(one), frame, path, guard)
+    assert np.array_equal(np.load(path), one, equal_nan=True)

@@ -261,7 +261,7 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 
     files, column = inputs.files, inputs.column
-    shard = Shard.parse(inputs.shard) if inputs.shard else WHOLE
+    shard = WHOLE if inputs.shard is None else Shard.parse(inputs.shard)
     if not out:
         raise UsageError("", "name the folder for outputs with {out}")
     wanted = NameFilter.of(inputs.include or (), inputs.exclude or ())

@@ -65,7 +65,9 @@ def add_model_file(
     from depthcli.io.storage.paths import is_remote, path_of
     from depthcli.jobs.models import add_model
     from depthcli.models.card import check_command, preprocessing_check
+    from depthcli.models.catalog import location_at
 
+    beside = None if card or is_remote(file) else location_at(path_of(file))
     with show_progress(silent=as_json or quiet) as progress:
         model = add_model(
             path_of(file), card, name=name, force=force, sha256=sha256, progress=progress
@@ -81,6 +83,8 @@ def add_model_file(
     if quiet:
         return ExitCode.OK
     console.report(one_line(f"{name}: {output_text(model.card)}, in {folder}"))
+    if beside and beside.card:
+        console.note(one_line(f"with the card {beside.card}"))
     if is_remote(file) and sha256 is None:
         console.note(f"to get exactly this file again: --sha256 {model.sha256}")
     if check is not None and not check.run_with_weights:

@@ -1,6 +1,7 @@
 """Writing files: complete or not at all, and over no file of another program."""
 
 import os
+import re
 import shutil
 import stat
 from collections.abc import Callable, Iterable, Iterator
@@ -159,10 +160,15 @@ def is_same_file(path: Path, source: Path) -> bool:
         return os.path.realpath(path) == os.path.realpath(source)
 
 
+_OPEN_STREAM = re.compile(r"/dev/(stdin|stdout|stderr|fd/\d+)|/proc/(self|\d+)/fd/\d+")
+
+
 def is_special(path: Path) -> bool:
-    """Whether a path exists, or is a link to something, that is neither a file nor a folder."""
+    """Whether a path is an open stream, or exists and is neither a file nor a folder."""
     if isinstance(path, RemotePath):
         return False
+    if _OPEN_STREAM.fullmatch(os.path.abspath(path)):  # noqa: PTH100 - links stay as named
+        return True  # also one that was redirected to a file: the link would be replaced
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):

@@ -16,7 +16,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
-from depthcli.core.options import INSTALL_CLOUD
+from depthcli.core.options import INSTALL_CLOUD, INSTALL_WEB
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -185,7 +185,8 @@ def _library(address: Address) -> Any:  # noqa: ANN401 - a module
     try:
         import obstore.exceptions  # noqa: PLC0415 - in an extra
     except ModuleNotFoundError:
-        reason = f"this needs obstore; install it with: {INSTALL_CLOUD}"
+        install = INSTALL_WEB if address.base.startswith("http") else INSTALL_CLOUD
+        reason = f"this needs obstore; install it with: {install}"
         raise OSError(errno.ENOPKG, reason, address.name) from None
     return obstore
 
