@@ -124,8 +124,8 @@ class CameraOptions:
         metavar="CX,CY",
     )
     calibration: str | None = option(
-        "Calibration of the camera, instead of --focal-px and --centre-px: camera_info "
-        "YAML of ROS, or YAML, XML or JSON of OpenCV.",
+        "Calibration of the camera, instead of --focal-px and --centre-px: of ROS, OpenCV, "
+        "Kalibr, COLMAP, nerfstudio, Open3D, ORB-SLAM, VINS or KITTI, or a 3×3 matrix as text.",
         metavar="FILE",
     )
     rectified: bool = option(

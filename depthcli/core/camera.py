@@ -119,12 +119,18 @@ class Intrinsics:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Differences from a pinhole camera, one line each."""
+        """Doubts about a calibration, one line each."""
         distorted = Message(
             "the camera has lens distortion, which is not removed",
             "rectify the pictures, and then add {rectified}",
         )
-        return (distorted,) if self.is_distorted else ()
+        unsized = Message(
+            "the calibration states no image size, so its pixels are taken for those of the images",
+            "do not resize or crop these",
+        )
+        is_calibrated = self.pixel_aspect is not None and self.centre_px is not None
+        is_unsized = is_calibrated and self.size_px is None
+        return (distorted,) * self.is_distorted + (unsized,) * is_unsized
 
     def focal_for(self, width: int) -> float | None:
         """Focal length in pixels of an image of this width; None if it is not known."""

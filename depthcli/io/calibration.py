@@ -1,60 +1,88 @@
-"""Reading camera calibrations of ROS and OpenCV."""
+"""Reading camera calibrations of ROS, OpenCV, Kalibr, COLMAP, nerfstudio, SLAM and KITTI."""
 
 import math
 import os
-from itertools import dropwhile, takewhile
+import re
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-
-import cv2
+from typing import Any
+from xml.etree import ElementTree as ET
 
 from depthcli.core.camera import FOCAL_PX, Intrinsics, hfov_deg
+from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import InputError
-from depthcli.io.images import opencv as _silenced  # noqa: F401 - its log
 from depthcli.io.storage.paths import path_of, read_bytes
 
-_WIDTHS, _HEIGHTS = ("image_width", "width"), ("image_height", "height")
+_ADVICE = "name the calibration of a camera"
+_SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"))
 _MATRICES = ("camera_matrix", "K", "k")
 _PROJECTIONS = ("projection_matrix", "P", "p")
-_DISTORTIONS = ("distortion_coefficients", "dist_coeffs", "D", "d", "fisheye_model")
+_DISTORTIONS = (
+    *("distortion_coefficients", "distortion_coeffs", "dist_coeffs", "D", "d"),
+    *("fisheye_model", "distortion_parameters"),
+)
 """Nodes with a number that is not 0 if there is distortion."""
-_LAST_ROW = [0, 0, 1]
-_ADVICE = "name the calibration of a camera"
+_COEFFICIENTS = re.compile(r"(Camera1?\.)?[kp]\d")
+_LISTS = ("intrinsics", "intrinsic", "calibration")
+"""Nodes with fx, fy, cx and cy; what follows is distortion."""
+_PREFIXES = ("", "Camera.", "Camera1.")
+_COLMAP_LINE = re.compile(r"\d+\s+[A-Z_]{3,}\s+\d+\s+\d+(\s+\S+)+")
+# Models of COLMAP's src/colmap/sensor/models.h by id; those with one focal length; a count.
+_COLMAP_MODELS = (
+    *(("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8)),
+    *(("OPENCV_FISHEYE", 8), ("FULL_OPENCV", 12), ("FOV", 5), ("SIMPLE_RADIAL_FISHEYE", 4)),
+    *(("RADIAL_FISHEYE", 5), ("THIN_PRISM_FISHEYE", 12)),
+)
+_ONE_FOCAL = re.compile(r"SIMPLE_|RADIAL")
 _MAX_BYTES = 2**20
 _MAX_PX = 1e6
 _SQUARE = 0.01  # largest difference of fx and fy of square pixels, as a share
-_OTHERS = (b"<?xml", b"{")
-_ENDS = (b"---", b"...")
-"""Lines at which a YAML document ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Camera:
+    """Numbers of a calibration, not checked yet."""
+
+    matrix: tuple[float, float, float, float]  #: fx, fy, cx, cy
+    size_px: tuple[float, float] | None = None  #: columns, rows; None if they are not stated
+    is_distorted: bool = False
+    counts_from_corner: bool = False  #: whether (.5, .5) is the middle of the first pixel
 
 
 def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -> Intrinsics:
-    """A calibration in ``camera_info`` YAML of ROS, or in YAML, XML or JSON of OpenCV.
+    """A calibration of a camera, in one of many formats that is recognized by its content.
 
-    Of a ``CameraInfo`` with a region of interest, it is the camera of the pictures of that region.
+    These are ``camera_info`` YAML of ROS, as its tools or ``ros2 topic echo`` write it; YAML, XML
+    and JSON of OpenCV; YAML of Kalibr, ORB-SLAM and VINS; ``cameras.txt`` and ``cameras.bin`` of
+    COLMAP; ``transforms.json`` of nerfstudio; JSON of Open3D; text of KITTI; and a text file with
+    a 3×3 or 4×4 matrix.
+
+    Of a ``CameraInfo`` with a region of interest, it is the camera of the images of that region.
     Its focal length is the geometric mean of fx and fy, or fx if they differ by more than 1 %. Its
     ``hfov_deg`` is for ``predict``, its ``pixel_aspect`` for a ``Frame``, its
-    ``centre_for(width, height)`` for the ``centre_px`` of point clouds.
+    ``centre_for(width, height)`` for the ``centre_px`` of point clouds. A file without the size of
+    the images, such as a matrix as text, is for images of the size that it was made with.
 
     Args:
         path: the file.
-        rectified: whether the pictures are rectified; their camera is that of the projection
+        rectified: whether the images are rectified; their camera is that of the projection
             matrix, without distortion.
 
     Raises:
-        InputError: the file cannot be read, or lacks the size of the pictures or the matrix, or
-            they are not those of a camera.
+        InputError: the file cannot be read, is of several cameras, or holds no valid camera matrix.
     """
     path = path_of(path)
-    root = _opened_storage(path)
-    size = [_numbers(_node(root, names, path)) for names in (_WIDTHS, _HEIGHTS)]
-    width, height = (numbers[0] if len(numbers) == 1 else math.nan for numbers in size)
-    (fx, _, cx), (_, fy, cy) = _matrix_rows(root, path, rectified=rectified)
-    x, y, *region = _region_of_interest(root)
-    cx, cy = cx - x, cy - y
-    width, height = region if any(region) else (width, height)
-    is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in (width, height))
+    found = _camera_in(path, rectified=rectified)
+    fx, fy, cx, cy = found.matrix
+    if found.counts_from_corner:
+        cx, cy = cx - 0.5, cy - 0.5
+    width, height = found.size_px or (math.nan, math.nan)
+    is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in found.size_px or ())
     # A crop can have it outside, but hardly by more than its own size.
     is_near = -width <= cx <= 2 * width and -height <= cy <= 2 * height
+    is_near |= found.size_px is None and 0 < cx < _MAX_PX and 0 < cy < _MAX_PX
     if not (is_size and is_near and FOCAL_PX.holds(fx) and FOCAL_PX.holds(fy)):
         raise InputError(
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
@@ -62,91 +90,224 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
         )
     is_square = abs(fy / fx - 1) <= _SQUARE
     focal_px, aspect = (math.sqrt(fx * fy), 1.0) if is_square else (fx, fy / fx)
-    is_distorted = not rectified and _is_distorted(root)
+    size_px = (int(width), int(height)) if found.size_px else None
     return Intrinsics(
         focal_px,
-        hfov_deg=hfov_deg(focal_px, int(width)),
+        hfov_deg=hfov_deg(focal_px, size_px[0]) if size_px else None,
         centre_px=(cx, cy),
-        size_px=(int(width), int(height)),
+        size_px=size_px,
         pixel_aspect=aspect,
-        is_distorted=is_distorted,
+        is_distorted=found.is_distorted and not rectified,
     )
 
 
-def _matrix_rows(root: cv2.FileStorage, path: Path, *, rectified: bool) -> list[list[float]]:
-    """The first two rows of the camera matrix, or of that in the projection matrix."""
-    names, columns = (_PROJECTIONS, 4) if rectified else (_MATRICES, 3)
-    advice = "give {focal_px} and {centre_px} of the rectified pictures" if rectified else _ADVICE
-    numbers = _numbers(_node(root, names, path, advice))
-    rows = [numbers[start : start + 3] for start in range(0, len(numbers), columns)]
-    if len(numbers) != 3 * columns or rows[2] != _LAST_ROW:
-        raise InputError(
-            f"{path} has a {names[0]} that is not 3×{columns} with 0 0 1 in the last row; write "
-            "it row by row, or calibrate the camera again"
-        )
-    return rows[:2]
-
-
-def _region_of_interest(root: cv2.FileStorage) -> list[float]:
-    """Column, row, width and height in pixels of the whole sensor; zeros for all of it.
-
-    ROS states the matrix for the whole sensor, also of pictures that are a part of it.
-    """
-    roi = root.getNode("roi")
-    if not roi.isMap():
-        return [0.0] * 4
-    nodes = [roi.getNode(name) for name in ("x_offset", "y_offset", "width", "height")]
-    return [0.0 if node.isNone() else (_numbers(node) or [math.nan])[0] for node in nodes]
-
-
-def _is_distorted(root: cv2.FileStorage) -> bool:
-    named = [root.getNode(name) for name in _DISTORTIONS]
-    return any(any(_numbers(node)) for node in named if not node.isNone())
-
-
-def _opened_storage(path: Path) -> cv2.FileStorage:
+def _camera_in(path: Path, *, rectified: bool) -> _Camera:
     data = read_bytes(path)
     if len(data) > _MAX_BYTES:
         raise InputError(f"{path} is too large for a calibration; name another file")
-    if not data.startswith(_OTHERS):
-        # ROS writes no header, and versions of OpenCV differ in theirs. A topic has an end.
-        lines = data.removeprefix(b"\xef\xbb\xbf").splitlines()
-        rest = dropwhile(_is_before_document, lines)
-        document = takewhile(lambda line: line.rstrip() not in _ENDS, rest)
-        data = b"\n".join([b"%YAML:1.0", b"---", *document, b""])
+    if path.suffix.lower() == ".bin":
+        return _of_colmap(_colmap_lines(data, path), path)
     try:
-        flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
-        root = cv2.FileStorage(data.decode(), flags)
-        is_read = root.isOpened() and root.root().isMap()
-    except (cv2.error, SystemError, UnicodeDecodeError):
-        is_read = False
-    if not is_read:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a calibration that can be read", _ADVICE) from None
+    lines = [line.strip() for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
+    if lines and all(map(_COLMAP_LINE.fullmatch, lines)):
+        return _of_colmap([line.split() for line in lines], path)
+    rows = [_numbers(line.replace(",", " ").split()) for line in lines]
+    is_matrix = len(rows) in {3, 4} and all(len(row) == len(rows) for row in rows)
+    if is_matrix and all(math.isfinite(number) for row in rows for number in row):
+        return _Camera(_of_rows([row[:3] for row in rows[:3]], path))
+    return _of_tree(_parsed(text, path), path, rectified=rectified)
+
+
+def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera:
+    """The camera of a file of names and values."""
+    tree = _unwrapped(tree, path)
+    size_px = _size_px(tree)
+    projections = (*(_PROJECTIONS if rectified else ()), "P2", "P_rect_02")  # KITTI is rectified
+    projection = next((tree[name] for name in projections if name in tree), None)
+    if projection is not None:
+        return _Camera(_of_rows(_rows(_numbers(projection), 4), path), size_px)
+    if rectified:
+        advice = "give {focal_px} and {centre_px} of the rectified images"
+        raise InputError(f"{path} has no projection_matrix", advice)
+    coefficients = [tree[name] for name in tree if _COEFFICIENTS.fullmatch(name)]
+    coefficients += [tree[name] for name in _DISTORTIONS if name in tree]
+    is_distorted = any(number != 0 for number in _numbers(coefficients))
+    named = _of_named(tree, size_px)
+    if named is not None:
+        return replace(named, is_distorted=is_distorted)
+    matrix = next((_numbers(tree[name]) for name in (*_MATRICES, *_LISTS) if name in tree), None)
+    if matrix is None or size_px is None:
+        lacks = "camera_matrix" if matrix is None else "image_width and image_height"
+        raise InputError(f"{path} has no {lacks}", _ADVICE)
+    if any(name in tree for name in _LISTS) and 4 <= len(matrix) != 9:  # noqa: PLR2004
+        fx, fy, cx, cy, *more = matrix
+        return _Camera((fx, fy, cx, cy), size_px, is_distorted or any(more))
+    fx, fy, cx, cy = _of_rows(_rows(matrix, 3), path)
+    x, y, *region = _region_of_interest(tree)
+    if any(region):
+        size_px = region[0], region[1]
+    return _Camera((fx, fy, cx - x, cy - y), size_px, is_distorted)
+
+
+def _unwrapped(tree: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """The names of the only camera: Kalibr calls it cam0, Open3D may have its pose beside it."""
+    tree = {str(name): value for name, value in tree.items()}
+    nested = [name for name in tree if re.fullmatch(r"cam\d+", name)]
+    nested = nested or [name for name in _LISTS if isinstance(tree.get(name), Mapping)]
+    cameras = [tree.pop(name) for name in nested]
+    for camera in cameras:
+        is_pinhole = isinstance(camera, Mapping) and camera.get("camera_model") in {None, "pinhole"}
+        if len(cameras) > 1 or not is_pinhole:
+            raise InputError(f"{path} is not of one pinhole camera", "keep the one of the images")
+        if "data" in camera:  # a matrix
+            tree[nested[0]] = camera
+        else:
+            tree |= camera
+    return tree
+
+
+def _of_named(tree: Mapping[str, Any], size_px: tuple[float, float] | None) -> _Camera | None:
+    """A camera whose numbers have names of their own, without its distortion."""
+    for prefix in _PREFIXES:
+        inner = tree.get("projection_parameters", tree)
+        if f"{prefix}fx" in inner:
+            fx, fy, cx, cy = (
+                _number(inner.get(prefix + name)) for name in ("fx", "fy", "cx", "cy")
+            )
+            return _Camera((fx, fy, cx, cy), size_px)
+    if "intrinsic_matrix" in tree:  # of Open3D, column by column
+        numbers = _numbers(tree["intrinsic_matrix"])
+        fx, _, _, _, fy, _, cx, cy, *_ = [*numbers, *[math.nan] * 8]
+        return _Camera((fx, fy, cx, cy), size_px)
+    if ("fl_x" in tree or "camera_angle_x" in tree) and size_px is not None:  # of nerfstudio
+        width, height = size_px
+        angle = _number(tree.get("camera_angle_x"))
+        fx = _number(tree.get("fl_x", width / 2 / math.tan(angle / 2)))
+        others = (("fl_y", fx), ("cx", width / 2), ("cy", height / 2))
+        fy, cx, cy = (_number(tree.get(name, default)) for name, default in others)
+        return _Camera((fx, fy, cx, cy), size_px, counts_from_corner=True)
+    return None
+
+
+def _size_px(tree: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Columns and rows of the images; None if they are not stated."""
+    for prefix in _PREFIXES:
+        for across, down in _SIZES:
+            if prefix + across in tree and prefix + down in tree:
+                return _number(tree[prefix + across]), _number(tree[prefix + down])
+    for name in ("resolution", "S_rect_02"):  # of Kalibr, of KITTI
+        if name in tree:
+            width, height, *_ = [*_numbers(tree[name]), math.nan, math.nan]
+            return width, height
+    return None
+
+
+def _of_rows(rows: list[list[float]], path: Path) -> tuple[float, float, float, float]:
+    """fx, fy, cx and cy of the rows of a matrix."""
+    if [len(row) for row in rows] not in ([3] * 3, [4] * 3) or rows[2][:3] != [0, 0, 1]:
         raise InputError(
-            f"{path} is not a calibration that OpenCV can read: YAML of ROS with lists as [1, 2] "
-            "(ros2 topic echo --flow-style) and without comments behind values, or YAML, XML or "
-            "JSON of OpenCV"
+            f"{path} has a matrix whose last row is not 0 0 1", "write 3×3 or 3×4 numbers by rows"
         )
-    return root
+    return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
 
 
-def _is_before_document(line: bytes) -> bool:
-    return line.startswith(b"%YAML") or line.strip() in {b"", b"---"}
+def _rows(numbers: list[float], columns: int) -> list[list[float]]:
+    return [numbers[start : start + columns] for start in range(0, len(numbers), columns)]
 
 
-def _node(
-    root: cv2.FileStorage, names: tuple[str, ...], path: Path, advice: str = _ADVICE
-) -> cv2.FileNode:
-    for name in names:
-        node = root.getNode(name)
-        if not node.isNone():
-            return node
-    raise InputError(f"{path} has no {names[0]}", advice)
+def _region_of_interest(tree: Mapping[str, Any]) -> list[float]:
+    """Column, row, width and height in pixels of the whole sensor; zeros for all of it.
+
+    ROS states the matrix for the whole sensor, also of images that are a part of it.
+    """
+    roi = tree.get("roi")
+    if not isinstance(roi, Mapping):
+        return [0.0] * 4
+    return _numbers([roi.get(name, 0) for name in ("x_offset", "y_offset", "width", "height")])
 
 
-def _numbers(node: cv2.FileNode) -> list[float]:
-    """The numbers of a matrix, row by row; NaN for what is none."""
-    if node.isMap():
-        return _numbers(node.getNode("data"))
-    if node.isSeq():
-        return [number for i in range(node.size()) for number in _numbers(node.at(i))]
-    return [float(node.real()) if node.isInt() or node.isReal() else math.nan]
+def _colmap_lines(data: bytes, path: Path) -> list[list[str]]:
+    """The lines of ``cameras.txt`` that a ``cameras.bin`` stands for."""
+    lines, at = [], 8
+    try:
+        for _ in range(*struct.unpack_from("<Q", data)):
+            number, model, width, height = struct.unpack_from("<iiQQ", data, at)
+            name, count = _COLMAP_MODELS[model]
+            parameters = struct.unpack_from(f"<{count}d", data, at := at + 24)
+            at += 8 * count
+            lines.append([str(number), name, str(width), str(height), *map(str, parameters)])
+    except (struct.error, IndexError) as error:
+        raise InputError(f"{path} is not a cameras.bin of COLMAP", _ADVICE) from error
+    return lines
+
+
+def _of_colmap(lines: list[list[str]], path: Path) -> _Camera:
+    if len(lines) != 1:
+        raise InputError(f"{path} has {len(lines)} cameras", "keep the line of one in cameras.txt")
+    _, model, width, height, *words = lines[0]
+    parameters = _numbers(words)
+    if _ONE_FOCAL.match(model):
+        parameters = parameters[:1] + parameters
+    if len(parameters) < 4:  # noqa: PLR2004
+        raise InputError(f"{path} has too few parameters of {model}", _ADVICE)
+    fx, fy, cx, cy, *distortion = parameters
+    is_distorted = any(distortion) or "FISHEYE" in model
+    size_px = float(width), float(height)
+    return _Camera((fx, fy, cx, cy), size_px, is_distorted, counts_from_corner=True)
+
+
+def _parsed(text: str, path: Path) -> Mapping[str, Any]:
+    """The names and values of JSON, XML or the first document of YAML."""
+    import yaml  # noqa: PLC0415 - takes 20 ms
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc] # yaml has no types
+        """Of OpenCV's files as well: a matrix is a mapping."""
+
+    Loader.add_multi_constructor(
+        "tag:yaml.org,2002:opencv-",
+        lambda loader, _suffix, node: loader.construct_mapping(node, deep=True),
+    )
+    start = text.lstrip()[:1]
+    try:
+        if start == "{":
+            found = parsed_json(text)
+        elif start == "<":
+            found = _of_element(ET.fromstring(text))  # noqa: S314 - expat limits entities
+        else:
+            # OpenCV writes a directive that is not one of YAML.
+            body = re.sub(r"\A\s*%YAML:.*\n", "", text)
+            found = next(iter(yaml.load_all(body, Loader)), None)
+    except (FieldError, ET.ParseError, yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"{path} is not a calibration that can be read", _ADVICE) from error
+    if not isinstance(found, Mapping):
+        raise InputError(f"{path} is not a calibration that can be read", _ADVICE)
+    return found
+
+
+def _of_element(element: ET.Element) -> Any:  # noqa: ANN401 - a mapping, or text
+    if len(element):
+        return {child.tag: _of_element(child) for child in element}
+    return element.text or ""
+
+
+def _number(value: Any) -> float:  # noqa: ANN401 - of any file
+    """A number; NaN for anything else."""
+    found = _numbers(value)
+    return found[0] if len(found) == 1 else math.nan
+
+
+def _numbers(value: Any) -> list[float]:  # noqa: ANN401 - of any file
+    """The numbers of a matrix or a list, row by row; NaN for what is none."""
+    if isinstance(value, Mapping):
+        return _numbers(value["data"] if "data" in value else list(value.values()))
+    if isinstance(value, list | tuple):
+        return [number for part in value for number in _numbers(part)]
+    if isinstance(value, str) and len(words := value.split()) != 1:
+        return [number for word in words for number in _numbers(word)]
+    try:  # YAML 1.1 takes 1e-05 for a text
+        return [float(value)]
+    except (TypeError, ValueError, OverflowError):
+        return [math.nan]
