@@ -15,7 +15,7 @@ from depthcli.cli.groups import USUAL
 from depthcli.cli.table import COMMANDS, help_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 PAGE = Path(__file__).with_name("cli.md")
 HEAD = """\
@@ -34,16 +34,18 @@ HEADING = ("| | | default |", "|---|---|---|")
 def page() -> str:
     """The page's text; options of several commands are described once."""
     commands = {name: shell.load_command(name) for name in COMMANDS}
-    shared = rows_of_several([own_and_inner(command) for command in commands.values()])
+    shared = of_several([own_and_inner(command) for command in commands.values()])
     parts = [part for name in COMMANDS for part in sections(name, commands[name], shared)]
-    table = ["## Options of several commands", "", *HEADING, *shared, ""]
+    table = ["## Options of several commands", "", *HEADING, *grouped_rows(shared.values()), ""]
     return "\n".join([HEAD.format(root=help_text()), *parts, *table])
 
 
-def rows_of_several(commands: list[list[Any]]) -> list[str]:
-    """The rows of options that stand in several of the lists."""
-    counts = Counter(text for each in commands for text in dict.fromkeys(map(row, each)))
-    return [text for text, count in counts.items() if count > 1]
+def of_several(commands: list[list[Any]]) -> dict[str, Any]:
+    """The options that stand in several of the lists, by their rows."""
+    found = [{row(p): p for p in each} for each in commands]
+    counts = Counter(text for each in found for text in each)
+    options = {text: p for each in reversed(found) for text, p in each.items()}
+    return {text: options[text] for text, count in counts.items() if count > 1}
 
 
 def own_and_inner(command: Any) -> list[Any]:  # noqa: ANN401 - typer's own types
@@ -57,33 +59,48 @@ def shown(command: Any) -> list[Any]:  # noqa: ANN401 - typer's own types
     return [p for p in command.params if not p.hidden]
 
 
-def sections(name: str, command: Any, shared: list[str]) -> Iterator[str]:  # noqa: ANN401 - typer's own types
+def sections(name: str, command: Any, shared: dict[str, Any]) -> Iterator[str]:  # noqa: ANN401 - typer's own types
     """A section for a command, or for a group and for each command in it."""
     inner = getattr(command, "commands", {})
     arguments = [value(p) for p in command.params if p.param_type_name == "argument"]
     words = ["depthcli", name, *(["COMMAND"] if inner else []), "[OPTIONS]", *arguments]
     text = (command.help or "").replace("\f", "").strip()
     lines = [f"## depthcli {name}", "", f"`{' '.join(words)}`", "", text, ""]
-    of_group = rows_of_several([own_and_inner(each) for each in inner.values()])
-    of_group = [text for text in of_group if text not in shared]
-    own = [p for p in shown(command) if row(p) not in shared]
-    table = [*grouped_rows(own), *of_group]
+    of_group = of_several([own_and_inner(each) for each in inner.values()])
+    of_group = {text: p for text, p in of_group.items() if text not in shared}
+    table = [p for p in shown(command) if row(p) not in shared] + list(of_group.values())
     lines += ["Options of several of these commands:", ""] if of_group else []
-    lines += [*HEADING, *table, ""] if table else []
-    others = [f"`{p.opts[-1]}`" for p in shown(command) if row(p) in shared]
-    lines += [f"[Also](#options-of-several-commands) {', '.join(others)}.", ""] if others else []
+    lines += [*HEADING, *grouped_rows(table), ""] if table else []
+    others = [text for text in map(row, shown(command)) if text in shared]
+    names = ", ".join(in_short(others, shared))
+    lines += [f"[Also](#options-of-several-commands) {names}.", ""] if others else []
     yield "\n".join(lines)
     for inner_name, each in inner.items():
-        yield from sections(f"{name} {inner_name}", each, [*shared, *of_group])
+        yield from sections(f"{name} {inner_name}", each, shared | of_group)
 
 
-def grouped_rows(parameters: list[Any]) -> Iterator[str]:
+def in_short(rows: list[str], shared: dict[str, Any]) -> Iterator[str]:
+    """The names of groups that are there as a whole, and of the other options."""
+    for group in dict.fromkeys(panel(shared[text]) for text in rows):
+        of_group = {text for text, p in shared.items() if panel(p) == group}
+        if group != USUAL and of_group <= set(rows):
+            yield f"**{group}**"
+        else:
+            yield from (f"`{shared[text].opts[-1]}`" for text in rows if text in of_group)
+
+
+def panel(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
+    """The heading below which the help shows a parameter."""
+    return getattr(parameter, "rich_help_panel", None) or USUAL
+
+
+def grouped_rows(parameters: Iterable[Any]) -> Iterator[str]:
     """The rows of the parameters, each group below its heading; the usual options come first."""
-    panels = {p.name: getattr(p, "rich_help_panel", None) or USUAL for p in parameters}
-    for panel in dict.fromkeys([USUAL, *panels.values()]):
-        if panel != USUAL:
-            yield f"| **{panel}** | | |"
-        yield from (row(p) for p in parameters if panels[p.name] == panel)
+    found = list(parameters)
+    for group in dict.fromkeys([USUAL, *map(panel, found)]):
+        if group != USUAL:
+            yield f"| **{group}** | | |"
+        yield from (row(p) for p in found if panel(p) == group)
 
 
 def row(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
