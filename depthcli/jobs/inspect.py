@@ -10,8 +10,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions, StoredDepth, read_stored_depth
 from depthcli.io.storage.paths import local_copy, path_of, safe_name
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.frames import FALLBACK_RATE, rate_text
-from depthcli.video.time_code import time_code_text
+from depthcli.video.frames import FALLBACK_RATE, rate_text, time_code_text
 
 
 def is_depth_video(path: Path) -> bool:

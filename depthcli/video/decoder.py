@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import zlib
-from contextlib import suppress
-from typing import TYPE_CHECKING, Final
+from collections import deque
+from typing import TYPE_CHECKING, Final, cast
 
 import av
 from av import logging as av_logging
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from av.container import InputContainer
     from av.packet import Packet
+    from av.video.codeccontext import VideoCodecContext
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
 
@@ -31,6 +32,7 @@ _ID = 1
 _SLICE_FOOTER_BYTES = 8  # bytes: three of the slice's size, one of its state, four of its checksum
 _BIT_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _ONES = 0xFFFFFFFF
+_MOST_PACKETS = 1000
 
 
 class FrameDecoder:
@@ -46,7 +48,6 @@ class FrameDecoder:
         container: InputContainer,
         stream: VideoStream,
         *,
-        path: Path | None = None,
         is_own: bool = False,
     ) -> None:
         """Begin before the first packet.
@@ -54,15 +55,15 @@ class FrameDecoder:
         Args:
             container: open for reading.
             stream: one of its streams.
-            path: of the file; without it, packets that the container marks as incomplete are left
-                out, because they cannot be verified.
             is_own: whether depthcli wrote it, so that all frames of its FFV1 have checksums; other
                 files are taken to have them if their first frame has.
         """
         self.ended_early = self.has_gaps = False
         self._failed = 0
         self._skipped: list[int] = []
-        self._path, self._stream = path, stream
+        self._stream = stream
+        self._is_transport_stream = container.format.name == "mpegts"
+        self._since_keyframe: deque[Packet[VideoStream]] = deque(maxlen=_MOST_PACKETS)
         self._is_checked = stream.codec_context.name == _CHECKED_CODEC
         self._has_checksums = True if is_own else None
         self._is_intact = True
@@ -110,38 +111,38 @@ class FrameDecoder:
         MPEG-TS marks the packet before a gap in its counters, which is whole where recordings were
         joined. The last packet of a file that is cut off is marked as well.
         """
-        marked, refused = None, None
+        marked: Packet[VideoStream] | None = None
         for packet in iter(self._packet, None):
             if marked is not None and packet.size:
-                refused = self._refused() if refused is None else refused
-                if self._path is None or marked.pts in refused:
-                    self._skipped.append(marked.pts or 0)
-                else:
+                if self._is_whole(marked):
                     yield marked
+                else:
+                    self._skipped.append(marked.pts or 0)
                 marked, self.has_gaps = None, True
+            if packet.is_keyframe:
+                self._since_keyframe.clear()
+            if packet.size and self._is_transport_stream:
+                self._since_keyframe.append(packet)
             if packet.size and packet.is_corrupt:
                 marked = packet
                 continue
             self.ended_early |= marked is not None
             yield packet
 
-    def _refused(self) -> set[int | None]:
-        """Times of the marked packets that a strict decoder refuses; the file is read once more."""
-        refused = set[int | None]()
-        if self._path is None:
-            return refused
-        container, _ = open_video(self._path)
-        with container, suppress(av.FFmpegError):
-            stream = container.streams[self._stream.index]
-            stream.codec_context.thread_type = "NONE"
-            stream.codec_context.options = {"err_detect": "explode"}
-            for packet in container.demux(stream):
-                try:
-                    packet.decode()
-                except (av.FFmpegError, EOFError):
-                    if packet.is_corrupt:
-                        refused.add(packet.pts)
-        return refused
+    def _is_whole(self, marked: Packet[VideoStream]) -> bool:
+        """Whether a strict decoder takes the last packet since the keyframe without an error."""
+        name = self._stream.codec_context.codec.name
+        context = cast("VideoCodecContext", av.CodecContext.create(name, "r"))
+        context.extradata, context.thread_count = self._stream.codec_context.extradata, 1
+        context.options = {"err_detect": "explode"}
+        is_whole = False
+        for packet in self._since_keyframe:
+            try:
+                context.decode(packet)
+                is_whole = packet is marked
+            except (av.FFmpegError, EOFError):
+                is_whole = False
+        return is_whole
 
     def _packet(self) -> Packet[VideoStream] | None:
         try:

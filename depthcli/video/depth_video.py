@@ -25,11 +25,14 @@ from depthcli.io.depth.scale import denormalized, depth_scale, dequantized
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.video.container import open_video
 from depthcli.video.formats import DEPTH_PIXELS
-from depthcli.video.frames import Timing, exact_rate, parse_rate, rate_text
-from depthcli.video.time_code import (
+from depthcli.video.frames import (
     TimeCode,
+    Timing,
+    exact_rate,
     header_time_code,
+    parse_rate,
     parse_time_code,
+    rate_text,
     time_code_after,
     time_code_text,
 )

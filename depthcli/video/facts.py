@@ -7,7 +7,7 @@ import re
 import struct
 from collections.abc import Iterator
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from depthcli.errors import Message, UsageError
 
@@ -29,13 +29,6 @@ class Eye(StrEnum):
 
     LEFT = "left"
     RIGHT = "right"
-
-
-class _Stereo(NamedTuple):
-    """A stereo layout."""
-
-    kind: int
-    is_inverted: bool  #: whether the right view is the first one
 
 
 _SIDE_BY_SIDE, _TOP_BOTTOM = 1, 2
@@ -126,7 +119,7 @@ def camera_warnings(frame: VideoFrame, eye: Eye | None) -> Iterator[str]:
     if stereo is None and eye is not None:
         yield "the video states no stereo layout; two views side by side are assumed"
     if stereo is not None and eye is None:
-        layout = _PACKED.get(stereo.kind, "interleaved")
+        layout = _PACKED.get(stereo[0], "interleaved")
         yield Message(
             f"each frame holds two views, {layout}, which the network takes for one image",
             "choose one with {eye}",
@@ -148,22 +141,25 @@ def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
     whole = slice(None)
     if eye is None:
         return whole, whole
-    stereo = _stereo(frame) or _Stereo(_SIDE_BY_SIDE, is_inverted=False)
-    if stereo.kind not in _PACKED:
+    kind, is_inverted = _stereo(frame) or (_SIDE_BY_SIDE, False)
+    if kind not in _PACKED:
         raise UsageError("its two views are interleaved", "separate them first", option="eye")
-    size = frame.width if stereo.kind == _SIDE_BY_SIDE else frame.height
-    is_first = (eye is Eye.LEFT) != stereo.is_inverted
+    size = frame.width if kind == _SIDE_BY_SIDE else frame.height
+    is_first = (eye is Eye.LEFT) != is_inverted
     half = slice(size // 2) if is_first else slice(size - size // 2, None)
-    return (whole, half) if stereo.kind == _SIDE_BY_SIDE else (half, whole)
+    return (whole, half) if kind == _SIDE_BY_SIDE else (half, whole)
 
 
-def _stereo(frame: VideoFrame) -> _Stereo | None:
-    """The stereo layout of a frame; None if it has one view, or one that is not decoded."""
+def _stereo(frame: VideoFrame) -> tuple[int, bool] | None:
+    """FFmpeg's number of the stereo layout, and whether the right view is the first one.
+
+    None if the frame has one view, or one that is not decoded.
+    """
     from av.sidedata.sidedata import Type  # noqa: PLC0415
 
     data = side_data(frame, Type.STEREO3D)
     kind, flags = struct.unpack_from("<2i", data) if data else (0, 0)
-    return _Stereo(kind, bool(flags & 1)) if kind in {*_PACKED, *_INTERLEAVED} else None
+    return (kind, bool(flags & 1)) if kind in {*_PACKED, *_INTERLEAVED} else None
 
 
 def side_data(frame: VideoFrame, kind: Any) -> bytes | None:  # noqa: ANN401 - PyAV's enum

@@ -29,8 +29,7 @@ from depthcli.video.container import OutputPipe
 from depthcli.video.decoder import state_number
 from depthcli.video.depth_video import FrameLabels
 from depthcli.video.formats import CONTAINERS, DEPTH_PIXELS, ENCODINGS, Codec, check_encoder
-from depthcli.video.frames import Timing, rate_text
-from depthcli.video.time_code import time_code_label
+from depthcli.video.frames import Timing, rate_text, time_code_label
 
 _SEQUENCE_ADVICE = "choose an image sequence with {format} png16 or exr"
 _BT709 = 1

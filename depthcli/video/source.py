@@ -23,9 +23,18 @@ from depthcli.io.images.pixels import upright
 from depthcli.video.container import InputPipe, open_video, pipe_advice, video_streams
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
 from depthcli.video.facts import Eye, camera_warnings, focal_35mm, side_data, view_of
-from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, Timeline, exact_rate
+from depthcli.video.frames import (
+    FALLBACK_RATE,
+    WHOLE,
+    FrameSource,
+    Span,
+    TimeCode,
+    Timeline,
+    exact_rate,
+    header_time_code,
+    time_code_after,
+)
 from depthcli.video.numbering import is_sequence
-from depthcli.video.time_code import TimeCode, header_time_code, time_code_after
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -182,9 +191,7 @@ class VideoSource(FrameSource):
         self._focal_35mm, unused = focal_35mm(self._path, self._container)
         self.warnings += () if unused is None else (unused,)
         self._time_code = header_time_code(self._container, chosen, self.rate)
-        self._decoder = FrameDecoder(
-            self._container, chosen, path=self._path, is_own=self.is_own_depth
-        )
+        self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
         self._reformatter = VideoReformatter()
         first = self._decoder.next()
         self._check_pipe()

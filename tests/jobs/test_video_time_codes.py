@@ -15,7 +15,7 @@ from helpers.videos import NTSC, encode, flat_frames, with_sound
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.video.time_code import time_code_after, time_code_text
+from depthcli.video.frames import time_code_after, time_code_text
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -32,7 +32,7 @@ from depthcli.video.formats import (
     video_format_of,
     video_stem_of,
 )
-from depthcli.video.frames import WHOLE, Span, rate_text
+from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
 from depthcli.video.numbering import (
     is_sequence,
     is_sequence_image,
@@ -41,7 +41,6 @@ from depthcli.video.numbering import (
     pattern_of,
     sequence_name,
 )
-from depthcli.video.time_code import time_code_text
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
