@@ -64,7 +64,7 @@ def test_every_way_to_give_a_picture_gives_the_same_depth(
             PIXELS,
             PIXELS[..., ::-1].copy()[..., ::-1],  # as OpenCV's pictures come when they are turned
             np.asfortranarray(PIXELS),
-            np.dstack([PIXELS, np.zeros((48, 64), np.uint8)]),  # alpha is dropped
+            np.dstack([PIXELS, np.full((48, 64), 255, np.uint8)]),  # opaque
             depthcli.Frame(PIXELS),
             opened,
             Image.fromarray(PIXELS),

@@ -133,6 +133,8 @@ class DepthMap(types.DepthMap):
         """
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
         source = depth.provenance
+        if source is not None and source.projection.is_other:
+            return point_cloud(depth, 1.0, self.frame)
         if source is None or source.focal_px is None:
             raise UsageError("no focal length is known; give focal_px or hfov_deg")
         if source.camera_source is CameraSource.CARD:

@@ -16,6 +16,7 @@ from depthcli.core.options import (
     Colormap,
     DepthEncoding,
     Near,
+    Projection,
     Rule,
     Upsampling,
     Weights,
@@ -216,6 +217,14 @@ class ReadOptions:
     layer: str | None = option(
         "Layer or part of EXR images to read, such as 'beauty'. Default: that without a "
         "name, else the likeliest by its name."
+    )
+    projection: Projection | None = option(
+        "Projection of the images: equirectangular for panoramas of all directions, whose depth "
+        "is then along the ray. Default: pinhole."
+    )
+    ignore_alpha: bool = option(
+        "Estimate the depth of transparent pixels as of others, by their hidden colours.",
+        default=False,
     )
 
 

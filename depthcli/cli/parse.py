@@ -123,7 +123,13 @@ def camera(options: groups.CameraOptions) -> Intrinsics:
 
 def reading(options: groups.ReadOptions) -> ReadOptions:
     """Options of reading images."""
-    return ReadOptions(options.white_level, options.exposure, options.layer)
+    return ReadOptions(
+        options.white_level,
+        options.exposure,
+        options.layer,
+        options.projection,
+        options.ignore_alpha,
+    )
 
 
 def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> DepthReadOptions:

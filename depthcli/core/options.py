@@ -175,6 +175,20 @@ EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 
 """Exposures of images of linear light."""
 
 
+class Projection(StrEnum):
+    """How directions become pixels of an image."""
+
+    PINHOLE = "pinhole"
+    """Straight lines stay straight, as in most photographs."""
+    EQUIRECTANGULAR = "equirectangular"
+    """Columns are longitudes and rows latitudes: a panorama of all directions."""
+
+    @property
+    def is_other(self) -> bool:
+        """Whether it is not that of a pinhole camera."""
+        return self is not Projection.PINHOLE
+
+
 class ReadOptions(NamedTuple):
     """Facts that the files of images do not state."""
 
@@ -182,6 +196,8 @@ class ReadOptions(NamedTuple):
     white_level: int | None = None
     exposure: float = 0.0  #: stops by which linear light of an EXR is brightened
     layer: str | None = None  #: of an EXR, that is its image; None for the likeliest
+    projection: Projection | None = None  #: None for a pinhole camera
+    ignore_alpha: bool = False  #: whether transparent pixels are as good as others
 
 
 AS_STATED = ReadOptions()

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.core.options import Projection
+from depthcli.core.types import DepthMap, Frame, Provenance, panorama_rays
 from depthcli.errors import UsageError
 
 
@@ -41,7 +42,7 @@ def point_cloud(
     focal_px: float,
     frame: Frame | None = None,
 ) -> PointCloud:
-    """Every pixel with depth as a point, by the pinhole camera.
+    """Every pixel with depth as a point, by the pinhole camera, or along the rays of a panorama.
 
     The principal point is the one that the map states, else the middle of the map.
 
@@ -60,6 +61,10 @@ def point_cloud(
     source = depth.provenance or Provenance()
     centre_x, centre_y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
     valid = depth.valid
+    if source.projection is Projection.EQUIRECTANGULAR:
+        rays = panorama_rays(depth.width, depth.height)[valid]
+        xyz_m = rays * depth.values[valid][:, np.newaxis]
+        return PointCloud(xyz_m, None if frame is None else frame.pixels_8bit()[valid])
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
     xyz_m[:, 2] = depth.values[valid]

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
+from depthcli.core.options import Projection
 from depthcli.errors import InputError
 
 _GRAY_RANK, _COLOUR_RANK = 2, 3
@@ -198,6 +199,9 @@ class Frame:
             picture with square pixels.
         windows: which part of the image plane the pixels cover, of an EXR; None if they are all of
             the frame.
+        projection: how directions became its pixels.
+        transparent: (H, W) bool, pixels that are not part of the image, filled with colours around
+            them; None if all are.
         time_code: SMPTE time code of an EXR or a video's frame: hours, minutes, seconds, frame (0
             to 29; above 30 frames a second, of a pair of frames), six flags (drop frame, colour
             frame, second of the pair, three of binary groups) and eight binary groups; None if it
@@ -215,6 +219,8 @@ class Frame:
     pixel_aspect: float = 1.0
     windows: Windows | None = None
     time_code: tuple[int, ...] | None = None
+    projection: Projection = Projection.PINHOLE
+    transparent: npt.NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Check the pixels and their shape.
@@ -296,6 +302,7 @@ class Provenance:
         time_s: time in its video, in seconds from the first frame; None for a still picture.
         anchor_fit: how well the metres fit known points; None if they were not fitted.
         pixel_aspect: width by height of a pixel; ``focal_px`` is in widths of pixels.
+        projection: how directions became pixels; in a panorama, metres are along the ray.
         is_cropped: whether a file stated a focal length for an image of another size, of which this
             map is no resized one.
     """
@@ -312,6 +319,7 @@ class Provenance:
     anchor_fit: AnchorFit | None = None
     pixel_aspect: float = 1.0
     is_cropped: bool = False
+    projection: Projection = Projection.PINHOLE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -372,6 +380,18 @@ class DepthMap:
         spread = f"{known.min():.3g} to {known.max():.3g}{unit}" if known.size else "no depth"
         model = f", {self.provenance.model}" if self.provenance and self.provenance.model else ""
         return f"<{type(self).__name__} {self.width}×{self.height}, {self.kind}, {spread}{model}>"
+
+
+def panorama_rays(width: int, height: int, rows: slice = slice(None)) -> npt.NDArray[np.float32]:
+    """Unit vectors of the pixels of an equirectangular image, (rows, W, 3) float32.
+
+    x is to the right, y down, and z towards the middle of the image.
+    """
+    longitude = ((np.arange(width) + 0.5) / width - 0.5) * (2 * math.pi)
+    latitude = (((np.arange(height) + 0.5) / height - 0.5) * math.pi)[rows, np.newaxis]
+    across = np.cos(latitude)
+    rays = across * np.sin(longitude), np.sin(latitude), across * np.cos(longitude)
+    return np.stack(np.broadcast_arrays(*rays), -1).astype(np.float32)
 
 
 def masked_to_data_window(depth: DepthMap, windows: Windows | None) -> DepthMap:

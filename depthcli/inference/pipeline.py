@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +10,10 @@ import numpy.typing as npt
 
 from depthcli.core.anchors import AnchorPoints, fitted, lost_in_fit
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import AUTO_TILE, DEFAULT_DETAIL, Detail
+from depthcli.core.options import AUTO_TILE, DEFAULT_DETAIL, Detail, Projection
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
 from depthcli.errors import InputError, Message, ModelError
-from depthcli.inference.camera import intrinsics_of, metric_scale
+from depthcli.inference.camera import intrinsics_of, metric_camera, metric_scale
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare
 from depthcli.models.card import InputSpec, ModelCard, OutputSpec
@@ -105,6 +106,14 @@ class Pipeline:
         cameras: Sequence[Intrinsics],
         anchors: Sequence[AnchorPoints | None],
     ) -> list[Prediction]:
+        if any(frame.projection is Projection.EQUIRECTANGULAR for frame in frames):
+            tasks = zip(frames, cameras, anchors, strict=True)
+            return [
+                self._predict_batch([frame], [camera], [points])[0]
+                if frame.projection is Projection.PINHOLE
+                else _finished(*self._panorama(frame, camera), frame, points)
+                for frame, camera, points in tasks
+            ]
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
         own = [intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
@@ -150,6 +159,40 @@ class Pipeline:
             wide = f"the image is {frame.width} pixels wide"
             warnings += (Message("it has no effect", wide, option="tile"),)
         return Prediction(depth, warnings)
+
+    def _panorama(self, frame: Frame, camera: Intrinsics) -> Prediction:
+        """Metres along the rays of an equirectangular image."""
+        from depthcli.inference.panorama import HFOV_DEG, panorama_distance  # noqa: PLC0415 - rare
+
+        if camera.has_focal or camera.centre_px:
+            raise InputError(
+                "an equirectangular image has no focal length and no principal point",
+                "leave them out, or give {projection} pinhole",
+            )
+        if metric_camera(self.card) is None:
+            raise InputError(
+                f"model {self.card.name!r} gives no metres of a known camera, by which the views "
+                "of a panorama are joined",
+                "give another {model}",
+            )
+        view, size_px = Intrinsics(hfov_deg=HFOV_DEG), (0, 0)
+
+        def predict(one: Frame) -> npt.NDArray[np.float32]:
+            nonlocal size_px
+            depth = self._predict_batch([one], [view], [None])[0].depth
+            size_px = (depth.provenance and depth.provenance.input_size_px) or size_px
+            return depth.values
+
+        values = panorama_distance(frame, predict)
+        source = Provenance(
+            model=self.card.name,
+            model_sha256=self.session.model.sha256,
+            input_size_px=size_px,
+            orientation=frame.orientation,
+            time_s=frame.timestamp_s,
+            projection=frame.projection,
+        )
+        return Prediction(DepthMap(values, self.card.output.kind, source), ())
 
     def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
         batch, layout = prepare(self.card.input, frame)
@@ -206,6 +249,8 @@ def _finished(
 ) -> Prediction:
     """Depth without any where the file has no pixels, fitted to known points."""
     depth = masked_to_data_window(depth, frame.windows)
+    if frame.transparent is not None:
+        depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
     found = fitted(depth, anchors, frame.windows)
     of_anchors = anchors.warnings if anchors else ()
     return Prediction(found, (*warnings, *of_anchors, *lost_in_fit(depth, found)))

@@ -62,8 +62,8 @@ def test_sixteen_bits_stay_sixteen_bits() -> None:
     assert (read_image(None, encoded(".png", deep)).pixels == deep).all()
 
 
-def test_alpha_is_dropped() -> None:
-    rgba = np.dstack([PICTURE[..., ::-1], np.full(PICTURE.shape[:2], 7, np.uint8)])
+def test_opaque_alpha_is_dropped() -> None:
+    rgba = np.dstack([PICTURE[..., ::-1], np.full(PICTURE.shape[:2], 255, np.uint8)])
     ok, data = cv2.imencode(".png", rgba)
     assert ok
     assert (read_image(None, data.tobytes()).pixels == PICTURE).all()

@@ -266,7 +266,7 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
 SIDECAR = {"software": "depthcli 0.6.0", "model": "m", "model_sha256": "ab", "focal_px": 3.0}
 
 
-PIXELS = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+PIXELS = np.arange(200, 224, dtype=np.uint8).reshape(2, 3, 4)
 
 
 @pytest.mark.parametrize(

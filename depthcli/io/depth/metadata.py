@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.camera import CameraSource, hfov_deg
+from depthcli.core.options import Projection
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthKind, DepthMap, Provenance
 from depthcli.errors import Message
 from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
@@ -59,6 +60,8 @@ def metadata_texts(depth: DepthMap) -> dict[str, str]:
     origin = origin_fields(depth)
     if source.pixel_aspect == 1:
         del origin["pixel_aspect"]
+    if source.projection.is_other:
+        texts["projection"] = source.projection.value
     if source.focal_px is not None or source.centre_px is not None:
         texts["camera_size_px"] = f"{depth.width},{depth.height}"
     return texts | {name: _value_text(value) for name, value in origin.items() if value}
@@ -74,6 +77,8 @@ def camera_text(depth: DepthMap) -> str | None:
     """The camera that a map's metres are for, its source, and use of anchors; None if unknown."""
     source = depth.provenance or _UNKNOWN
     fitted = _fit_text(source.anchor_fit) if source.anchor_fit else ""
+    if source.projection.is_other:
+        return f"{source.projection.value}, metres along the ray{fitted}"
     if source.focal_px is None:
         return f"unknown{fitted}" if fitted else None
     hfov = f"hfov {hfov_deg(source.focal_px, depth.width):.1f}°"
@@ -170,6 +175,7 @@ def _width_in_text(camera: str, focal_px: float, width: int) -> int:
 def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
     """The provenance of a map, as far as its metadata state it; None if they state nothing."""
     orientation, source = metadata.get("orientation"), metadata.get("camera_source")
+    stated = metadata.get("projection")
     found = Provenance(
         model=metadata.get("model"),
         model_sha256=metadata.get("model_sha256"),
@@ -181,6 +187,7 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
         time_s=number(metadata.get("time_s")),
         anchor_fit=_anchor_fit(metadata.get("anchors")),
         pixel_aspect=pixel_aspect_in(metadata.get("pixel_aspect")),
+        projection=Projection(stated) if stated in tuple(Projection) else Projection.PINHOLE,
         is_cropped="camera_size_px" in metadata and not {"focal_px", "centre_px"} & set(metadata),
     )
     return None if found == Provenance() else found

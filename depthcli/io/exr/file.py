@@ -122,6 +122,7 @@ class ExrPart(NamedTuple):
     #: CIE x and y of red, green, blue and white; None if it does not state them
     chromaticities: tuple[float, ...] | None
     texts: Mapping[str, str]  #: text attributes of the first part
+    is_environment: bool = False  #: whether it shows all directions
 
     @classmethod
     def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
@@ -140,6 +141,7 @@ class ExrPart(NamedTuple):
             stated_time_code(header) or (first.time_code if first else None),
             stated,
             first.texts if first else {k: v for k, v in header.items() if isinstance(v, str)},
+            is_environment="envmap" in header,
         )
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.imageops import row_bands
-from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
+from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame, Window, Windows
 from depthcli.errors import InputError, Message
+from depthcli.io.images.pixels import PANORAMA
 from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.temporary import temporary_copy
 
@@ -180,6 +181,7 @@ def read_exr_image(
         doubt,
         clip_warning(above / max(1, windows.valid.width * windows.valid.height)),
         problem,
+        PANORAMA if part.is_environment and options.projection is None else None,
     )
     return Frame(
         pixels if len(names) > 1 else pixels[..., 0],
@@ -188,6 +190,7 @@ def read_exr_image(
         warnings=tuple(filter(None, warnings)),
         pixel_aspect=part.pixel_aspect,
         windows=windows,
+        projection=options.projection or Projection.PINHOLE,
         time_code=part.time_code,
     )
 

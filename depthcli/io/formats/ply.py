@@ -49,7 +49,8 @@ class PlyWriter:
         with path.open("wb") as file:
             file.write(("\n".join(lines) + "\nend_header\n").encode("ascii", "backslashreplace"))
             file.write(points.data)  # tofile reports no error when the disk is full
-        if source.focal_px and source.camera_source is not CameraSource.CARD:
+        is_known = source.focal_px and source.camera_source is not CameraSource.CARD
+        if is_known or source.projection.is_other:
             return ()
         assumed = f"the point cloud assumes an hfov of {hfov_deg(focal_px, depth.width):.3g}°"
         problem = f"no focal length is known; {assumed}"

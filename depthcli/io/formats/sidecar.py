@@ -30,7 +30,7 @@ from depthcli.io.storage.paths import read_regular
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _NUMBER = re.compile(r"[._\- ]*(\d+)", re.ASCII)
 _SHARED = (
-    *("software", "kind", "orientation", "time_s", "network_size_px", "anchors"),
+    *("software", "kind", "orientation", "time_s", "projection", "network_size_px", "anchors"),
     *ORIGIN_FIELDS,
 )
 
@@ -53,6 +53,7 @@ class SidecarWriter:
             "width": depth.width,
             "height": depth.height,
             "orientation": frame.orientation if frame else source.orientation,
+            **({"projection": source.projection} if source.projection.is_other else {}),
             **({} if source.time_s is None else {"time_s": source.time_s}),
             **DepthRange.of(depth)._asdict(),
             "network_size_px": source.input_size_px,

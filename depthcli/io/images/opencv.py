@@ -40,6 +40,7 @@ class Decoded(NamedTuple):
     pixels: npt.NDArray[Any]  #: gray (H, W) or RGB (H, W, 3), of the file's own type
     exif: bytes = b""  #: the TIFF structure that EXIF is; empty without one
     is_linear: bool = False  #: whether it is linear light and not encoded for display
+    alpha: npt.NDArray[Any] | None = None  #: (H, W), opacity of the type of the pixels; None if all
 
 
 def webp_header(data: bytes) -> Header:
@@ -94,15 +95,21 @@ _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 _GRAY_ALPHA, _RANK_OF_COLOUR = 2, 3
 
 
-def decode_with_opencv(data: bytes) -> Decoded:
-    """Pixels as the file stores them, without alpha, and its EXIF."""
+def decode_with_opencv(data: bytes, *, has_alpha: bool = False) -> Decoded:
+    """Pixels as the file stores them, and its EXIF; a further channel is alpha, or dropped."""
     pixels, _, metadata = cv2.imdecodeWithMetadata(np.frombuffer(data, np.uint8), flags=_FLAGS)
     if pixels is None or not pixels.size:
         raise InputError(
             "is damaged, or of a variant that cannot be decoded", "copy it again or convert it"
         )
     exif = metadata[0].tobytes() if len(metadata) else b""
-    return Decoded(_without_alpha(pixels), exif)
+    is_more = has_alpha and pixels.ndim == _RANK_OF_COLOUR and pixels.shape[2] in (2, 4)
+    return Decoded(_without_alpha(pixels), exif, alpha=pixels[..., -1] if is_more else None)
+
+
+def decode_with_alpha(data: bytes) -> Decoded:
+    """As :func:`decode_with_opencv`, with alpha."""
+    return decode_with_opencv(data, has_alpha=True)
 
 
 def decode_netpbm(data: bytes) -> Decoded:

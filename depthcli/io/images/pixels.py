@@ -2,10 +2,11 @@
 
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.imageops import row_bands
+from depthcli.core.imageops import resize_area, resize_bilinear, row_bands
 from depthcli.core.options import WHITE_LEVEL
 from depthcli.core.types import is_out_of_range
 from depthcli.errors import InputError, Message, UsageError
@@ -16,6 +17,14 @@ _MAX = {np.dtype(np.uint8): 0xFF, np.dtype(np.uint16): 0xFFFF}
 _SENSOR_WHITES = {0x3FF: 10, 0xFFF: 12}
 """Bits of the data whose white this is."""
 _CLIPPED_SHARE = 1e-4
+_FILL_PX = 128  # longer side at which colours are continued
+_SEEN = 1e-3  # least share of an opaque pixel that gives its colour
+
+PANORAMA = Message(
+    "it states that it is a panorama, and is taken for an image of a pinhole camera",
+    "give {projection} equirectangular if it shows all directions",
+)
+"""A warning."""
 
 
 def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
@@ -52,6 +61,54 @@ def full_range(
     if white_level is None:
         return pixels, _white_warnings(pixels)
     return scaled(pixels, white_level), _clip_warnings(pixels, white_level)
+
+
+def fill_transparent(
+    pixels: npt.NDArray[Any], alpha: npt.NDArray[Any]
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]] | None:
+    """Replace colours where an image is less than half opaque by those around them.
+
+    Programs leave any colours there, often black, and a network takes them for a surface.
+
+    Args:
+        pixels: (H, W) or (H, W, 3), of any type.
+        alpha: (H, W), opacity; float, or integers whose maximum is opaque.
+
+    Returns:
+        The pixels, and where they were replaced; None if they are not anywhere.
+
+    Raises:
+        InputError: it is transparent everywhere.
+    """
+    opaque = 1.0 if alpha.dtype.kind == "f" else np.iinfo(alpha.dtype).max
+    hidden = alpha < opaque / 2
+    if not hidden.any():
+        return None
+    if hidden.all():
+        raise InputError("is transparent everywhere", "give {ignore_alpha} to use its colours")
+    height, width = hidden.shape
+    scale = min(1.0, _FILL_PX / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    mask = hidden if pixels.ndim == hidden.ndim else hidden[..., np.newaxis]
+    seen = resize_area((~hidden).astype(np.float32), *size)
+    colours = resize_area(np.where(mask, 0, pixels).astype(np.float32), *size)
+    total, weight = colours.copy(), seen.copy()
+    for sigma in (1, 4, 16, 64):
+        blurred = cv2.GaussianBlur(seen, (0, 0), sigma)
+        empty = weight < _SEEN
+        weight[empty], total[empty] = (
+            blurred[empty],
+            cv2.GaussianBlur(colours, (0, 0), sigma)[empty],
+        )
+    mean = colours.sum((0, 1)) / seen.sum()
+    known = weight >= _SEEN
+    weight = weight if pixels.ndim == hidden.ndim else weight[..., np.newaxis]
+    small = np.asarray(total / np.maximum(weight, _SEEN), np.float32)
+    small[~known] = mean
+    around = resize_bilinear(small, width, height)
+    if pixels.dtype.kind != "f":
+        around = np.rint(around)
+    return np.where(mask, around.astype(pixels.dtype), pixels), hidden
 
 
 def check_white_level(white_level: int | None) -> None:

@@ -4,6 +4,7 @@ Every container is a row of one table: how it is recognized, read and decoded.
 """
 
 import os
+import re
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,28 +18,40 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.imageops import transfer_warning
-from depthcli.core.options import EXPOSURE, MAX_PIXELS, ReadOptions, check_pixel_count
+from depthcli.core.options import EXPOSURE, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame
-from depthcli.errors import InputError, UsageError, is_out_of_memory
+from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
 from depthcli.io.images.exif import EXIF_IFD, FOCAL_35MM, ORIENTATION, TIFF_STARTS, Exif, parse_exif
 from depthcli.io.images.opencv import (
     Decoded,
     Header,
     bmp_header,
     decode_netpbm,
+    decode_with_alpha,
     decode_with_opencv,
     gif_header,
     is_netpbm,
     netpbm_header,
     webp_header,
 )
-from depthcli.io.images.pixels import as_frame_dtype, check_white_level, full_range, upright
+from depthcli.io.images.pixels import (
+    PANORAMA,
+    as_frame_dtype,
+    check_white_level,
+    fill_transparent,
+    full_range,
+    upright,
+)
 from depthcli.io.images.png import SIGNATURE, png_header, still_image
 from depthcli.io.listing.folder import CAMERA_RAW, EXR_MAGIC, is_own_exr, is_video
 from depthcli.io.storage.paths import RemotePath, path_of, read_bytes
 
 OPENCV_MAX_PIXELS = 2**30
 _MAX_SIDE = 1_000_000  # libpng and OpenCV decode no longer ones
+
+
+_XMP_END = 2**20  # bytes in which the XMP of an image is looked for
+_GPANO = re.compile(rb"GPano:ProjectionType\W{1,4}equirectangular")
 
 
 class _Container(NamedTuple):
@@ -68,12 +81,10 @@ def _lazy(module: str, function: str) -> Callable[[bytes], Any]:
 
 _CONTAINERS = (
     _Container(_starting(b"\xff\xd8"), _lazy("jpeg", "jpeg_header"), _lazy("jpeg", "decode_jpeg")),
-    _Container(
-        _starting(SIGNATURE), png_header, lambda data: decode_with_opencv(still_image(data))
-    ),
+    _Container(_starting(SIGNATURE), png_header, lambda data: decode_with_alpha(still_image(data))),
     _Container(_starting(*TIFF_STARTS), _lazy("tiff", "tiff_header"), _lazy("tiff", "decode_tiff")),
     _Container(
-        lambda data: data[:4] == b"RIFF" and data[8:12] == b"WEBP", webp_header, decode_with_opencv
+        lambda data: data[:4] == b"RIFF" and data[8:12] == b"WEBP", webp_header, decode_with_alpha
     ),
     _Container(_starting(b"GIF87a", b"GIF89a"), gif_header, decode_with_opencv),
     _Container(_starting(b"BM"), bmp_header, decode_with_opencv),
@@ -81,7 +92,7 @@ _CONTAINERS = (
     _Container(
         _lazy("heif", "is_heif"), _lazy("heif", "heif_header"), _lazy("heif", "decode_heif")
     ),
-    _Container(_lazy("heif", "is_avif"), _lazy("heif", "avif_header"), decode_with_opencv),
+    _Container(_lazy("heif", "is_avif"), _lazy("heif", "avif_header"), decode_with_alpha),
     _Container(
         _lazy("openimageio", "is_for_openimageio"),
         _lazy("openimageio", "openimageio_header"),
@@ -200,12 +211,15 @@ def read_image(
     white_level: int | None = None,
     exposure: float = 0.0,
     layer: str | None = None,
+    projection: Projection | None = None,
+    ignore_alpha: bool = False,
 ) -> Frame:
     """Decode an image at its own bit depth and undo its EXIF rotation.
 
-    Alpha is dropped; gray stays gray. Linear light of an EXR is encoded by the sRGB curve, and its
-    overscan is included (see ``Frame.windows``). In another float image not-a-number and infinite
-    pixels become 0 and the rest is clipped to [0, 1].
+    Transparent pixels are filled with colours around them, except those of an EXR; gray stays gray.
+    Linear light of an EXR is encoded by the sRGB curve, and its overscan is included (see
+    ``Frame.windows``). In another float image not-a-number and infinite pixels become 0 and the
+    rest is clipped to [0, 1].
 
     Args:
         path: the file; with ``data``, only its name.
@@ -217,6 +231,8 @@ def read_image(
         exposure: stops by which linear light of an EXR is brightened before it is clipped to white.
         layer: of an EXR, that is its image, such as ``beauty``; None for that without a name,
             else the likeliest by its name.
+        projection: how directions became its pixels; None for a pinhole camera.
+        ignore_alpha: whether transparent pixels are as good as others.
 
     Returns:
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
@@ -245,7 +261,7 @@ def read_image(
         if is_own_exr(data):
             raise InputError(f"{name} was written by depthcli", "'depthcli convert' reads it")
         source = data if file is None or isinstance(file, RemotePath) else file
-        options = ReadOptions(exposure=exposure, layer=layer)
+        options = ReadOptions(exposure=exposure, layer=layer, projection=projection)
         frame = read_exr_image(source, name=name, max_pixels=max_pixels, options=options)
         return replace(frame, path=path)
     image = check(data, name, max_pixels)
@@ -255,13 +271,33 @@ def read_image(
     pixels, warnings = _frame_pixels(decoded, image, white_level, exposure)
     if not header.is_upright:
         pixels = upright(pixels, orientation)
-    return Frame(
+    is_panorama = _GPANO.search(data, 0, _XMP_END) and projection is None
+    panorama = PANORAMA if is_panorama else None
+    frame = Frame(
         np.ascontiguousarray(pixels),
         path,
         orientation=orientation,
         focal_35mm=exif.focal_35mm,
-        warnings=tuple(filter(None, (header.warning, *warnings))),
+        warnings=tuple(filter(None, (header.warning, *warnings, panorama))),
+        projection=projection or Projection.PINHOLE,
     )
+    if decoded.alpha is None or ignore_alpha:
+        return frame
+    alpha = decoded.alpha if header.is_upright else upright(decoded.alpha, orientation)
+    with _errors_about(name):
+        return _masked(frame, alpha)
+
+
+def _masked(frame: Frame, alpha: npt.NDArray[Any]) -> Frame:
+    """The frame without what is transparent in it."""
+    found = fill_transparent(frame.pixels, alpha)
+    if found is None:
+        return frame
+    pixels, hidden = found
+    problem = f"{hidden.mean():.0%} of the pixels are transparent and get no depth"
+    told = Message(problem, "give {ignore_alpha} to use their colours")
+    warnings = (*frame.warnings, told)
+    return replace(frame, pixels=pixels, transparent=hidden, warnings=warnings)
 
 
 def _frame_pixels(
@@ -280,8 +316,15 @@ def _frame_pixels(
     return as_frame_dtype(pixels, image.name), (*warnings, hdr)
 
 
-_GRAY_MODES = ("1", "LA")
-_PLAIN_MODES = ("L", "RGB", "I", "F")  # Frame refuses unsupported pixels of the last two
+_ALPHA_MODES = ("La", "PA", "RGBa")
+_PLAIN_MODES = (
+    "L",
+    "LA",
+    "RGB",
+    "RGBA",
+    "I",
+    "F",
+)  # Frame refuses unsupported pixels of the last two
 _COLOUR_RANK = 3
 _ALPHA = {2: 1, 4: 3}
 """Number of channels with alpha, to that without."""
@@ -312,7 +355,7 @@ def frame_of(image: Picture, white_level: int | None = None) -> Frame:
 
     Args:
         image: a path; the content of a file; an RGB array or tensor (H, W) or (H, W, C) of
-            uint8, uint16 or float32 in [0, 1], whose alpha is dropped; a PIL image; a frame.
+            uint8, uint16 or float32 in [0, 1], or with alpha; a PIL image; a frame.
             Files, and PIL images that were opened from one, are rotated by their EXIF.
         white_level: value of white in 16-bit pixels, as for :func:`read_image`.
 
@@ -335,13 +378,19 @@ def frame_of(image: Picture, white_level: int | None = None) -> Frame:
     if isinstance(image, (bytes, bytearray, memoryview)):
         name = "the picture in memory"
         return read_image(None, bytes(image), name=name, white_level=white_level)
-    frame = _of_pil(image) if hasattr(image, "getexif") else Frame(_pixels(image))
+    frame, alpha = _of_pil(image) if hasattr(image, "getexif") else _of_array(image)
     pixels, warnings = full_range(frame.pixels, None, white_level)
-    return replace(frame, pixels=pixels, warnings=warnings)
+    frame = replace(frame, pixels=pixels, warnings=warnings)
+    return frame if alpha is None else _masked(frame, alpha)
 
 
-def _pixels(image: ArrayLike) -> npt.NDArray[Any]:
-    """A copy of the pixels: a camera may overwrite its buffer with the next image."""
+def _of_array(image: ArrayLike) -> tuple[Frame, npt.NDArray[Any] | None]:
+    pixels, alpha = _pixels(image)
+    return Frame(pixels), alpha
+
+
+def _pixels(image: ArrayLike) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
+    """A copy of the pixels, as a camera may overwrite its buffer with the next image; and alpha."""
     try:
         # PyTorch's tensors warn if they are asked for a copy.
         pixels = np.array(np.asarray(image), order="C")
@@ -354,34 +403,39 @@ def _pixels(image: ArrayLike) -> npt.NDArray[Any]:
             "a picture is a path, bytes, an array, a Frame or a PIL picture, "
             f"not {type(image).__name__}"
         )
+    alpha = None
     if pixels.ndim == _COLOUR_RANK and pixels.shape[2] in _ALPHA:
+        alpha = pixels[..., -1]
         pixels = pixels[..., : _ALPHA[pixels.shape[2]]]
     if pixels.ndim == _COLOUR_RANK and pixels.shape[2] == 1:
         pixels = pixels[..., 0]
-    return np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("="))
+    return np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("=")), alpha
 
 
-def _of_pil(image: Any) -> Frame:  # noqa: ANN401 - PIL need not be installed
+def _of_pil(image: Any) -> tuple[Frame, npt.NDArray[Any] | None]:  # noqa: ANN401 - PIL need not be installed
     try:
-        pixels = _pixels(_gray_or_rgb(image))
+        pixels, alpha = _pixels(_gray_or_rgb(image))
     except OSError as error:
         raise InputError(f"the PIL picture cannot be read: {error}") from error
     if image.format is None:  # made or changed by a program: its EXIF may be outdated
-        return Frame(pixels)
+        return Frame(pixels), alpha
     exif = image.getexif()
     facts = Exif.of(exif.get(ORIENTATION), exif.get_ifd(EXIF_IFD).get(FOCAL_35MM))
-    return Frame(
+    frame = Frame(
         np.ascontiguousarray(upright(pixels, facts.orientation)),
         Path(image.filename) if getattr(image, "filename", "") else None,
         orientation=facts.orientation,
         focal_35mm=facts.focal_35mm,
     )
+    return frame, None if alpha is None else upright(alpha, facts.orientation)
 
 
 def _gray_or_rgb(image: Any) -> Any:  # noqa: ANN401 - PIL need not be installed
-    """The image without a palette, alpha or other colours than RGB."""
-    if image.mode in _GRAY_MODES:
+    """The image without a palette or other colours than RGB, with its alpha."""
+    if image.mode == "1":
         return image.convert("L")
+    if image.mode in _ALPHA_MODES or "transparency" in image.info:
+        return image.convert("RGBA")
     is_plain = image.mode in _PLAIN_MODES or image.mode.startswith("I;16")
     try:
         return image if is_plain else image.convert("RGB")

@@ -14,7 +14,7 @@ _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
 _PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS = 262, 277, 284, 338, 339
 _TAGS = (
     *(_SUBFILE_TYPE, _SUB_DIRECTORIES, _WIDTH, _HEIGHT, _BITS, _COMPRESSION),
-    *(_PHOTOMETRIC, _SAMPLES, _PLANES, _FORMATS),
+    *(_PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS),
 )
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
 _EIGHT, _SIXTEEN, _MAX_CHANNELS = 8, 16, 4
@@ -49,9 +49,12 @@ def tiff_header(data: bytes) -> Header:
 
 def decode_tiff(data: bytes) -> Decoded:
     """Pixels of the first image, upright, because OpenCV's reader always turns it."""
-    if _not_for_opencv(_first_directory(data)):
+    tags = _first_directory(data)
+    if _not_for_opencv(tags):
         return decode_with_openimageio(data)
-    return Decoded(decode_with_opencv(_with_colours_as_stored(data)).pixels, data)
+    has_alpha = tags.get(_EXTRA_SAMPLES) in (_ASSOCIATED, _UNASSOCIATED)
+    found = decode_with_opencv(_with_colours_as_stored(data), has_alpha=has_alpha)
+    return found._replace(exif=data)
 
 
 def _first_directory(data: bytes) -> dict[int, int]:

@@ -1,0 +1,140 @@
+"""Depth of an equirectangular panorama, from overlapping pinhole views that are joined.
+
+Views look at the corners of an icosahedron, as those of MoGe do (Wang et al., arXiv:2410.19115).
+Each is multiplied by one factor, so that they agree best where they overlap, and they are blended
+in log distance with weights that are 0 at their borders, so that there is no seam.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.imageops import resize_area, row_bands
+from depthcli.core.types import Frame, panorama_rays
+from depthcli.errors import InputError
+
+HFOV_DEG = 90.0
+"""Field of view of a view, which is square."""
+_MAX_VIEW_PX = 1024
+_RING_DEG = math.degrees(math.atan(0.5))
+_VIEWS_DEG = (
+    *((0.0, pitch) for pitch in (90.0, -90.0)),
+    *((yaw, _RING_DEG) for yaw in range(0, 360, 72)),
+    *((yaw + 36.0, -_RING_DEG) for yaw in range(0, 360, 72)),
+)
+"""(yaw to the right, pitch up) of each view; the first row of the image is at a pitch of 90°."""
+_PRIOR_WEIGHT = 1e-6  # of factors of one, so that their geometric mean is one
+_GRID_PX = 256, 128  # pixels of the panorama at which factors are fitted
+
+
+def panorama_distance(
+    frame: Frame, predict: Callable[[Frame], npt.NDArray[np.float32]]
+) -> npt.NDArray[np.float32]:
+    """Distance along the ray of each pixel, (H, W) float32 metres.
+
+    Args:
+        frame: an equirectangular image of all directions.
+        predict: metres along the axis, (h, w) float32, of a view of :data:`HFOV_DEG`.
+
+    Raises:
+        InputError: the image is not twice as wide as high.
+    """
+    if abs(frame.width - 2 * frame.height) > 2:  # noqa: PLR2004
+        raise InputError(
+            f"an equirectangular image of {frame.width}×{frame.height} pixels does not show all "
+            "directions, for which it is twice as wide as high",
+            "give {projection} pinhole, or the whole panorama",
+        )
+    side = min(_MAX_VIEW_PX, max(8, round(frame.width / math.pi)))
+    width = min(frame.width, round(side * math.pi))
+    small = resize_area(frame.pixels, width, max(1, width // 2))  # type: ignore[arg-type]
+    turns = [_rotation(*view) for view in _VIEWS_DEG]
+    logs = []
+    for turn in turns:
+        view = np.ascontiguousarray(_view(small, turn, side))
+        logs.append(np.log(predict(Frame(view)) * np.linalg.norm(_view_rays(side), axis=-1)))
+    known = [np.isfinite(log).all() for log in logs]
+    if not any(known):
+        raise InputError("no view of the panorama has depth everywhere")
+    logs = [log for log, one in zip(logs, known, strict=True) if one]
+    turns = [turn for turn, one in zip(turns, known, strict=True) if one]
+    samples = [*_samples(panorama_rays(*_GRID_PX), turns, logs)]
+    offsets = _offsets(samples)
+    found = np.empty((frame.height, frame.width), np.float32)
+    for rows in row_bands(frame.width, frame.height):
+        rays = panorama_rays(frame.width, frame.height, rows)
+        total, weight = np.zeros(rays.shape[:2], np.float32), np.zeros(rays.shape[:2], np.float32)
+        for offset, (log, share) in zip(offsets, _samples(rays, turns, logs), strict=True):
+            total += (log + np.float32(offset)) * share
+            weight += share
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found[rows] = np.exp(total / weight)
+    return found
+
+
+def _rotation(yaw_deg: float, pitch_deg: float) -> npt.NDArray[np.float64]:
+    """From directions of a view to those of the panorama; x right, y down, z ahead."""
+    yaw, pitch = math.radians(yaw_deg), math.radians(pitch_deg)
+    up = [[1, 0, 0], [0, math.cos(pitch), -math.sin(pitch)], [0, math.sin(pitch), math.cos(pitch)]]
+    right = [[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]]
+    return np.asarray(np.array(right) @ np.array(up), np.float64)
+
+
+def _view_rays(side: int) -> npt.NDArray[np.float32]:
+    """Directions of the pixels of a view, (side, side, 3), with z = 1."""
+    along = ((np.arange(side) + 0.5) * 2 / side - 1) * math.tan(math.radians(HFOV_DEG) / 2)
+    x, y = np.meshgrid(along, along)
+    return np.stack([x, y, np.ones_like(x)], -1).astype(np.float32)
+
+
+def _view(panorama: npt.NDArray[Any], turn: npt.NDArray[np.float64], side: int) -> npt.NDArray[Any]:
+    height, width = panorama.shape[:2]
+    x, y, z = np.moveaxis(_view_rays(side) @ turn.T.astype(np.float32), -1, 0)
+    column = (np.arctan2(x, z) / (2 * math.pi) + 0.5) * width - 0.5
+    row = (np.arctan2(y, np.hypot(x, z)) / math.pi + 0.5) * height - 0.5
+    wrapped = cv2.copyMakeBorder(panorama, 0, 0, 1, 1, cv2.BORDER_WRAP)
+    maps = (column + 1).astype(np.float32), row.astype(np.float32)
+    seen = cv2.remap(wrapped, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(seen)
+
+
+def _samples(
+    rays: npt.NDArray[np.float32],
+    turns: list[npt.NDArray[np.float64]],
+    logs: list[npt.NDArray[np.float32]],
+) -> Iterator[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
+    """Log distance of each view along some rays, (h, w), and its weight, 0 outside a circle."""
+    for turn, log in zip(turns, logs, strict=True):
+        x, y, z = np.moveaxis(rays @ turn.astype(np.float32), -1, 0)
+        ahead = np.where(z > 0, z, np.float32(np.inf)) * np.float32(
+            math.tan(math.radians(HFOV_DEG) / 2)
+        )
+        across, down = x / ahead, y / ahead
+        weight = np.where(z > 0, 1 - across**2 - down**2, 0).clip(0) ** 2
+        half = log.shape[0] / 2
+        maps = (across + 1) * half - 0.5, (down + 1) * half - 0.5
+        found = cv2.remap(log, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        yield np.asarray(found), weight.astype(np.float32)
+
+
+def _offsets(
+    samples: list[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]],
+) -> npt.NDArray[np.float64]:
+    """What is added to each view's log distance: least squares of the differences in overlaps."""
+    count = len(samples)
+    matrix = np.eye(count) * _PRIOR_WEIGHT
+    wanted = np.zeros(count)
+    for i, (log, weight) in enumerate(samples):
+        for j, (other, other_weight) in enumerate(samples[:i]):
+            both = weight * other_weight
+            share = float(both.mean(dtype=np.float64))
+            difference = float((both * (other - log)).mean(dtype=np.float64))
+            matrix[[i, j], [i, j]] += share
+            matrix[[i, j], [j, i]] -= share
+            wanted[i] += difference
+            wanted[j] -= difference
+    return np.asarray(np.linalg.solve(matrix, wanted), np.float64)
