@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import cv2
-from made_pictures import write_pictures
+from tools import write_pictures
 
 from depthcli.core.options import Detail, Upsampling
 from depthcli.core.parallel import usable_cores

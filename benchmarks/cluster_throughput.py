@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import ray
-from made_pictures import write_pictures
+from tools import write_pictures
 
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader

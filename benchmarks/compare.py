@@ -16,7 +16,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from made_pictures import write_pictures, write_video
+from tools import write_pictures, write_video
 
 HERE = Path(__file__).parents[1]
 FRAMES = 60

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import cv2
 import numpy as np
 import OpenEXR
-from timing import Timing, alternate
+from tools import Timing, alternate
 
 import depthcli
 from depthcli.io.depth.metadata import metadata_texts

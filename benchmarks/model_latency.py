@@ -15,7 +15,7 @@ from functools import partial
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
-from timing import Timing, alternate
+from tools import Timing, alternate
 
 import depthcli
 

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import boto3
 import cv2
-from made_pictures import write_pictures, write_video
 from moto.server import ThreadedMotoServer
+from tools import write_pictures, write_video
 
 HERE = Path(__file__).parents[1]
 IMAGES = 6

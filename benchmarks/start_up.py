@@ -12,7 +12,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from timing import alternate, process
+from tools import alternate, process
 
 from depthcli.models.catalog import find_model
 

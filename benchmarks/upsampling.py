@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from timing import alternate
+from tools import alternate
 
 import depthcli
 from depthcli.core.options import AUTO_TILE, Detail, Upsampling

@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from made_pictures import write_video
+from tools import write_video
 
 import depthcli
 from depthcli.io.depth.read import read_stored_depth

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import cv2
-from made_pictures import write_video
+from tools import write_video
 
 from depthcli.core.options import Detail
 from depthcli.core.parallel import usable_cores
