@@ -23,7 +23,8 @@ from tools import write_video
 
 from depthcli.core.options import Detail
 from depthcli.core.parallel import usable_cores
-from depthcli.inference.pipeline import load
+from depthcli.inference.loading import SessionLoader
+from depthcli.inference.pipeline import Pipeline
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video
 from depthcli.jobs.video.stages import FrameStages, open_output
 from depthcli.video.formats import VideoFormat
@@ -60,7 +61,7 @@ class Stages:
 def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     """CPU seconds of all stages of a frame, each in its turn, the mean over a few frames."""
     cv2.setNumThreads(1)
-    pipeline = load(threads=1, detail=Detail())
+    pipeline = Pipeline(SessionLoader(threads=1).load(), Detail())
     settings = VideoSettings()
     work, stages = FrameStages(pipeline, settings), Stages()
     plan = plan_video(VideoRequest(str(video), f"{folder}/", FORMATS))
