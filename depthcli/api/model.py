@@ -25,7 +25,7 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.providers import AUTO
-from depthcli.io.images.pixels import check_white_level
+from depthcli.io.images.pixels import check_levels
 from depthcli.io.images.read import frame_of
 from depthcli.models.catalog import DEFAULT_MODEL
 
@@ -196,7 +196,7 @@ class DepthModel:
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else anchor_points(anchors)
-        check_white_level(white_level)
+        check_levels(white_level)
         _check_several(pictures, batch_size, workers)
         for text in self._focal_warnings(camera, points):
             warnings.warn(text, DepthcliWarning, stacklevel=2)

@@ -208,6 +208,12 @@ class ReadOptions:
         min=1,
         max=65535,
     )
+    black_level: int = option(
+        "Value of black in 16-bit images, with --white-level for a thermal camera's range.",
+        default=0,
+        min=0,
+        max=65534,
+    )
     exposure: float = option(
         "Exposure of EXR images in stops: 1 doubles their linear light, -1 halves it.",
         default=0.0,

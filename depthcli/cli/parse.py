@@ -129,6 +129,7 @@ def reading(options: groups.ReadOptions) -> ReadOptions:
         options.layer,
         options.projection,
         options.ignore_alpha,
+        options.black_level,
     )
 
 
@@ -280,7 +281,7 @@ FORMAT_OPTIONS: Mapping[str, Collection[str]] = {
 """The options that each format uses, by parameter name."""
 INPUT_OPTIONS: Mapping[str, Collection[str]] = {
     "EXR": ("exposure", "layer"),
-    "PNG and TIFF": ("white_level",),
+    "PNG and TIFF": ("white_level", "black_level"),
     "image sequences": ("fps",),
 }
 """The options that each kind of input uses, by parameter name."""

@@ -24,7 +24,7 @@ DEPTH_M = Rule(
     "a depth from 0.001 to 1000000", lambda depth_m: DEPTH_M_RANGE[0] <= depth_m <= DEPTH_M_RANGE[1]
 )
 """Depths of known points in metres."""
-_FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 
 class Anchor(NamedTuple):
@@ -185,4 +185,4 @@ def focal_px_of_35mm(focal_35mm: float, width: float, height: float) -> float:
     Source: CIPA DCG-001, which EXIF's tag FocalLengthIn35mmFilm follows: the angle of view over the
     diagonal of the image is that of a lens of this focal length on a frame of 36 x 24 mm.
     """
-    return focal_35mm * math.hypot(width, height) / _FILM_DIAGONAL_MM
+    return focal_35mm * math.hypot(width, height) / FILM_DIAGONAL_MM

@@ -171,6 +171,8 @@ def check_pixel_count(name: str, width: int, height: int, max_pixels: int = MAX_
 
 WHITE_LEVEL = Rule("a whole number from 1 to 65535", lambda level: 1 <= level <= 0xFFFF)  # noqa: PLR2004
 """Values of white in 16-bit images."""
+BLACK_LEVEL = Rule("a whole number from 0 to 65534", lambda level: 0 <= level < 0xFFFF)  # noqa: PLR2004
+"""Values of black in 16-bit images."""
 EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 20)  # noqa: PLR2004
 """Exposures of images of linear light."""
 
@@ -198,6 +200,7 @@ class ReadOptions(NamedTuple):
     layer: str | None = None  #: of an EXR, that is its image; None for the likeliest
     projection: Projection | None = None  #: None for a pinhole camera
     ignore_alpha: bool = False  #: whether transparent pixels are as good as others
+    black_level: int = 0  #: value of black in 16-bit integers
 
 
 AS_STATED = ReadOptions()

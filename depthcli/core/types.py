@@ -191,7 +191,9 @@ class Frame:
         index: its number in the source, 0 for a still picture.
         timestamp_s: its time in a video, in seconds; None for a still picture.
         orientation: the EXIF orientation (1-8) that was undone on reading.
-        focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one.
+        focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one, or
+            the focal length and the sensor's size.
+        focal_mm: EXIF focal length of the lens in millimetres, if the file states one.
         rate: frames a second of the video that is made of it, or that an EXR states; None for
             other still pictures.
         warnings: about its file, one line each.
@@ -206,6 +208,7 @@ class Frame:
             to 29; above 30 frames a second, of a pair of frames), six flags (drop frame, colour
             frame, second of the pair, three of binary groups) and eight binary groups; None if it
             has none.
+        view: eye of a stereo EXR, such as ``left``; None if it is not stated.
     """
 
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -214,6 +217,7 @@ class Frame:
     timestamp_s: float | None = None
     orientation: int = 1
     focal_35mm: float | None = None
+    focal_mm: float | None = None
     rate: Fraction | None = None
     warnings: tuple[str, ...] = ()
     pixel_aspect: float = 1.0
@@ -221,6 +225,7 @@ class Frame:
     time_code: tuple[int, ...] | None = None
     projection: Projection = Projection.PINHOLE
     transparent: npt.NDArray[np.bool_] | None = None
+    view: str | None = None
 
     def __post_init__(self) -> None:
         """Check the pixels and their shape.

@@ -13,7 +13,7 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import AUTO_TILE, DEFAULT_DETAIL, Detail, Projection
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
 from depthcli.errors import InputError, Message, ModelError
-from depthcli.inference.camera import intrinsics_of, metric_camera, metric_scale
+from depthcli.inference.camera import frame_warnings, intrinsics_of, metric_camera, metric_scale
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare
 from depthcli.models.card import InputSpec, ModelCard, OutputSpec
@@ -253,7 +253,9 @@ def _finished(
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
     found = fitted(depth, anchors, frame.windows)
     of_anchors = anchors.warnings if anchors else ()
-    return Prediction(found, (*warnings, *of_anchors, *lost_in_fit(depth, found)))
+    source = depth.provenance.camera_source if depth.provenance and not anchors else None
+    of_file = frame_warnings(frame, source)
+    return Prediction(found, (*warnings, *of_file, *of_anchors, *lost_in_fit(depth, found)))
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:

@@ -65,6 +65,8 @@ class CsvTable:
         """
         empty = dict.fromkeys(self.columns, "")
         for cells in filter(None, self._cells()):
+            if len(cells) > len(self.columns):
+                raise self._error(f"{len(cells)} values for {len(self.columns)} columns")
             named = dict(zip(self.columns, map(str.strip, cells), strict=False))
             yield CsvRow(self._name, self._lines.line_num, empty | named)
 
@@ -72,7 +74,10 @@ class CsvTable:
         try:
             yield from self._lines
         except csv.Error as error:
-            raise InputError(f"{self._name}, line {self._lines.line_num}: {error}") from error
+            raise self._error(str(error)) from error
+
+    def _error(self, problem: str) -> InputError:
+        return InputError(f"{self._name}, line {self._lines.line_num}: {problem}")
 
 
 ID = "id"

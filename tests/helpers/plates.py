@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import OpenEXR
 
+from depthcli.io.exr.file import ExrPart, StoredChannel, choose_depth
+
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
 Box = tuple[int, int, int, int]
@@ -61,3 +64,11 @@ def written(path: Path) -> tuple[Box, Box, float, np.ndarray[Any, Any]]:
     header = file.header()
     boxes = [tuple(map(int, np.ravel(header[f"{which}Window"]))) for which in ("data", "display")]
     return (*boxes, header["pixelAspectRatio"], file.channels()["Y"].pixels)
+
+
+def depth_channel(names: Iterable[str]) -> str | None:
+    """The channel of depth among channels of a file of one part."""
+    header = {window: (np.zeros(2), np.zeros(2)) for window in ("dataWindow", "displayWindow")}
+    part = ExrPart.of({**header, "pixelAspectRatio": 1.0})
+    channels = {name: StoredChannel(np.zeros((1, 1)), part) for name in names}
+    return choose_depth("a.exr", channels)[0]

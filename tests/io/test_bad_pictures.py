@@ -123,6 +123,11 @@ UNUSUAL = {
     },
     "fax": _saved("TIFF", "1", compression="group4"),
     "BigTIFF": _saved("TIFF", big_tiff=True),
+    **{
+        f"PNM {kind} without a last line break": f"{kind} {WIDTH} {HEIGHT}{white}".encode()
+        + b" 1" * (WIDTH * HEIGHT * channels)
+        for kind, white, channels in (("P1", "", 1), ("P2", " 9", 1), ("P3", " 9", 3))
+    },
     "unknown colour profile": _saved("PNG", icc_profile=b"nothing that is known"),
 }
 

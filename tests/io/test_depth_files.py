@@ -10,11 +10,11 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers.command_line import unmeasured
+from helpers.plates import depth_channel
 
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.exr.file import depth_channel
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import FORMATS, Format, writer_class

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import OpenEXR
 import pytest
+from helpers.plates import depth_channel
 
 from depthcli.errors import InputError
-from depthcli.io.exr.file import colour_channels, depth_channel
+from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.exr.file import choose_depth, colour_channels, read_exr_channels
 from depthcli.io.images.read import read_image
 from depthcli.video.source import open_frames
 
@@ -141,3 +143,22 @@ def test_parts_are_layers_and_the_warning_is_that_of_the_frame(tmp_path: Path) -
     with open_frames(tmp_path / "a.%d.exr") as source:
         next(source.frames())
         assert source.warnings[-1].startswith(f"{path}: its layer key")
+
+
+def test_depth_is_of_the_eye_of_the_image(tmp_path: Path) -> None:
+    """As in Beachball/multipart.0001.exr of the images of OpenEXR."""
+    path, parts = tmp_path / "a.exr", []
+    for name, view, depth_m in (("rgba_right", "right", 0), ("depth_left", "left", 2)):
+        names = ("Z",) if depth_m else "RGB"
+        values = np.full_like(GRAY, depth_m)
+        parts.append(OpenEXR.Part({"view": view}, dict.fromkeys(names, values), name))
+    right = OpenEXR.Part({"view": "right"}, {"Z": np.full_like(GRAY, 3)}, "depth_right")
+    OpenEXR.File([*parts, right]).write(str(path))
+    assert read_image(path).view == "right"
+    stored = read_stored_depth(path)
+    assert (stored.channel, stored.frame.view) == ("depth_right.Z", "right")
+    assert len(stored.warnings) == 1
+    channels = read_exr_channels(path)
+    assert choose_depth("a.exr", channels, "Depth_Left") == ("depth_left.Z", None)
+    with pytest.raises(InputError, match="depth_right"):
+        choose_depth("a.exr", channels, "none")

@@ -100,3 +100,18 @@ def test_without_the_extra_one_line_says_what_to_install(
     for data in (start + bytes(2000), made.tiff(np.zeros((2, 2, 5), np.uint8))):
         with pytest.raises(InputError, match="OpenImageIO"):
             read_image(None, data)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_small_uncompressed_tiles_are_read(tmp_path: Path, channels: int) -> None:
+    """tifffile's ``tile=(16, 16)`` and ``tiffcp -t -w 16 -l 16`` write such files."""
+    pixels = np.random.default_rng(0).integers(0, 255, (40, 56, channels), np.uint8)
+    path, spec = str(tmp_path / "a.tif"), oiio.ImageSpec(56, 40, channels, "uint8")
+    spec.tile_width = spec.tile_height = 16
+    spec.attribute("compression", "none")
+    output = oiio.ImageOutput.create(path)
+    output.open(path, spec)
+    output.write_image(pixels)
+    output.close()
+    found = read_image(path).pixels
+    np.testing.assert_array_equal(found, pixels if channels == 3 else pixels[..., 0])

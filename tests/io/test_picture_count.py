@@ -80,3 +80,11 @@ def test_it_is_a_warning_of_the_picture(tmp_path: Path) -> None:
     plan = plan_folder(str(source.parent), str(tmp_path / "out"))
     assert [one.row.warnings for one in Batch(BatchRequest(plan, model=loader))] == [TOLD]
     assert json.loads((tmp_path / "out" / "manifest.jsonl").read_text())["warnings"] == [*TOLD]
+
+
+def test_image_for_each_eye_is_told() -> None:
+    data = saved("MPO", 2)
+    assert read_image(None, data).warnings == ()  # Pillow states no kind
+    entries = data.index(b"MPF\0") + 4 + 50
+    stereo = data[:entries] + b"\x02\x00\x02\x00" + data[entries + 4 :]
+    assert len(read_image(None, stereo).warnings) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import cv2
@@ -11,9 +12,14 @@ import pytest
 from helpers import made
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+from PIL.TiffImagePlugin import IFDRational
 
+from depthcli.core.camera import focal_px_of_35mm
 from depthcli.errors import InputError
-from depthcli.io.images.exif import parse_exif
+from depthcli.io.images.exif import EXIF_IFD, parse_exif
+from depthcli.io.images.pixels import PANORAMA
 from depthcli.io.images.read import read_image
 
 if TYPE_CHECKING:
@@ -140,3 +146,41 @@ def test_a_tiff_with_empty_tags_is_an_ordinary_one(tmp_path: Path) -> None:
         at = data.index(struct.pack("<HHI", tag, 4, 1))
         path.write_bytes(data[: at + 4] + bytes(4) + data[at + 8 :])  # no value
         np.testing.assert_array_equal(read_image(path).pixels, PICTURE)
+
+
+def test_focal_length_of_a_canon_camera_is_that_of_its_sensor() -> None:
+    """Canon states the pixels an inch on the sensor, and no 35-mm equivalent."""
+    exif = Image.Exif()
+    inner = exif.get_ifd(EXIF_IFD)
+    across, down = IFDRational(5_184_000, 904), IFDRational(3_456_000, 603)
+    inner |= {0x920A: IFDRational(36), 0xA20E: across, 0xA20F: down, 0xA210: 2}
+    inner |= {0xA002: 5184, 0xA003: 3456}
+    file = BytesIO()
+    Image.fromarray(np.zeros((32, 48, 3), np.uint8)).save(file, "JPEG", exif=exif)
+    frame = read_image(None, file.getvalue())
+    assert frame.focal_35mm is not None
+    assert focal_px_of_35mm(frame.focal_35mm, 48, 32) == pytest.approx(36 / 22.96 * 48, rel=2e-3)
+    inner[0xA20E] = IFDRational(5_184_000 * 30, 904)  # as some bodies: a sensor of a millimetre
+    Image.fromarray(np.zeros((32, 48, 3), np.uint8)).save(file := BytesIO(), "JPEG", exif=exif)
+    frame = read_image(None, file.getvalue())
+    assert (frame.focal_35mm, frame.focal_mm) == (None, 36)
+
+
+@pytest.mark.parametrize(
+    "xmp",
+    [
+        b"<GPano:ProjectionType>equirectangular</GPano:ProjectionType>",
+        b"<rdf:Description GPano:ProjectionType='equirectangular'/>",
+    ],
+)
+@pytest.mark.parametrize("kind", ["JPEG", "TIFF", "WEBP", "PNG"])
+def test_panorama_by_its_xmp_is_told(xmp: bytes, kind: str) -> None:
+    file, options = BytesIO(), {"xmp": xmp}
+    if kind == "PNG":
+        info = PngInfo()
+        info.add_itxt("XML:com.adobe.xmp", xmp.decode())
+        options = {"pnginfo": info}
+    if kind == "TIFF":
+        options = {"tiffinfo": {700: xmp}}
+    Image.fromarray(np.zeros((8, 16, 3), np.uint8)).save(file, kind, **options)
+    assert read_image(None, file.getvalue()).warnings == (PANORAMA,)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
+from helpers.plates import depth_channel
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
@@ -17,7 +18,6 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
-from depthcli.io.exr.file import depth_channel
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer

@@ -18,7 +18,7 @@ from depthcli.io.listing.folder import (
     skip_summary,
     why_skipped,
 )
-from depthcli.io.listing.path_list import listed_inputs, parse_list
+from depthcli.io.listing.path_list import listed_inputs, parse_list, read_list
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -171,3 +171,19 @@ def test_listed_uris_are_named_from_the_folder() -> None:
     assert "has no bucket" in problems[4]
     (local,) = listed_inputs(["s3://b/k/a.png"], "/here")
     assert local.name == "b/k/a.png"
+
+
+def test_folders_of_storage_systems_are_skipped_and_counted(tmp_path: Path) -> None:
+    """Synology keeps thumbnails in @eaDir beside every image."""
+    touch(tmp_path, "a.jpg", "@eaDir/a.jpg/SYNOPHOTO_THUMB_M.jpg", "b/@eaDir/c.jpg")
+    listing = list_folder(str(tmp_path))
+    assert [found.name for found in listing.media] == ["a.jpg"]
+    assert skip_summary(listing.skipped) == "2 files skipped (2 @eaDir)"
+
+
+def test_csv_list_without_a_first_line_keeps_its_first_image(tmp_path: Path) -> None:
+    path = tmp_path / "list.csv"
+    path.write_text("a.png\nb.png\n")
+    assert list(read_list(str(path))) == ["a.png", "b.png"]
+    path.write_text("image\na.png\n")
+    assert list(read_list(str(path))) == ["a.png"]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
-from helpers import made
 
 from depthcli.errors import UsageError
 from depthcli.io.images.read import read_image
@@ -76,36 +75,29 @@ def test_what_a_file_states_itself_counts(white_level: int | None) -> None:
         assert frame.warnings == ()
 
 
-def picture_up_to(brightest: int, share: float) -> np.ndarray[Any, Any]:
-    """Noise below a value that a share of the pixels has."""
-    pixels = RNG.integers(0, brightest, (100, 200), dtype=np.uint16)
-    pixels.flat[: round(share * pixels.size)] = brightest
-    return pixels
-
-
-@pytest.mark.parametrize(
-    ("brightest", "share", "bits"),
-    [
-        (4095, 0.01, 12),
-        (1023, 0.001, 10),
-        (4095, 5e-5, None),  # the brightest pixel of a dark picture
-        (4094, 0.01, None),
-        (3000, 0.5, None),
-        (65520, 0.01, None),
-    ],
-)
-def test_pictures_that_are_clipped_at_a_sensor_s_white_are_told(
-    brightest: int, share: float, bits: int | None
-) -> None:
-    pixels = picture_up_to(brightest, share)
-    for suffix in (".png", ".tiff"):
-        warnings = read_image(None, encoded(suffix, pixels)).warnings
-        assert [f"of {bits} bits" in warning for warning in warnings] == [True] * bool(bits)
-        assert all(f"give white_level {brightest}" in warning for warning in warnings)
-    assert not read_image(None, made.png([bytes([255])], 1, 8, 0)).warnings
-
-
 @pytest.mark.parametrize("white_level", [0, 65536, -1, 4095.5, "4095"])
 def test_what_is_no_white_level(white_level: Any) -> None:
     with pytest.raises(UsageError):
         read_image(None, encoded(".png", COLOURS), white_level=white_level)
+
+
+def test_black_and_white_level_stretch_the_range_of_a_thermal_camera() -> None:
+    pixels = np.linspace(6765, 7810, 24 * 32).reshape(24, 32).astype(np.uint16)
+    data = encoded(".tiff", pixels)
+    (warning,) = read_image(None, data).warnings
+    assert {"black_level", "white_level"} <= {word.strip("{}") for word in warning.advice.split()}
+    frame = read_image(None, data, white_level=7810, black_level=6765)
+    np.testing.assert_array_equal(frame.pixels, np.rint((pixels - 6765.0) * (65535 / 1045)))
+    assert frame.warnings == ()
+    with pytest.raises(UsageError):
+        read_image(None, data, white_level=100, black_level=100)
+
+
+@pytest.mark.parametrize(
+    ("white", "is_told"), [(1023, True), (4080, True), (4095, True), (60_000, False)]
+)
+def test_pixels_in_a_sliver_of_16_bits_are_told(white: int, is_told: bool) -> None:
+    pixels = RNG.integers(0, white, (64, 64), dtype=np.uint16)
+    pixels[1, 1] = white
+    warnings = read_image(None, encoded(".png", pixels)).warnings
+    assert [warning.advice.split()[-1] for warning in warnings] == [str(white)] * is_told

@@ -71,6 +71,16 @@ def test_parts_of_shards_are_summed_up_and_merged(tmp_path: Path) -> None:
     assert names == sorted(one.input for one in rows)
 
 
+def test_merging_refuses_a_manifest_with_a_cut_row(tmp_path: Path) -> None:
+    filled(tmp_path, row("a"), row("b"), shard=Shard(1, 2))
+    path = tmp_path / "manifest-1-of-2.jsonl"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-20])
+    with pytest.raises(UsageError, match="line 2"):
+        merge_manifests(tmp_path)
+    assert path.read_bytes() == whole[:-20]
+
+
 def test_merging_waits_for_no_batch_at_work(tmp_path: Path) -> None:
     filled(tmp_path, row("a"))
     shard = Journal(tmp_path, Shard(1, 2))

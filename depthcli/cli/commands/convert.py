@@ -55,7 +55,7 @@ FORMAT_OPTIONS = {str(name): _options_of(name) for name in FORMATS}
 SOURCE_OPTIONS = {
     "a folder": ("include", "exclude"),
     "one file": ("frame", "picture"),
-    "--picture": ("white_level", "exposure", "layer", "projection", "ignore_alpha"),
+    "--picture": ("white_level", "black_level", "exposure", "layer", "projection", "ignore_alpha"),
 }
 """The options that each format, or each kind of source, uses, by parameter name."""
 

@@ -122,6 +122,7 @@ class ExrPart(NamedTuple):
     #: CIE x and y of red, green, blue and white; None if it does not state them
     chromaticities: tuple[float, ...] | None
     texts: Mapping[str, str]  #: text attributes of the first part
+    view: str | None = None  #: its eye; None if it is not stated
     is_environment: bool = False  #: whether it shows all directions
 
     @classmethod
@@ -141,6 +142,7 @@ class ExrPart(NamedTuple):
             stated_time_code(header) or (first.time_code if first else None),
             stated,
             first.texts if first else {k: v for k, v in header.items() if isinstance(v, str)},
+            header.get("view"),
             is_environment="envmap" in header,
         )
 
@@ -292,17 +294,58 @@ def read_exr_header(path: Path) -> dict[str, Any]:
 _DEPTHS = ("Z", "V", "Y", "R")
 
 
-def depth_channel(names: Sequence[str]) -> str | None:
-    """The channel that holds depth, in files of any program; None if there is none.
+def choose_depth(
+    file: str, channels: Mapping[str, StoredChannel], layer: str | None = None
+) -> tuple[str | None, str | None]:
+    """The channel that holds depth, in files of any program, and a warning if others may.
 
     That is ``Z``, else Z, V, Y or R of a layer called depth (Nuke's ``depth.Z``, Blender's
-    ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R. Layers of
-    vectors are none of these.
+    ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R, of the eye
+    of the first part, as the image is. Layers of vectors are none of these.
+
+    Args:
+        file: what messages call it.
+        channels: of :func:`read_exr_channels`.
+        layer: name of the layer or part, or the last part of it, in upper or lower case.
+
+    Returns:
+        The name of the channel, and one line; each None if there is none.
+
+    Raises:
+        InputError: there is no depth in such a layer.
     """
-    depths = [
-        name for name in names if last_part(name) in _DEPTHS and not is_of_vectors(name, names)
+    names = list(channels)
+    found = [name for name in names if _is_depth(name, names)]
+    if layer is not None:
+        wanted = layer.removesuffix(".").lower()
+        layers = {name: layer_of(name).removesuffix(".").lower() for name in found}
+        same = [name for name in found if layers[name] == wanted]
+        same = same or [name for name in found if wanted in (name.lower(), last_part(layers[name]))]
+        if len(same) != 1:
+            which = "has several layers" if same else "has no layer"
+            shown = one_line(", ".join(same or found or names))
+            raise InputError(f"{file} {which} {layer!r} with depth", f"it has {shown}")
+        return same[0], None
+    hero = next((c.part.view for c in channels.values() if c.part.view), None)
+    seen = [name for name in found if channels[name].part.view in (None, hero)] or found
+    chosen = min(seen, key=_depth_rank, default=None)
+    if chosen is None:
+        return None, None
+    others = [
+        name
+        for name in found
+        if name != chosen and _depth_rank(name)[:2] == _depth_rank(chosen)[:2]
     ]
-    return min(depths, key=_depth_rank, default=None)
+    if not others:
+        return chosen, None
+    return chosen, Message(
+        f"depth is that of channel {one_line(chosen)}",
+        f"if it is in {one_line(', '.join(others[:_MAX_SHOWN]))}, give {{layer}}",
+    )
+
+
+def _is_depth(name: str, names: Collection[str]) -> bool:
+    return last_part(name) in _DEPTHS and not is_of_vectors(name, names)
 
 
 def is_of_vectors(name: str, names: Collection[str]) -> bool:

@@ -192,6 +192,7 @@ def read_exr_image(
         windows=windows,
         projection=options.projection or Projection.PINHOLE,
         time_code=part.time_code,
+        view=part.view,
     )
 
 

@@ -15,7 +15,7 @@ from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth
 from depthcli.io.exr.file import (
     StoredChannel,
-    depth_channel,
+    choose_depth,
     layer_of,
     read_exr_channels,
     write_exr,
@@ -86,7 +86,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         InputError: missing, damaged, without depth, or too large.
     """
     channels = read_exr_channels(path)
-    name = depth_channel(list(channels))
+    name, doubt = choose_depth(str(path), channels, options.layer)
     if name is None or _is_coloured(name, channels):
         raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
     stored, part = channels[name], channels[name].part
@@ -102,9 +102,11 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         pixel_aspect=part.pixel_aspect,
         windows=Windows(part.data, part.data, part.display),
         time_code=part.time_code,
+        view=part.view,
     )
     found = StoredDepth.of(path, stored.over(part.data), metadata, options, frame)
-    return replace(found, channel=name)
+    warnings = (*found.warnings, doubt) if doubt else found.warnings
+    return replace(found, channel=name, warnings=warnings)
 
 
 def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:

@@ -1,11 +1,16 @@
-"""Directories of TIFF 6.0 and BigTIFF; the two EXIF tags in them that depth estimation needs."""
+"""Directories of TIFF 6.0 and BigTIFF; orientation and focal length of the EXIF in them."""
 
+import math
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
-from typing import NamedTuple
+from numbers import Real
+from typing import Any, NamedTuple
 
-_FIELD_TYPES = {1: "B", 3: "H", 4: "I", 8: "h", 9: "i", 13: "I", 16: "Q"}
+from depthcli.core.camera import FILM_DIAGONAL_MM
+
+_FIELD_TYPES = {1: "B", 3: "H", 4: "I", 5: "II", 7: "B", 8: "h", 9: "i", 13: "I", 16: "Q"}
+"""Formats of `struct` by the number of a type; a rational is two numbers."""
 
 
 class _Layout(NamedTuple):
@@ -56,7 +61,8 @@ def tag_entries(
         tag, kind = unpack_at(order + "HH", data, entry)
         if tag in wanted and kind in _FIELD_TYPES:
             (many,) = unpack_at(number, data, entry + 4)
-            form, position = f"{order}{many}{_FIELD_TYPES[kind]}", entry + layout.value
+            letters = _FIELD_TYPES[kind]
+            form, position = f"{order}{many * len(letters)}{letters[0]}", entry + layout.value
             if struct.calcsize(form) > struct.calcsize(number):
                 (position,) = unpack_at(number, data, position)
             yield tag, form, position
@@ -67,27 +73,53 @@ def unpack_at(form: str, data: bytes, at: int) -> tuple[int, ...]:
     return struct.unpack(form, data[at : at + struct.calcsize(form)])
 
 
-ORIENTATION, EXIF_IFD, FOCAL_35MM = 0x0112, 0x8769, 0xA405
-"""Tags, the second of which is the place of the directory with the third."""
-_ORIENTATIONS = range(1, 9)
-_FOCAL_35MM_MM = range(3, 20_001)  # from fisheyes to telescopes; others are mistakes
+_ORIENTATION, EXIF_IFD = 0x0112, 0x8769
+_FOCAL_MM, _FOCAL_35MM, _SIZE_PX = 0x920A, 0xA405, (0xA002, 0xA003)
+_PLANE, _PLANE_UNIT = (0xA20E, 0xA20F), 0xA210  # pixels a unit on the sensor, across and down
+_TAGS = (_ORIENTATION, EXIF_IFD, _FOCAL_MM, _FOCAL_35MM, *_SIZE_PX, *_PLANE, _PLANE_UNIT)
+_UNITS_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+_LEAST_35MM, _MOST_35MM = 3, 20_000  # from fisheyes to telescopes; others are mistakes
+_SENSOR_MM = 3.0, 100.0  # diagonals, from phones to medium format
+_SQUARE = 0.1
+_RATIONALS = {_FOCAL_MM, *_PLANE}
 
 
 class Exif(NamedTuple):
-    """Orientation and focal length."""
+    """Orientation and focal length; values that no camera writes count as absent."""
 
     orientation: int = 1  #: 1-8; 1 is upright
     focal_35mm: float | None = None  #: 35-mm-equivalent focal length in millimetres, or None
+    focal_mm: float | None = None  #: that of the lens, in millimetres, or None
 
     @classmethod
-    def of(cls, orientation: object, focal_35mm: object) -> "Exif":
-        """Values of tags; those that no camera writes count as absent."""
+    def of(cls, tags: Mapping[int, Any]) -> "Exif":
+        """From the values of both directories, by tag."""
+        numbers = {tag: float(v) for tag, v in tags.items() if isinstance(v, Real)}
+        numbers = {tag: v for tag, v in numbers.items() if 0 < v < math.inf}
+        orientation, focal_mm = numbers.get(_ORIENTATION, 1), numbers.get(_FOCAL_MM)
+        focal_35mm = numbers.get(_FOCAL_35MM) or _equivalent(numbers)
         return cls(
-            orientation if isinstance(orientation, int) and orientation in _ORIENTATIONS else 1,
-            float(focal_35mm)
-            if isinstance(focal_35mm, int) and focal_35mm in _FOCAL_35MM_MM
-            else None,
+            int(orientation) if orientation in range(1, 9) else 1,
+            focal_35mm if _LEAST_35MM <= (focal_35mm or 0) <= _MOST_35MM else None,
+            focal_mm,
         )
+
+
+def _equivalent(tags: Mapping[int, float]) -> float | None:
+    """35-mm equivalent by the size of the sensor, as of Canon's cameras; None if it is unknown.
+
+    The sensor's pixels are those of the image as it left the camera, so resizing changes nothing.
+    Sizes with pixels that are not square, or that no sensor has, are mistakes.
+    """
+    if not tags.keys() >= {_FOCAL_MM, *_SIZE_PX, *_PLANE}:
+        return None
+    unit_mm = _UNITS_MM.get(int(tags.get(_PLANE_UNIT, 2)), 25.4)
+    pitches = [unit_mm / tags[tag] for tag in _PLANE]
+    diagonal_mm = math.hypot(*(tags[n] * mm for n, mm in zip(_SIZE_PX, pitches, strict=True)))
+    is_likely = _SENSOR_MM[0] <= diagonal_mm <= _SENSOR_MM[1]
+    if not is_likely or abs(pitches[0] / pitches[1] - 1) > _SQUARE:
+        return None
+    return tags[_FOCAL_MM] * FILM_DIAGONAL_MM / diagonal_mm
 
 
 def parse_exif(block: bytes) -> Exif:
@@ -96,14 +128,18 @@ def parse_exif(block: bytes) -> Exif:
     if not tiff.startswith(TIFF_STARTS):
         return Exif()
     first = _first_values(tiff)
-    inner = _first_values(tiff, first[EXIF_IFD]) if EXIF_IFD in first else {}
-    return Exif.of(first.get(ORIENTATION), inner.get(FOCAL_35MM))
+    inner = _first_values(tiff, int(first[EXIF_IFD])) if EXIF_IFD in first else {}
+    return Exif.of({**inner, **first})
 
 
-def _first_values(tiff: bytes, at: int | None = None) -> dict[int, int]:
+def _first_values(tiff: bytes, at: int | None = None) -> dict[int, float]:
     """The first value of each tag of a directory, as far as that goes."""
-    found = {}
+    found: dict[int, float] = {}
     with suppress(struct.error):
-        for tag, values in read_tags(tiff, (ORIENTATION, EXIF_IFD, FOCAL_35MM), at):
-            found.update({tag: values[0]} if values else {})
+        for tag, form, position in tag_entries(tiff, _TAGS, at):
+            values = unpack_at(form, tiff, position)
+            if tag in _RATIONALS:
+                found.update({tag: values[0] / values[1]} if len(values) > 1 and values[1] else {})
+            elif values:
+                found[tag] = values[0]
     return found

@@ -3,12 +3,15 @@
 import re
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import simplejpeg
 
 from depthcli.errors import InputError
+from depthcli.io.images.exif import read_tags
 from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
 
 JPEG_START = b"\xff\xd8"
@@ -16,6 +19,8 @@ _FRAMES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")
 _SCAN, _APP1, _EXIF = 0xDA, 0xE1, b"Exif\0\0"
 _STANDALONE = frozenset(b"\x01\xd0\xd1\xd2\xd3\xd4\xd5\xd6\xd7")
 _FILLED_MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)  # fill, however long, and the marker
+_MULTI_PICTURE, _MP_ENTRIES, _MP_ENTRY_BYTES, _DISPARITY = b"MPF\0", 0xB002, 16, 0x020002
+_OTHER_EYE = "holds an image for each eye; only the first is used"
 _COLOURS = {1: "GRAY", 4: "CMYK"}
 """What pixels are decoded to by the number of components; others to RGB."""
 # After such messages of libjpeg pixels are made up. Other warnings are harmless, above all that of
@@ -30,7 +35,19 @@ _DATA_LOSS = re.compile(
 def jpeg_header(data: bytes) -> Header:
     """Size of a JPEG."""
     width, height, _ = _frame(data)
-    return Header(width, height)
+    indexes = (body[4:] for _, body in _segments(data) if body.startswith(_MULTI_PICTURE))
+    return Header(width, height, _OTHER_EYE if any(map(_is_stereo, indexes)) else None)
+
+
+def _is_stereo(index: bytes) -> bool:
+    """Whether an index of several images (CIPA DC-007) names one for another eye."""
+    with suppress(struct.error, KeyError):
+        ((_, entries),) = read_tags(index, (_MP_ENTRIES,))
+        order: Literal["little", "big"] = "little" if index.startswith(b"I") else "big"
+        starts = range(0, len(entries), _MP_ENTRY_BYTES)
+        kinds = (int.from_bytes(entries[at : at + 4], order) for at in starts)
+        return any(kind & 0xFFFFFF == _DISPARITY for kind in kinds)
+    return False
 
 
 def decode_jpeg(data: bytes) -> Decoded:

@@ -1,5 +1,6 @@
 """Pixels as they were decoded: turned upright, scaled to full range, of the types of a frame."""
 
+import math
 from typing import Any
 
 import cv2
@@ -7,16 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.imageops import resize_area, resize_bilinear, row_bands
-from depthcli.core.options import WHITE_LEVEL
+from depthcli.core.options import BLACK_LEVEL, WHITE_LEVEL
 from depthcli.core.types import is_out_of_range
 from depthcli.errors import InputError, Message, UsageError
 
 _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 _MAX = {np.dtype(np.uint8): 0xFF, np.dtype(np.uint16): 0xFFFF}
-_SENSOR_WHITES = {0x3FF: 10, 0xFFF: 12}
-"""Bits of the data whose white this is."""
-_CLIPPED_SHARE = 1e-4
+_SLIVER = 0.065  # of the range: all of 12 bits, or of a thermal camera
+_STEP = 4  # pixels between those that are looked at
 _FILL_PX = 128  # longer side at which colours are continued
 _SEEN = 1e-3  # least share of an opaque pixel that gives its colour
 
@@ -38,15 +38,19 @@ def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
 
 
 def full_range(
-    pixels: npt.NDArray[Any], stated: int | None, white_level: int | None = None
+    pixels: npt.NDArray[Any],
+    stated: int | None,
+    white_level: int | None = None,
+    black_level: int = 0,
 ) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
-    """Pixels scaled so that white is the maximum of their type.
+    """Pixels scaled so that black is 0 and white is the maximum of their type.
 
     Args:
         pixels: as they were decoded, of any type.
         stated: value of white that the file states; None for none.
         white_level: value of white in 16-bit pixels, from 1 to 65535, unless the file itself
             states one below 65535; None for what it states.
+        black_level: value of black in 16-bit pixels, below that of white.
 
     Returns:
         The pixels, and warnings about them, one line each.
@@ -58,9 +62,10 @@ def full_range(
         return scaled(pixels, stated), ()
     if pixels.dtype != np.uint16:
         return pixels, ()
-    if white_level is None:
-        return pixels, _white_warnings(pixels)
-    return scaled(pixels, white_level), _clip_warnings(pixels, white_level)
+    if white_level is None and not black_level:
+        return pixels, _range_warnings(pixels)
+    white = 0xFFFF if white_level is None else white_level
+    return scaled(pixels, white, black_level), _clip_warnings(pixels, white)
 
 
 def fill_transparent(
@@ -111,21 +116,26 @@ def fill_transparent(
     return np.where(mask, around.astype(pixels.dtype), pixels), hidden
 
 
-def check_white_level(white_level: int | None) -> None:
-    """Check the value of white.
+def check_levels(white_level: int | None, black_level: int = 0) -> None:
+    """Check the values of white and black.
 
     Raises:
-        UsageError: it is not a whole number from 1 to 65535.
+        UsageError: one is not a whole number of 16 bits, or black is not below white.
     """
-    is_number = isinstance(white_level, int | np.integer)
-    if white_level is not None and not (is_number and WHITE_LEVEL.holds(white_level)):
-        raise UsageError(f"a white level of {white_level!r} is not {WHITE_LEVEL.what}")
+    levels = (("white", WHITE_LEVEL, white_level), ("black", BLACK_LEVEL, black_level))
+    for name, rule, level in levels:
+        is_number = isinstance(level, int | np.integer)
+        if level is not None and not (is_number and rule.holds(level)):
+            raise UsageError(f"a {name} level of {level!r} is not {rule.what}")
+    if white_level is not None and black_level >= white_level:
+        raise UsageError(f"the black level of {black_level} is not below white, {white_level}")
 
 
-def scaled(pixels: npt.NDArray[Any], white: int) -> npt.NDArray[Any]:
-    """Pixels of 8 or 16 bits times their maximum over ``white``; larger ones become white."""
+def scaled(pixels: npt.NDArray[Any], white: int, black: int = 0) -> npt.NDArray[Any]:
+    """Pixels of 8 or 16 bits with ``black`` to ``white`` stretched to their range, and clipped."""
     top = _MAX[pixels.dtype]
-    levels = np.rint(np.minimum(np.arange(top + 1), white) * top / white).astype(pixels.dtype)
+    values = np.clip(np.arange(top + 1), black, white) - black
+    levels = np.rint(values * top / (white - black)).astype(pixels.dtype)
     found = np.empty_like(pixels)
     height, width = pixels.shape[:2]
     for rows in row_bands(width, height):  # indexing takes several times the memory of the pixels
@@ -154,17 +164,26 @@ def as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     return np.clip(values, 0, 1)
 
 
-def _white_warnings(pixels: npt.NDArray[Any]) -> tuple[str, ...]:
-    """A warning about 16-bit pixels that are clipped at the white of a sensor of 10 or 12 bits.
+def _range_warnings(pixels: npt.NDArray[np.uint16]) -> tuple[str, ...]:
+    """A warning about 16-bit pixels that use a sliver of their range, for which no network is made.
 
-    Dark images do not end in a plateau at exactly this value, so they give none.
+    They are of a sensor of fewer bits, or of a thermal camera.
     """
-    white = int(pixels.max())
-    bits = _SENSOR_WHITES.get(white)
-    if bits is None or np.count_nonzero(pixels == white) < _CLIPPED_SHARE * pixels.size:
+    low, high = np.percentile(pixels[::_STEP, ::_STEP], (1, 99))
+    if not 0 < high - low < _SLIVER * _MAX[pixels.dtype]:
         return ()
-    bright = f"its brightest pixels are {white} of 65535, as in data of {bits} bits"
-    return (Message(bright, f"if that is white, give {{white_level}} {white}"),)
+    black, white = (0, int(pixels.max())) if low < high / 2 else (int(low), math.ceil(high))
+    levels = (
+        f"{{black_level}} {black} and {{white_level}} {white}"
+        if black
+        else (f"{{white_level}} {white}")
+    )
+    return (
+        Message(
+            f"most of its pixels are from {low:.0f} to {high:.0f} of 65535, and depth may be flat",
+            f"if that is all of its range, give {levels}",
+        ),
+    )
 
 
 def _clip_warnings(pixels: npt.NDArray[Any], white_level: int) -> tuple[str, ...]:

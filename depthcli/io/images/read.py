@@ -21,7 +21,7 @@ from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import EXPOSURE, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
-from depthcli.io.images.exif import EXIF_IFD, FOCAL_35MM, ORIENTATION, TIFF_STARTS, Exif, parse_exif
+from depthcli.io.images.exif import EXIF_IFD, TIFF_STARTS, Exif, parse_exif
 from depthcli.io.images.opencv import (
     Decoded,
     Header,
@@ -37,7 +37,7 @@ from depthcli.io.images.opencv import (
 from depthcli.io.images.pixels import (
     PANORAMA,
     as_frame_dtype,
-    check_white_level,
+    check_levels,
     fill_transparent,
     full_range,
     upright,
@@ -213,6 +213,7 @@ def read_image(
     layer: str | None = None,
     projection: Projection | None = None,
     ignore_alpha: bool = False,
+    black_level: int = 0,
 ) -> Frame:
     """Decode an image at its own bit depth and undo its EXIF rotation.
 
@@ -233,6 +234,7 @@ def read_image(
             else the likeliest by its name.
         projection: how directions became its pixels; None for a pinhole camera.
         ignore_alpha: whether transparent pixels are as good as others.
+        black_level: value of black in a 16-bit image, which becomes 0.
 
     Returns:
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
@@ -241,10 +243,10 @@ def read_image(
         InputError: missing, empty, truncated, damaged, not an image, too large, float with
             another range than [0, 1], or an EXR that depthcli wrote or without this layer.
         OutputError: there is no room for the temporary copy that the data of an EXR needs.
-        UsageError: the white level is not a whole number from 1 to 65535, or the exposure is not
-            from -20 to 20.
+        UsageError: a level is not a whole number of 16 bits, black is not below white, or the
+            exposure is not from -20 to 20.
     """
-    check_white_level(white_level)
+    check_levels(white_level, black_level)
     if not EXPOSURE.holds(exposure):
         raise UsageError(f"an exposure of {exposure!r} is not {EXPOSURE.what}")
     path = None if path is None else path_of(path)
@@ -268,7 +270,8 @@ def read_image(
     decoded = image.decode()
     exif, header = parse_exif(decoded.exif), image.header
     orientation = header.orientation or exif.orientation
-    pixels, warnings = _frame_pixels(decoded, image, white_level, exposure)
+    levels = white_level, black_level
+    pixels, warnings = _frame_pixels(decoded, image, levels, exposure)
     if not header.is_upright:
         pixels = upright(pixels, orientation)
     is_panorama = _GPANO.search(data, 0, _XMP_END) and projection is None
@@ -278,6 +281,7 @@ def read_image(
         path,
         orientation=orientation,
         focal_35mm=exif.focal_35mm,
+        focal_mm=exif.focal_mm,
         warnings=tuple(filter(None, (header.warning, *warnings, panorama))),
         projection=projection or Projection.PINHOLE,
     )
@@ -301,7 +305,7 @@ def _masked(frame: Frame, alpha: npt.NDArray[Any]) -> Frame:
 
 
 def _frame_pixels(
-    decoded: Decoded, image: CheckedImage, white_level: int | None, exposure: float
+    decoded: Decoded, image: CheckedImage, levels: tuple[int | None, int], exposure: float
 ) -> tuple[npt.NDArray[Any], tuple[str | None, ...]]:
     """Pixels of a frame, not turned yet, and warnings about them."""
     header, pixels = image.header, decoded.pixels
@@ -311,7 +315,7 @@ def _frame_pixels(
         light = pixels.reshape(*pixels.shape[:2], -1)
         above = encode(light, exposure)
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
-    pixels, warnings = full_range(pixels, header.white, white_level)
+    pixels, warnings = full_range(pixels, header.white, *levels)
     hdr = transfer_warning(header.transfer, "picture", "sRGB")
     return as_frame_dtype(pixels, image.name), (*warnings, hdr)
 
@@ -366,7 +370,7 @@ def frame_of(image: Picture, white_level: int | None = None) -> Frame:
         InputError: it is not an image, or cannot be read.
         UsageError: the white level is not valid, or the image is a frame, which has its own.
     """
-    check_white_level(white_level)
+    check_levels(white_level)
     if isinstance(image, Frame):
         if white_level is not None:
             raise UsageError(
@@ -420,12 +424,13 @@ def _of_pil(image: Any) -> tuple[Frame, npt.NDArray[Any] | None]:  # noqa: ANN40
     if image.format is None:  # made or changed by a program: its EXIF may be outdated
         return Frame(pixels), alpha
     exif = image.getexif()
-    facts = Exif.of(exif.get(ORIENTATION), exif.get_ifd(EXIF_IFD).get(FOCAL_35MM))
+    facts = Exif.of({**exif.get_ifd(EXIF_IFD), **exif})
     frame = Frame(
         np.ascontiguousarray(upright(pixels, facts.orientation)),
         Path(image.filename) if getattr(image, "filename", "") else None,
         orientation=facts.orientation,
         focal_35mm=facts.focal_35mm,
+        focal_mm=facts.focal_mm,
     )
     return frame, None if alpha is None else upright(alpha, facts.orientation)
 

@@ -57,6 +57,10 @@ EXTRAS = {
 
 
 HIDDEN = "hidden"
+SYSTEM_FOLDERS = frozenset(
+    ("@eaDir", "#recycle", "#snapshot", "$RECYCLE.BIN", "System Volume Information", "__MACOSX")
+)
+"""Folders of Synology's, QNAP's and Windows' systems, and of macOS in archives: no user's files."""
 OWN = "written by depthcli"
 EXCLUDED = "excluded"
 NOT_INCLUDED = "not included"
@@ -69,7 +73,7 @@ class Skipped(NamedTuple):
     """A file that is not an input."""
 
     name: str  #: path relative to the folder, with ``/`` between its parts
-    reason: str  #: one of the words above, or the file's suffix
+    reason: str  #: one of the words above, the file's suffix, or the name of a system's folder
 
 
 @cache
@@ -137,6 +141,13 @@ class Listing(NamedTuple):
     #: other files: by default neither picture nor video by their suffix, hidden, or outputs
     skipped: list[Skipped]
     loops: list[str]  #: folders left out because they lead back to a folder that they are in
+
+    def add(self, name: str, path: str, reason: str | None) -> None:
+        """Add a file, which is skipped for a reason."""
+        if reason is None:
+            self.media.append(InputFile(name, path))
+        else:
+            self.skipped.append(Skipped(name, reason))
 
 
 def is_video(name: str) -> bool:
@@ -211,14 +222,13 @@ def list_folder(
         for child in children:
             child_name = f"{name}/{child.name}" if name else child.name
             if not _is_directory_entry(child):
-                reason = refusal(child.path)
-                if reason is None:
-                    found.media.append(InputFile(child_name, child.path))
-                else:
-                    found.skipped.append(Skipped(child_name, reason))
+                found.add(child_name, child.path, refusal(child.path))
                 continue
             identity = _identity(child.path)
             if child.name.startswith(".") or skip(child_name):
+                continue
+            if child.name in SYSTEM_FOLDERS:
+                found.skipped.append(Skipped(child_name, child.name))
                 continue
             if identity in above and identity:
                 found.loops.append(child_name)
@@ -246,12 +256,7 @@ def _list_objects(
             # Some tools create an empty object for the folder itself.
             if not name or not is_entered or (out and name.startswith(out)):
                 continue
-            path = f"{start}/{name}"
-            reason = refusal(path)
-            if reason is None:
-                found.media.append(InputFile(name, path))
-            else:
-                found.skipped.append(Skipped(name, reason))
+            found.add(name, f"{start}/{name}", refusal(f"{start}/{name}"))
     except OSError as error:
         raise UsageError(f"{root} cannot be listed: {error.strerror}") from error
     if folder is None:
@@ -269,7 +274,7 @@ def _walk_sort_key(name: str) -> list[tuple[bool, bytes]]:
 def _is_skipped(folder: str, skip: Callable[[str], bool]) -> bool:
     parts = folder.split("/") if folder else []
     return any(
-        part.startswith(".") or skip("/".join(parts[: depth + 1]))
+        part.startswith(".") or part in SYSTEM_FOLDERS or skip("/".join(parts[: depth + 1]))
         for depth, part in enumerate(parts)
     )
 

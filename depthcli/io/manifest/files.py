@@ -224,6 +224,12 @@ def row_files(folder: Path, shard: Shard) -> list[Path]:
     return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
+def damaged_lines(path: Path) -> list[int]:
+    """Numbers of the lines of a file that are no rows, from 1."""
+    with path.open("rb") as file:
+        return [number for number, line in enumerate(file, 1) if parse_row(line) is None]
+
+
 def write_manifest(path: Path, rows: Iterable[ManifestRow]) -> None:
     """Write a manifest atomically."""
     with atomic_path(path) as temporary, temporary.open("wb") as file:

@@ -5,7 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.files import FAILED, WHOLE, RowFile, RowsFolder, row_files
+from depthcli.io.manifest.files import (
+    FAILED,
+    WHOLE,
+    RowFile,
+    RowsFolder,
+    damaged_lines,
+    is_journal,
+    row_files,
+)
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
 
 
@@ -79,6 +87,13 @@ def merge_manifests(folder: Path) -> Path:
     place = RowsFolder(folder)
     if not row_files(place.path, WHOLE):
         raise UsageError(f"no manifest in {folder}", "name the output folder of a batch")
+    for path in row_files(place.path, WHOLE):
+        damaged = () if is_journal(path) else damaged_lines(path)
+        if damaged:
+            raise UsageError(
+                f"{path}: line {damaged[0]} is no row, and {len(damaged) - 1} others are none",
+                "remove them, and the next batch processes their inputs again",
+            )
     journal = Journal(place.path)
     journal.finish(None)
     place.finish()
