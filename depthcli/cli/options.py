@@ -169,6 +169,10 @@ class DepthFileOptions:
     baseline: float | None = option(
         "Distance between the two cameras of --from-kind disparity in metres.", callback=positive
     )
+    from_layer: str | None = option(
+        "Layer or part of an EXR with depth, such as 'depth_left'. Default: the likeliest by its "
+        "name, of the eye that its image is of."
+    )
 
     @property
     def needs_camera(self) -> bool:

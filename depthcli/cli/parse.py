@@ -144,7 +144,11 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
     if options.baseline is not None and options.from_kind is not DepthEncoding.DISPARITY:
         raise UsageError("it is for {from_kind} disparity", option="baseline")
     return DepthReadOptions(
-        options.from_scale, options.from_kind, camera=camera, baseline_m=options.baseline
+        options.from_scale,
+        options.from_kind,
+        camera=camera,
+        baseline_m=options.baseline,
+        layer=options.from_layer,
     )
 
 

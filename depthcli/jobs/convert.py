@@ -138,6 +138,12 @@ def _write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertRes
     ((wanted, path),) = destination.outputs(path_of(request.target)).items()
     shown = with_camera(stored.displayed, request.camera)
     given = None if request.picture is None else _colours(request, request.picture, shown)
+    views = {stored.frame.view, given.view if given else None} - {None}
+    if len(views) > 1:
+        raise InputError(
+            f"depth is of one eye ({stored.frame.view}) and {request.picture} of the other",
+            "choose with {from_layer} and {layer}",
+        )
     picture = given
     if wanted.facts.has_overscan:
         depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame

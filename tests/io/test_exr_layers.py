@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 from helpers.plates import depth_channel
 
 from depthcli.errors import InputError
-from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
 from depthcli.io.exr.file import choose_depth, colour_channels, read_exr_channels
 from depthcli.io.images.read import read_image
+from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.video.source import open_frames
 
 if TYPE_CHECKING:
@@ -158,6 +160,12 @@ def test_depth_is_of_the_eye_of_the_image(tmp_path: Path) -> None:
     stored = read_stored_depth(path)
     assert (stored.channel, stored.frame.view) == ("depth_right.Z", "right")
     assert len(stored.warnings) == 1
+    left = DepthReadOptions(layer="depth_left")
+    assert read_stored_depth(path, left).depth.values.max() == 2
+    request = ConvertRequest(str(path), str(tmp_path / "a.preview.png"), picture=str(path))
+    assert convert(request).target == request.target
+    with pytest.raises(InputError, match="eye"):
+        convert(replace(request, stated=left))
     channels = read_exr_channels(path)
     assert choose_depth("a.exr", channels, "Depth_Left") == ("depth_left.Z", None)
     with pytest.raises(InputError, match="depth_right"):

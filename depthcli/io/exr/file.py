@@ -340,7 +340,7 @@ def choose_depth(
         return chosen, None
     return chosen, Message(
         f"depth is that of channel {one_line(chosen)}",
-        f"if it is in {one_line(', '.join(others[:_MAX_SHOWN]))}, give {{layer}}",
+        f"if it is in {one_line(', '.join(others[:_MAX_SHOWN]))}, give {{from_layer}}",
     )
 
 
