@@ -22,7 +22,7 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     shutil.copy(DOCS / "room.jpg", tmp_path)
     write_mp4(tmp_path / "walk.mp4", [synthetic_picture(480, 640)] * 2)
     for name in ("a.jpg", "b.jpg"):
-        write_picture(tmp_path / "pictures" / name)
+        write_picture(tmp_path / "images" / name)
     names: dict[str, Any] = {}
     for code in EXAMPLE.findall((DOCS / "python.md").read_text("utf-8")):
         exec(compile(code, "docs/python.md", "exec"), names)  # noqa: S102 - our own page
