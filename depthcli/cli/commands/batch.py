@@ -68,7 +68,9 @@ class InputOptions:
         metavar="LIST",
     )
     column: str | None = groups.option(
-        "Column of a Parquet or CSV list. Default: its only column, or 'path'.", metavar="NAME"
+        "Column of a Parquet or CSV list (default: its only one, or 'path'), or of images in "
+        "Parquet; in tar, the part of names after the first dot.",
+        metavar="NAME",
     )
     shard: str | None = groups.option(
         "Process part I of N, chosen by a hash of each name; the parts can run at the "
@@ -140,7 +142,10 @@ class CamerasOptions(groups.CameraOptions):
 @grouped
 def batch(
     folder: str | None = typer.Argument(
-        None, metavar="[DIR]", help="Input folder or URI, searched recursively."
+        None,
+        metavar="[DIR]",
+        help="Input folder or URI, searched recursively; or a data set in one file: a tar shard "
+        "(webdataset), or Parquet with images inside (Hugging Face).",
     ),
     *,
     output: OutputOptions,
@@ -176,6 +181,7 @@ def batch(
         overwrite=output.overwrite,
         anchors=parse.anchors(anchors, is_folder=True),
         reading=parse.reading(read),
+        column=inputs.column,
     )
     plan = _plan(folder, output.out, inputs, camera.cameras)
     request = _request(plan, options, engine, model)
@@ -255,9 +261,11 @@ def _open_engine(options: EngineOptions, progress: Progress) -> Iterator[Engine 
 
 
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
+    from depthcli.io.archives import holds_images
     from depthcli.io.listing.folder import NameFilter
     from depthcli.io.listing.path_list import parse_list, read_list
     from depthcli.io.manifest.files import WHOLE, Shard
+    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 
     files, column = inputs.files, inputs.column
@@ -265,9 +273,13 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     if not out:
         raise UsageError("", "name the folder for outputs with {out}")
     wanted = NameFilter.of(inputs.include or (), inputs.exclude or ())
+    known = read_cameras(cameras) if cameras is not None else None
+    archive = next((x for x in (folder, files) if x and holds_images(path_of(x), column)), None)
+    if archive is not None:
+        root = str(path_of(archive).parent)
+        return plan_files([archive], archive, root, out, wanted, shard, known)
     if column is not None and files in (None, _STDIO):
         raise UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
-    known = read_cameras(cameras) if cameras is not None else None
     if files is not None:
         words = parse_list(_stdin()) if files == _STDIO else read_list(files, column)
         return plan_files(words, files, folder, out, wanted, shard, known)

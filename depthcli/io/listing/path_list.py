@@ -166,7 +166,7 @@ def _whole_name(path: str) -> str:
 
 
 @contextmanager
-def _open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
+def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
     """An open file; what pyarrow raises for a damaged one becomes one kind of error."""
     try:
         import pyarrow as pa  # noqa: PLC0415 - an extra
@@ -212,13 +212,13 @@ def column_texts(path: Path, column: str | None) -> Iterator[str]:
     if not paths:
         raise UsageError(f"no .parquet file in {path}")
     for one in paths:  # before any is read
-        with _open_parquet(one) as file:
+        with open_parquet(one) as file:
             _text_column(file, column, one)
     return (text for one in paths for text in _texts(one, column))
 
 
 def _texts(path: Path, column: str | None) -> Iterator[str]:
-    with _open_parquet(path) as file:
+    with open_parquet(path) as file:
         wanted = _text_column(file, column, path)
         for batch in file.iter_batches(columns=[wanted]):
             yield from filter(None, batch.column(0).to_pylist())

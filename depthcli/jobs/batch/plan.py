@@ -9,6 +9,7 @@ from pathlib import Path
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
 from depthcli.errors import InputError, Message, UsageError
+from depthcli.io.archives import is_archive
 from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest.files import WHOLE, Shard
@@ -48,17 +49,21 @@ class BatchPlan:
 
     @property
     def images(self) -> Iterator[listing.InputFile]:
-        """All inputs but videos."""
-        return (found for found in self.inputs if not listing.is_video(found.name))
+        """The images: all inputs but videos and archives."""
+        return (found for found in self.inputs if not _holds_many(found.name))
 
     @property
     def videos(self) -> Iterator[listing.InputFile]:
-        """The videos."""
-        return (found for found in self.inputs if listing.is_video(found.name))
+        """The videos, and the archives of images."""
+        return (found for found in self.inputs if _holds_many(found.name))
 
     def folders(self) -> set[Path]:
         """The folders of the outputs."""
         return {self.out, *((self.out / found.name).parent for found in self.inputs)}
+
+
+def _holds_many(name: str) -> bool:
+    return listing.is_video(name) or is_archive(name)
 
 
 class CameraTable:

@@ -39,7 +39,7 @@ class Call:
     """One request to a worker: chunks of pictures, or a video."""
 
     chunks: tuple[Sequence[ImageTask], ...] = ()
-    video: VideoTask | None = None
+    video: VideoTask | ImageTask | None = None
     lost_workers: int = 0  #: workers that died with it
 
     def split(self) -> Iterator[Call]:
@@ -290,7 +290,7 @@ class RayEngine:
         self,
         spec: WorkerSpec,
         chunks: Iterable[Sequence[ImageTask]],
-        videos: Iterable[VideoTask],
+        videos: Iterable[VideoTask | ImageTask],
         record: Callable[[Sequence[BatchResult]], None],
     ) -> Generator[BatchResult, None, None]:
         """Process pictures and videos, as every engine does."""

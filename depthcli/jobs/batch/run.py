@@ -19,6 +19,7 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
+from depthcli.io.archives import is_archive
 from depthcli.io.images.read import check
 from depthcli.io.listing.folder import InputFile, is_video
 from depthcli.io.manifest.files import CacheKey, RowsFolder
@@ -194,7 +195,10 @@ class Batch(Iterator[BatchResult]):
     def _run(self, journal: Journal) -> Generator[BatchResult, None, None]:
         images = (self._tasks.image(file, journal) for file in self._plan.images)
         chunks = iter(lambda: tuple(islice(images, self._chunk)), ())
-        videos = (self._tasks.video(file, journal) for file in self._plan.videos)
+        videos = (
+            (self._tasks.image if is_archive(file.name) else self._tasks.video)(file, journal)
+            for file in self._plan.videos
+        )
         try:
             # No worker outlives the journal.
             with closing(self._engine.run(self._spec, chunks, videos, self._record)) as results:
@@ -269,8 +273,8 @@ def _dry_run_of(
 ) -> DryRunResult:
     paths, out, options = tuple(tasks.of(file).values()), request.plan.out, request.options
     try:
-        if is_video(file.name):
-            video = tasks.video(file, rows)
+        if is_video(file.name) or is_archive(file.name):
+            video = (tasks.image if is_archive(file.name) else tasks.video)(file, rows)
             with local_copy(file.readable_path()) as source:
                 kept = video.reusable_row(out, video_checksum(video, source, options), key)
             if kept is None:

@@ -7,13 +7,14 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Generic
+from typing import Generic, cast
 
 from depthcli.core import options as core_options
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, UsageError
+from depthcli.io.archives import is_archive
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import InputFile, RealPaths, is_video
@@ -40,6 +41,7 @@ class BatchOptions:
     reading: core_options.ReadOptions = core_options.AS_STATED  #: how images are read
     detail: core_options.Detail = core_options.DEFAULT_DETAIL  #: upsampling and tiles
     max_pixels: int = core_options.MAX_PIXELS  #: larger pictures are refused
+    column: str | None = None  #: of archives, the one with the images; None for the only one
     overwrite: bool = False  #: whether outputs may replace files of other programs
 
     def points_for(
@@ -175,7 +177,7 @@ class TaskBuilder:
     """Makes the task of each input of a batch."""
 
     def __init__(self, plan: BatchPlan, formats: Iterable[Format]) -> None:
-        """Begin with the formats of images; videos get their counterparts."""
+        """Begin with the formats of images; videos get their counterparts, archives hold them."""
         chosen = tuple(formats)
         videos = tuple(COUNTERPARTS[which] for which in chosen if which in COUNTERPARTS)
         self._plan = plan
@@ -203,22 +205,29 @@ class TaskBuilder:
 
     def of(self, file: InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
         """Paths of the outputs of an input."""
-        base = self._plan.out / self._plan.names.base(file.name)
-        return (self._videos if is_video(file.name) else self._images).outputs(base)
+        if is_video(file.name):
+            return self._videos.outputs(self._base(file))
+        outputs = self._images.outputs(self._base(file))
+        if not is_archive(file.name):
+            return outputs
+        base, first = self._base(file), next(iter(outputs))
+        return {first: base.with_name(f"{base.name}.depth{Path(file.name).suffix}")}
+
+    def _base(self, file: InputFile) -> Path:
+        return self._plan.out / self._plan.names.base(file.name)
 
     def image(self, file: InputFile, rows: Rows) -> BatchTask[Format]:
-        """The task for an image, given the rows of earlier batches."""
-        return self._task(file, rows, self._images)
+        """The task for an image or an archive, given the rows of earlier batches."""
+        return self._task(file, rows, cast("dict[Format, Path]", self.of(file)))
 
     def video(self, file: InputFile, rows: Rows) -> BatchTask[VideoFormat]:
         """The task for a video, given the rows of earlier batches."""
-        return self._task(file, rows, self._videos)
+        return self._task(file, rows, cast("dict[VideoFormat, Path]", self.of(file)))
 
     def _task(
-        self, file: InputFile, rows: Rows, destination: Destination[FormatT]
+        self, file: InputFile, rows: Rows, outputs: dict[FormatT, Path]
     ) -> BatchTask[FormatT]:
         plan, row = self._plan, rows.row(file.name)
-        outputs = destination.outputs(plan.out / plan.names.base(file.name))
         names = {path.relative_to(plan.out).as_posix() for path in outputs.values()}
         return BatchTask(
             input=file,

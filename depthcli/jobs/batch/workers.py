@@ -5,30 +5,33 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias, cast
 
 from depthcli._version import __version__
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthMap, Frame, displayed_depth
 from depthcli.core.validation import fingerprint
-from depthcli.errors import InputError, ModelError, UsageError
+from depthcli.errors import InputError, ModelError, UsageError, about
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import check_network
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import Session
+from depthcli.io.archives import Member, archive_writer, is_archive, members
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest.files import FAILED, OK, AnchorEntry, CacheKey, ManifestRow, output_entry
-from depthcli.io.storage.atomic import Guard
+from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.jobs.video.stages import write_video
-from depthcli.jobs.write import write_output
+from depthcli.jobs.write import failure_reason, write_output, write_stream
 from depthcli.video.formats import SEQUENCES, VideoFormat
 
 ImageTask: TypeAlias = BatchTask[Format]
@@ -155,16 +158,24 @@ def anchor_entry(depth: DepthMap, points: AnchorPoints | None) -> AnchorEntry | 
 VideoTask: TypeAlias = BatchTask[VideoFormat]
 
 
+class _Files(NamedTuple):
+    """The outputs of an image of an archive."""
+
+    data: dict[Format, bytes]
+    depth: DepthMap
+    warnings: tuple[str, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class VideoWorker:
-    """Processes videos."""
+    """Processes videos and archives of images."""
 
     images: ImageWorker  #: the worker for pictures, with the same model and options
     workers: int  #: frames processed in parallel
     progress: Progress  #: advanced for each frame
 
-    def work(self, task: VideoTask) -> BatchResult:
-        """Process one video.
+    def work(self, task: VideoTask | ImageTask) -> BatchResult:
+        """Process one video, or one archive.
 
         Raises:
             ModelError: the network fails on any picture.
@@ -179,13 +190,81 @@ class VideoWorker:
                 row = task.reusable_row(self.images.out, sha256, key)
                 if row is not None:
                     return BatchResult(row, is_kept=True)
-                task.guard(overwrite=self.images.options.overwrite)
-                return BatchResult(self._row(task, source, sha256))
+                guard = task.guard(overwrite=self.images.options.overwrite)
+                if is_archive(task.input.name):
+                    images = cast("ImageTask", task)
+                    return BatchResult(self._archive_row(images, source, sha256, guard))
+                return BatchResult(self._row(cast("VideoTask", task), source, sha256))
         except UsageError:
             raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             check_network(error, self.images.pipeline.session)
             return task.failed_result(error, key, start_s, sha256)
+
+    def _archive_row(self, task: ImageTask, source: Path, sha256: str, guard: Guard) -> ManifestRow:
+        start_s, options = time.perf_counter(), self.images.options
+        camera = options.camera.of_image(task.intrinsics)
+        (path,) = task.outputs.values()
+        failed, warned, first, count = [], [], None, 0
+        stage = self.progress.begin(task.input.name, None, "images")
+
+        def work(member: Member) -> tuple[Member, _Files | Exception]:
+            try:
+                return member, self._member_files(member, camera)
+            except Exception as error:  # noqa: BLE001 - no image may stop the others
+                check_network(error, self.images.pipeline.session)
+                return member, error
+
+        with (
+            atomic_path(path, guard=guard) as temporary,
+            archive_writer(temporary, options.formats) as write,
+            closing(
+                ordered_map(work, members(source, options.column), workers=self.workers)
+            ) as done,
+        ):
+            for member, found in done:
+                count += 1
+                stage(1)
+                if isinstance(found, Exception):
+                    failed.append(about(member.name, failure_reason(found)))
+                    write(member, {})
+                    continue
+                write(member, found.data)
+                first = first or camera_text(found.depth)
+                warned += [about(member.name, text) for text in found.warnings]
+            if count == len(failed):
+                raise InputError(failed[0] if failed else f"{source} holds no image")
+        some = f"{len(failed)} of {count} images failed, the first: {failed[0]}" if failed else None
+        return ManifestRow(
+            input=task.input.name,
+            status=FAILED if failed else OK,
+            key=task.key(self.images.key),
+            outputs=(output_entry(self.images.out, path),),
+            seconds=time.perf_counter() - start_s,
+            input_sha256=sha256,
+            input_path=task.input_path,
+            error=some,
+            warnings=tuple(warned),
+            camera=first,
+        )
+
+    def _member_files(self, member: Member, camera: Intrinsics) -> _Files:
+        options, pipeline = self.images.options, self.images.pipeline
+        if member.data is None:
+            raise InputError("holds no image")
+        frame = read_image(
+            Path(member.name),
+            member.data,
+            max_pixels=options.max_pixels,
+            **options.reading._asdict(),
+        )
+        depth, warnings = pipeline.predict(frame, camera)
+        files = {}
+        for which in options.formats:
+            stream = BytesIO()
+            warnings += write_stream(options.writing, which, depth, frame, stream)
+            files[which] = stream.getvalue()
+        return _Files(files, displayed_depth(depth, frame.windows), (*frame.warnings, *warnings))
 
     def _row(self, task: VideoTask, source: Path, sha256: str) -> ManifestRow:
         options, out = self.images.options, self.images.out
@@ -228,16 +307,17 @@ def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -
             yield path.with_name(f"{start}{number:06d}{end}")
 
 
-def video_checksum(task: VideoTask, path: Path, options: BatchOptions) -> str:
-    """SHA-256 of a video, in constant memory.
+def video_checksum(task: VideoTask | ImageTask, path: Path, options: BatchOptions) -> str:
+    """SHA-256 of a video or an archive, in constant memory.
 
     Raises:
-        InputError: it cannot be processed, or the options do not apply to videos.
+        InputError: it cannot be processed, or the options do not apply to it.
     """
+    kind = "an archive" if is_archive(task.input.name) else "a video"
     if not set(task.outputs) - {VideoFormat.JSON}:
-        raise InputError(f"{path} is a video, which no format holds", "add {format} png16")
+        raise InputError(f"{path} is {kind}, which no format holds", "add {format} png16")
     if options.anchors:
-        raise InputError(f"{path} is a video, to which anchors do not apply")
+        raise InputError(f"{path} is {kind}, to which anchors do not apply")
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")
     try:
@@ -289,6 +369,7 @@ class WorkerSpec:
             options.camera,
             options.reading,
             options.detail,
+            options.column,
             session.provider,
             self.model.provider_options,
             (loaded.card.input, loaded.card.output, loaded.card.camera),
@@ -303,7 +384,7 @@ class Engine(Protocol):
         self,
         spec: WorkerSpec,
         chunks: Iterable[Sequence[ImageTask]],
-        videos: Iterable[VideoTask],
+        videos: Iterable[VideoTask | ImageTask],
         record: Callable[[Sequence[BatchResult]], None],
     ) -> Generator[BatchResult, None, None]:
         """Process chunks of pictures, and videos.
@@ -341,7 +422,7 @@ class ThreadEngine:
         self,
         spec: WorkerSpec,
         chunks: Iterable[Sequence[ImageTask]],
-        videos: Iterable[VideoTask],
+        videos: Iterable[VideoTask | ImageTask],
         record: Callable[[Sequence[BatchResult]], None],
     ) -> Generator[BatchResult, None, None]:
         """Process images, then videos one after another."""

@@ -1,0 +1,166 @@
+"""Data sets as they are distributed: tar shards (webdataset) and Parquet with images inside.
+
+Images are read from them, and depth is written to a file of the same kind.
+"""
+
+import json
+import tarfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple, TypeAlias
+
+from depthcli.errors import InputError, UsageError
+from depthcli.io.formats.table import Format
+from depthcli.io.listing.folder import is_exr, is_media
+from depthcli.io.listing.path_list import open_parquet
+
+SUFFIXES = (".tar", ".parquet")
+_ROWS = 64  # of a row group that is written
+_IMAGES = (Format.PNG16, Format.PREVIEW)
+
+
+class Member(NamedTuple):
+    """One image of an archive."""
+
+    name: str  #: its path in the archive, or the number of its row
+    data: bytes | None  #: None if the row holds no image
+
+
+Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]
+"""Writes the files of one image; none for an image that failed."""
+
+
+def is_archive(name: str) -> bool:
+    """Whether a name's suffix is that of an archive of images."""
+    return PurePosixPath(name).suffix.lower() in SUFFIXES
+
+
+def holds_images(path: Path, column: str | None = None) -> bool:
+    """Whether a file is an archive, and no Parquet list of paths.
+
+    Raises:
+        UsageError: it is Parquet that cannot be read, or the column does not hold images.
+    """
+    if path.suffix.lower() == ".tar":
+        return True
+    if path.suffix.lower() != ".parquet" or not path.is_file():
+        return False
+    with open_parquet(path) as file:
+        kinds = {field.name: str(field.type) for field in file.schema_arrow}
+    named = {column} & kinds.keys() if column else kinds.keys()
+    return any(kinds[name].startswith(("struct", "binary", "large_binary")) for name in named)
+
+
+def members(path: Path, column: str | None = None) -> Iterator[Member]:
+    """The images of an archive, in its order.
+
+    Of a webdataset sample, that is its first image whose name has one suffix (``0001.jpg``).
+
+    Args:
+        path: a local file.
+        column: of Parquet, the one with the images, if there are several; of tar, the part of the
+            names after the first dot, such as ``rgb.png``.
+
+    Raises:
+        InputError: the archive is damaged.
+        UsageError: it has no such column, or several that could be meant.
+    """
+    return _parquet_members(path, column) if _is_parquet(path) else _tar_members(path, column)
+
+
+def _is_parquet(path: Path) -> bool:
+    return path.suffix.lower() == ".parquet"
+
+
+def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
+    last = None
+    try:
+        with tarfile.open(path, "r:*") as archive:
+            for entry in archive:
+                folder, _, name = entry.name.rpartition("/")
+                key, _, extension = name.partition(".")
+                wanted = extension == column if column else "." not in extension
+                is_image = is_media(name) or is_exr(name)
+                if entry.isfile() and wanted and is_image and (folder, key) != last:
+                    last, file = (folder, key), archive.extractfile(entry)
+                    yield Member(entry.name, file.read() if file else None)
+    except (tarfile.TarError, EOFError) as error:
+        raise InputError(f"{path} is damaged: {error}") from error
+
+
+def _parquet_members(path: Path, column: str | None) -> Iterator[Member]:
+    with open_parquet(path) as file:
+        kinds = {field.name: str(field.type) for field in file.schema_arrow}
+        found = [name for name, kind in kinds.items() if kind.startswith(("struct", "binary"))]
+        if (column or len(found) != 1) and column not in found:
+            raise UsageError(
+                f"{path} has the columns {', '.join(kinds)}",
+                "name that of the images with {column}",
+            )
+        row = 0
+        for batch in file.iter_batches(_ROWS, columns=[column or found[0]]):
+            for value in batch.column(0).to_pylist():
+                data = value.get("bytes") if isinstance(value, dict) else value
+                name = isinstance(value, dict) and value.get("path")
+                yield Member(str(name or f"{row:06d}"), data)
+                row += 1
+
+
+@contextmanager
+def archive_writer(path: Path, formats: tuple[Format, ...]) -> Iterator[Write]:
+    """Write an archive; its suffix chooses the kind.
+
+    In tar, the depth of ``0001.jpg`` is ``0001.depth.png``, with the suffix of each format. Parquet
+    has a column for each format and a row for each image; failed ones are null.
+    """
+    with _parquet_writer(path, formats) if _is_parquet(path) else _tar_writer(path) as write:
+        yield write
+
+
+@contextmanager
+def _tar_writer(path: Path) -> Iterator[Write]:
+    with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as archive:
+
+        def write(member: Member, files: Mapping[Format, bytes]) -> None:
+            for which, data in files.items():
+                stem = PurePosixPath(member.name).with_suffix("")
+                entry = tarfile.TarInfo(f"{stem}{which.facts.suffix}")
+                entry.size = len(data)
+                archive.addfile(entry, BytesIO(data))
+
+        yield write
+
+
+@contextmanager
+def _parquet_writer(path: Path, formats: tuple[Format, ...]) -> Iterator[Write]:
+    import pyarrow as pa  # noqa: PLC0415 - in an extra
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    columns = {which: "depth" if which is Format.PNG16 else str(which) for which in formats}
+    kind = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    features = {columns[which]: {"_type": "Image"} for which in formats if which in _IMAGES}
+    schema = pa.schema([(name, kind) for name in columns.values()]).with_metadata(
+        {"huggingface": json.dumps({"info": {"features": features}})} if features else None
+    )
+    rows: list[dict[str, Any]] = []
+    with pq.ParquetWriter(path, schema) as file:
+
+        def write(member: Member, files: Mapping[Format, bytes]) -> None:
+            stem = PurePosixPath(member.name).with_suffix("")
+            rows.append(
+                {
+                    columns[which]: {"bytes": data, "path": f"{stem}{which.facts.suffix}"}
+                    for which, data in files.items()
+                }
+            )
+            if len(rows) == _ROWS:
+                flush()
+
+        def flush() -> None:
+            file.write_table(pa.Table.from_pylist(rows, schema))
+            rows.clear()
+
+        yield write
+        flush()
