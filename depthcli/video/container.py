@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from typing import TYPE_CHECKING, BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError
@@ -21,6 +22,7 @@ _FORMATS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,asf,flv,live_flv,ogg,mxf,gxf,"
     "nut,ivf,h264,hevc,av1,obu,m4v,mjpeg,jpeg_pipe,dv,rm,wtv,gif,apng,yuv4mpegpipe,nsv,swf,vc1,dnxhd,dirac"
 )
+_LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", re.ASCII)
 _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 
 
@@ -159,8 +161,10 @@ def _longest(streams: list[VideoStream]) -> VideoStream | None:
     """The stream with most frames, of which still images have one; the first of equals."""
 
     def frames(stream: VideoStream) -> float:
-        seconds = (stream.duration or 0) * (stream.time_base or 0)
-        return stream.frames or float(seconds * (stream.average_rate or 0))
+        length_s = float((stream.duration or 0) * (stream.time_base or 0))
+        if stated := _LENGTH.fullmatch(stream.metadata.get("DURATION", "")):  # Matroska
+            length_s = (int(stated[1]) * 60 + int(stated[2])) * 60 + float(stated[3])
+        return stream.frames or length_s * float(stream.average_rate or 0)
 
     return max(streams, key=frames, default=None)
 

@@ -50,7 +50,7 @@ def focal_35mm(path: Path | None, container: InputContainer) -> tuple[float | No
     """
     tags = dict(container.metadata)
     if path is not None and container.format.name.startswith("mov"):
-        tags |= _track_tags(path)
+        tags |= _quicktime_tags(path)
     for key, text in tags.items():
         found = _LENGTH.fullmatch(text.strip())
         if key.lower().endswith(_FOCAL_35MM) and found and float(found[1]) > 0:
@@ -62,14 +62,14 @@ def focal_35mm(path: Path | None, container: InputContainer) -> tuple[float | No
     return None, None
 
 
-def _track_tags(path: Path) -> dict[str, str]:
-    """QuickTime's metadata of the tracks, which FFmpeg leaves out; empty if the file is damaged."""
+def _quicktime_tags(path: Path) -> dict[str, str]:
+    """QuickTime's metadata of the file and its tracks, of which FFmpeg leaves out most."""
     tags: dict[str, str] = {}
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         for moov in _boxes(data, b"moov", 0, len(data)):
-            for trak in _boxes(data, b"trak", *moov):
-                for meta in _boxes(data, b"meta", *trak):
-                    tags = dict(_items(data, *meta)) | tags  # the first track counts
+            for place in (moov, *_boxes(data, b"trak", *moov)):
+                for meta in _boxes(data, b"meta", *place):
+                    tags = dict(_items(data, *meta)) | tags  # the first of a name counts
     return tags
 
 

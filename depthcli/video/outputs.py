@@ -79,62 +79,13 @@ class VideoOutput(ExitStack, ABC):
         """Complete the output, and return warnings of one line."""
 
 
-def _new_container(
-    target: Path | OutputPipe, timing: Timing, labels: Mapping[str, str]
-) -> OutputContainer:
-    """A new file without streams; its container follows from the suffix, and is reproducible.
-
-    Labels, name -> text, are written to the header as metadata.
-
-    Raises:
-        OSError: it cannot be created.
-    """
-    options = {"fflags": "+bitexact"}
-    name, is_pipe = CONTAINERS[target.suffix.lower()], isinstance(target, OutputPipe)
-    if name in {"mp4", "mov"}:
-        # In a pipe, fragments: an index at the beginning could only be written after all frames.
-        layout = _FRAGMENTS if is_pipe else "+faststart"
-        ticks = str(timing.time_base.denominator)
-        options |= {"movflags": layout, "video_track_timescale": ticks}
-    if not isinstance(target, OutputPipe):
-        target.touch()  # problems with the folder are reported before the work begins
-    file = target if is_pipe else str(target)
-    container = av.open(file, "w", format=name, container_options=options)
-    container.metadata.update(labels)
-    return container
-
-
-def _add_video(
-    container: OutputContainer, codec: Codec, timing: Timing, width: int, height: int
-) -> VideoStream:
-    """Add a video stream for frames of a size."""
-    if codec is Codec.AV1:
-        os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
-    encoding = ENCODINGS[codec]
-    options = encoding.options_for(width, height)
-    stream = cast(
-        "VideoStream", container.add_stream(encoding.encoder, rate=timing.rate, options=options)
-    )
-    stream.width, stream.height = width, height
-    stream.pix_fmt = encoding.pixel_format
-    stream.time_base = timing.time_base
-    context = stream.codec_context
-    context.time_base = timing.time_base
-    keyframe_interval = max(1, min(round(_KEYFRAME_INTERVAL_S * timing.rate), _MAX_GOP))
-    context.gop_size = 1 if encoding.is_intra_only else keyframe_interval
-    if encoding.pixel_format != DEPTH_PIXELS:
-        context.colorspace = context.color_primaries = context.color_trc = _BT709
-        context.color_range = ColorRange.MPEG
-    return stream
-
-
 class VideoFile(VideoOutput):
     """A video file that is written atomically, or a pipe; frames of one size with their times."""
 
     _codec: Codec
     _container: OutputContainer | None = None
     _stream: VideoStream | None = None
-    _before: VideoFrame | None = None
+    _ticks = -1
     _first_s = 0.0
 
     def __init__(
@@ -171,7 +122,6 @@ class VideoFile(VideoOutput):
         if self._container is not None:
             with suppress(av.FFmpegError):
                 self._container.close()
-            self._container = None
 
     def _write(
         self,
@@ -180,53 +130,94 @@ class VideoFile(VideoOutput):
         labels: Mapping[str, str],
         number: int | None = None,
     ) -> None:
-        """Append a frame in the pixel format of the codec.
+        """Append a frame; its number is stated with it in Matroska, if it is given.
 
-        Args:
-            coded: its pixels.
-            frame: its time; the first frame's becomes 0.
-            labels: name -> text, metadata for the file's header; used with the first frame only.
-            number: of the frame, to be stated with it in Matroska; None for no statement.
+        Labels are metadata of the file, which are written with the first frame.
 
         Raises:
             OutputError: the encoder does not support such frames.
             OSError: the file cannot be written.
         """
-        if self._stream is None:
+        if self._container is None or self._stream is None:
             self._first_s = frame.time_s
-            self._open(coded, labels, frame.image.pixel_aspect)
-        at = round((frame.time_s - self._first_s) / self._timing.time_base)
-        if self._before is not None:
-            at = max(at, (self._before.pts or 0) + 1)
-        self._encode(coded, at, number)
+            self._container = container = self._new_container(labels)
+            self._stream = stream = self._add_video(container, coded, frame.image.pixel_aspect)
+            self._start(container, coded)
+        else:
+            container, stream = self._container, self._stream
+        time_base = self._timing.time_base
+        ticks = round((frame.time_s - self._first_s) / time_base)
+        coded.pts = self._ticks = max(ticks, self._ticks + 1)
+        coded.time_base = time_base
+        coded.duration = max(1, round(1 / (self._timing.rate * time_base)))
+        if self._audio is not None:
+            self._audio.mux_until(float(self._ticks * time_base))
+        packets = stream.encode(coded)
+        if number is not None:
+            for packet in packets:  # FFV1 has no delay, so it is the frame's
+                state_number(packet, number)
+        container.mux(packets)
+        self._check_pipe()
 
     def finish(self) -> tuple[str, ...]:
-        """Complete the file.
-
-        Returns:
-            Warnings, one line each.
+        """Complete the file, and return warnings of one line.
 
         Raises:
             OSError: the file cannot be written.
         """
-        if self._container is None or self._stream is None or self._before is None:
+        if self._container is None or self._stream is None:
             return ()
-        end_s = float((self._before.pts or 0) * self._timing.time_base + 1 / self._timing.rate)
         if self._audio is not None:
-            self._audio.mux_until(end_s)
+            end_s = self._ticks * self._timing.time_base + 1 / self._timing.rate
+            self._audio.mux_until(float(end_s))
         self._container.mux(self._stream.encode())
         container, self._container = self._container, None
         container.close()
         self._check_pipe()
         return self._audio.warnings if self._audio is not None else ()
 
-    def _open(self, frame: VideoFrame, labels: Mapping[str, str], pixel_aspect: float) -> None:
-        container = self._container = _new_container(self._target, self._timing, labels)
-        size = frame.width, frame.height
-        self._stream = _add_video(container, self._codec, self._timing, *size)
+    def _new_container(self, labels: Mapping[str, str]) -> OutputContainer:
+        """A new file without streams, which is reproducible."""
+        target, options = self._target, {"fflags": "+bitexact"}
+        name, is_pipe = CONTAINERS[target.suffix.lower()], isinstance(target, OutputPipe)
+        if name in {"mp4", "mov"}:
+            # In a pipe, fragments: an index at the beginning has to wait for all frames.
+            layout = _FRAGMENTS if is_pipe else "+faststart"
+            ticks = str(self._timing.time_base.denominator)
+            options |= {"movflags": layout, "video_track_timescale": ticks}
+        if not isinstance(target, OutputPipe):
+            target.touch()  # problems with the folder are reported before the work begins
+        file = target if is_pipe else str(target)
+        container = av.open(file, "w", format=name, container_options=options)
+        container.metadata.update(labels)
+        return container
+
+    def _add_video(
+        self, container: OutputContainer, frame: VideoFrame, pixel_aspect: float
+    ) -> VideoStream:
+        """Add a video stream for frames of the size of one."""
+        if self._codec is Codec.AV1:
+            os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
+        encoding, timing = ENCODINGS[self._codec], self._timing
+        options = encoding.options_for(frame.width, frame.height)
+        added = container.add_stream(encoding.encoder, rate=timing.rate, options=options)
+        stream = cast("VideoStream", added)
+        stream.width, stream.height = frame.width, frame.height
+        stream.pix_fmt = encoding.pixel_format
+        context = stream.codec_context
+        stream.time_base = context.time_base = timing.time_base
+        keyframe_interval = max(1, min(round(_KEYFRAME_INTERVAL_S * timing.rate), _MAX_GOP))
+        context.gop_size = 1 if encoding.is_intra_only else keyframe_interval
+        if encoding.pixel_format != DEPTH_PIXELS:
+            context.colorspace = context.color_primaries = context.color_trc = _BT709
+            context.color_range = ColorRange.MPEG
         if pixel_aspect != 1:  # PyAV cannot state it in the header of Matroska and WebM
             aspect = Fraction(pixel_aspect).limit_denominator(_MAX_ASPECT)
-            self._stream.codec_context.sample_aspect_ratio = aspect
+            context.sample_aspect_ratio = aspect
+        return stream
+
+    def _start(self, container: OutputContainer, frame: VideoFrame) -> None:
+        """Add the audio, and write the header."""
         if self._audio is not None:
             self._audio.open(container, self._first_s)
             options = container.container_options
@@ -236,26 +227,9 @@ class VideoFile(VideoOutput):
         try:
             container.start_encoding()
         except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:
-            problem = (
-                f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
-            )
+            size = f"{frame.width}×{frame.height}"
+            problem = f"no {self._codec} video of {size} pixels can be written"
             raise OutputError(problem, _SEQUENCE_ADVICE) from error
-
-    def _encode(self, frame: VideoFrame, at: int, number: int | None = None) -> None:
-        if self._stream is None or self._container is None:
-            raise TypeError(self._stream)
-        time_base = self._timing.time_base
-        frame.pts, frame.time_base = at, time_base
-        frame.duration = max(1, round(1 / (self._timing.rate * time_base)))
-        if self._audio is not None:
-            self._audio.mux_until(float(at * time_base))
-        packets = self._stream.encode(frame)
-        if number is not None:
-            for packet in packets:  # FFV1 has no delay, so it is the frame's
-                state_number(packet, number)
-        self._container.mux(packets)
-        self._before = frame
-        self._check_pipe()
 
     def _check_pipe(self) -> None:
         if isinstance(self._target, OutputPipe):

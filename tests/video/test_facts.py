@@ -53,10 +53,11 @@ def read(path: Path, **options: Any) -> tuple[VideoSource, list[Any]]:
         ((9, 5), {"stream": 1}, 1),
     ],
 )
+@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
 def test_the_stream_with_most_frames_is_read(
-    counts: tuple[int, ...], options: dict[str, int], expected: int, tmp_path: Path
+    counts: tuple[int, ...], options: dict[str, int], expected: int, suffix: str, tmp_path: Path
 ) -> None:
-    source, frames = read(write_streams(tmp_path / "a.mp4", counts), **options)
+    source, frames = read(write_streams(tmp_path / f"a.{suffix}", counts), **options)
     assert len(frames) == counts[expected]
     assert abs(int(frames[0].pixels[9, 9, 0]) - 60 * expected - 30) < 4
     assert ["stream" in warning for warning in source.warnings] == [True] * (not options)
