@@ -28,7 +28,6 @@ What `--help` shows, to look up a command or an option. [usage.md](usage.md) exp
 ```
 {root}```
 """
-HEADING = ("| | | default |", "|---|---|---|")
 
 
 def page() -> str:
@@ -36,13 +35,13 @@ def page() -> str:
     commands = {name: shell.load_command(name) for name in COMMANDS}
     shared = of_several([own_and_inner(command) for command in commands.values()])
     parts = [part for name in COMMANDS for part in sections(name, commands[name], shared)]
-    table = ["## Options of several commands", "", *HEADING, *grouped_rows(shared.values()), ""]
+    table = ["## Options of several commands", "", *grouped_items(shared.values()), ""]
     return "\n".join([HEAD.format(root=help_text()), *parts, *table])
 
 
 def of_several(commands: list[list[Any]]) -> dict[str, Any]:
-    """The options that stand in several of the lists, by their rows."""
-    found = [{row(p): p for p in each} for each in commands]
+    """The options that stand in several of the lists, by their items."""
+    found = [{item(p): p for p in each} for each in commands]
     counts = Counter(text for each in found for text in each)
     options = {text: p for each in reversed(found) for text, p in each.items()}
     return {text: options[text] for text, count in counts.items() if count > 1}
@@ -68,10 +67,10 @@ def sections(name: str, command: Any, shared: dict[str, Any]) -> Iterator[str]: 
     lines = [f"## depthcli {name}", "", f"`{' '.join(words)}`", "", text, ""]
     of_group = of_several([own_and_inner(each) for each in inner.values()])
     of_group = {text: p for text, p in of_group.items() if text not in shared}
-    table = [p for p in shown(command) if row(p) not in shared] + list(of_group.values())
+    table = [p for p in shown(command) if item(p) not in shared] + list(of_group.values())
     lines += ["Options of several of these commands:", ""] if of_group else []
-    lines += [*HEADING, *grouped_rows(table), ""] if table else []
-    others = [text for text in map(row, shown(command)) if text in shared]
+    lines += [*grouped_items(table), ""] if table else []
+    others = [text for text in map(item, shown(command)) if text in shared]
     names = ", ".join(in_short(others, shared))
     lines += [f"[Also](#options-of-several-commands) {names}.", ""] if others else []
     yield "\n".join(lines)
@@ -79,14 +78,14 @@ def sections(name: str, command: Any, shared: dict[str, Any]) -> Iterator[str]: 
         yield from sections(f"{name} {inner_name}", each, shared | of_group)
 
 
-def in_short(rows: list[str], shared: dict[str, Any]) -> Iterator[str]:
+def in_short(items: list[str], shared: dict[str, Any]) -> Iterator[str]:
     """The names of groups that are there as a whole, and of the other options."""
-    for group in dict.fromkeys(panel(shared[text]) for text in rows):
+    for group in dict.fromkeys(panel(shared[text]) for text in items):
         of_group = {text for text, p in shared.items() if panel(p) == group}
-        if group != USUAL and of_group <= set(rows):
+        if group != USUAL and of_group <= set(items):
             yield f"**{group}**"
         else:
-            yield from (f"`{shared[text].opts[-1]}`" for text in rows if text in of_group)
+            yield from (f"`{shared[text].opts[-1]}`" for text in items if text in of_group)
 
 
 def panel(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
@@ -94,24 +93,23 @@ def panel(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
     return getattr(parameter, "rich_help_panel", None) or USUAL
 
 
-def grouped_rows(parameters: Iterable[Any]) -> Iterator[str]:
-    """The rows of the parameters, each group below its heading; the usual options come first."""
+def grouped_items(parameters: Iterable[Any]) -> Iterator[str]:
+    """The items of the parameters, each group below its heading; the usual options come first."""
     found = list(parameters)
     for group in dict.fromkeys([USUAL, *map(panel, found)]):
-        if group != USUAL:
-            yield f"| **{group}** | | |"
-        yield from (row(p) for p in found if panel(p) == group)
+        items = [item(p) for p in found if panel(p) == group]
+        yield from items if group == USUAL else [f"\n**{group}**\n", *items]
 
 
-def row(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
-    """An argument or an option as a line of a table."""
+def item(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
+    """An argument or an option as an item of a list."""
     if parameter.param_type_name == "argument":
         head = f"`{value(parameter)}`"
     else:
         names = ", ".join(f"`{name}`" for name in [*parameter.opts, *parameter.secondary_opts])
         head = names if parameter.is_flag else f"{names} `{value(parameter)}`"
-    cells = [head, parameter.help or "", default(parameter)]
-    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+    found = default(parameter)
+    return f"- {head}: {parameter.help or ''}{found and f' ({found})'}"
 
 
 def value(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
@@ -129,10 +127,10 @@ def default(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
     found = parameter.default
     if found is None or found is False or callable(found) or found in ("", (), []):
         variable = f"`${parameter.envvar}`" if parameter.envvar else ""
-        return " or ".join(filter(None, [variable, "required" if parameter.required else ""]))
+        return ", or ".join(filter(None, ["required" if parameter.required else "", variable]))
     if found is True:
-        return "on"
-    return f"`{found.value if isinstance(found, enum.Enum) else found}`"
+        return "default: on"
+    return f"default: `{found.value if isinstance(found, enum.Enum) else found}`"
 
 
 if __name__ == "__main__":
