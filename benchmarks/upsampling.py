@@ -66,7 +66,11 @@ def main() -> None:
 def _print_scores(task: EvalTask, session: Session) -> None:
     predictors = [
         ModelPredictor(
-            name, Source.MODEL, session.model.card.output.kind, depthcli.Pipeline(session, way)
+            name,
+            Source.MODEL,
+            session.model.card.output.kind,
+            "metric, m",
+            depthcli.Pipeline(session, way),
         )
         for name, way in WAYS.items()
     ]

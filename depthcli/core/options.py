@@ -107,6 +107,8 @@ class Crop(StrEnum):
     """The full frame."""
     EIGEN = "eigen"
     """Rows 45 to 470 and columns 41 to 600 of 480×640."""
+    GARG = "garg"
+    """The lower and middle part of KITTI's images, at any size."""
 
 
 class Mask(StrEnum):

@@ -15,6 +15,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Self, TypeAlias
 
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.validation import fingerprint
 from depthcli.errors import DatasetError
 
@@ -32,7 +33,8 @@ class Pair:
     official_split: str = ""  #: the data set's own division: "train", "test", or "" if not known
     image: Path | None = None  #: file of the image, if it is one
     depth: Path | None = None  #: file of the depth, if it is one
-    focal_px: float | None = None  #: focal length of the image, in its own pixels
+    camera: Intrinsics = UNKNOWN_CAMERA  #: of the image, in its own pixels
+    depth_camera: Intrinsics = UNKNOWN_CAMERA  #: of the depth, if it may have one of its own
     scale: float = 1.0  #: factor on the metres, for training a network for one camera
 
 
@@ -43,6 +45,9 @@ class DepthDataset(ABC):
     pairs: tuple[Pair, ...]  #: in their order
     #: horizontal field of view of the camera over the full width, degrees; None if not known
     hfov_deg: float | None = field(default=None, kw_only=True)
+    #: facts about unit and files that a table states, one line each
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)  #: assumptions, one line each
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -65,7 +70,8 @@ class DepthDataset(ABC):
     @cached_property
     def focal_px(self) -> tuple[float, ...]:
         """Focal length of each image, in its own pixels; empty if one is not known."""
-        known = tuple(pair.focal_px for pair in self.pairs if pair.focal_px is not None)
+        found = (pair.camera.focal_px for pair in self.pairs)
+        known = tuple(focal_px for focal_px in found if focal_px is not None)
         return known if len(known) == len(self) else ()
 
     def files(self, i: int) -> list[Path]:

@@ -1,46 +1,47 @@
-"""A folder with ``rgb/`` and ``depth/``: images and 16-bit depth images of the same names.
+"""Folders of images and depth files as pairs, whatever their layout.
 
-Subfolders are kept and become the scene: ``rgb/kitchen/01.jpg`` belongs to
-``depth/kitchen/01.png`` and to the scene "kitchen". ``raw_depth/`` and ``cameras.csv``, which has
-the focal length of each image, are optional.
+``cameras.csv`` (the focal length of each image) and ``raw_depth/`` are optional.
 """
 
 import math
-import os
-import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import UNKNOWN_CAMERA
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.datasets import layouts
 from depthcli.datasets.base import DepthDataset, Pair
 from depthcli.errors import DatasetError, InputError
-from depthcli.io.depth.metadata import positive_number
-from depthcli.io.depth.read import read_metadata
-from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.images import png, read
+from depthcli.io.depth.metadata import positive_number, step_unit
+from depthcli.io.depth.read import (
+    AS_STATED,
+    DepthReadOptions,
+    StoredDepth,
+    read_metadata,
+    read_stored_depth,
+)
+from depthcli.io.depth.scale import UINT16_MAX
+from depthcli.io.images import read
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import read_lenses
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-DEPTH_SUFFIXES = (".png",)
-PREDICTION_SUFFIX = ".depth"
-"""Suffix of outputs of ``predict`` and ``batch``: ``depth/a.depth.png`` belongs to ``a``."""
 CAMERAS_NAME = "cameras.csv"
 """``id,focal_px``: focal length of each image, in its own pixels."""
 PLAUSIBLE_M = (0.1, 100.0)
 """Range of the median depth of a data set, outside which its unit is wrong."""
 _UNIT_ADVICE = (
-    "check the unit, which is millimetres unless {png_scale} ('eval pairs') or "
-    "data.units_per_metre ('train') states another"
+    "check the unit, which {png_scale} ('eval pairs') or data.units_per_metre ('train') states"
 )
-_PNG_GRAY = 0
-_PNG_DEPTH_BITS = 16
+_SIMILAR_ASPECT = 0.01
+"""Relative difference up to which image and depth of two sizes are of one view."""
+_MOST_OFF_CENTRE = 0.15
+"""Share of the size by which a principal point may be off the middle, if it is of that size."""
 
 
 @contextmanager
@@ -52,32 +53,37 @@ def as_dataset_error() -> Iterator[None]:
         raise DatasetError(error.message) from error
 
 
-def depth_shape(path: Path) -> tuple[int, int]:
-    """(rows, columns) of a 16-bit gray PNG, from its header.
+def read_truth(path: Path, options: DepthReadOptions) -> StoredDepth:
+    """Measured depth of a file in any format that is read.
 
     Raises:
-        DatasetError: it is missing, not a PNG, has 8 bits, or has colour.
+        DatasetError: the file is missing, damaged, or not metric.
     """
     with as_dataset_error():
-        head = read_bytes(path, first=26)
-    width, height, bits, colour = struct.unpack(">IIBB", head[16:26].ljust(10, b"\0"))
-    if not head.startswith(png.SIGNATURE) or (bits, colour) != (_PNG_DEPTH_BITS, _PNG_GRAY):
-        raise DatasetError(f"{path} is not a 16-bit gray PNG")
-    return height, width
+        stored = read_stored_depth(path, options)
+    if not stored.depth.is_metric:
+        raise DatasetError(f"{path} holds {stored.depth.kind} depth, which is not metric")
+    return stored
 
 
-def read_depth_m(path: Path, units_per_metre: float) -> npt.NDArray[np.float32]:
-    """Depth of a 16-bit gray PNG: (H, W) float32 metres, 0 where there is none.
+def metres(stored: StoredDepth) -> npt.NDArray[np.float32]:
+    """(H, W) float32 metres, 0 where there is none: also where 16 bits do not hold the depth."""
+    depth, scale = stored.displayed, stored.scale
+    most_m = np.inf
+    if stored.is_integer and scale is not None:  # in 7-Scenes, 65535 is no depth
+        most_m = (UINT16_MAX - 0.5) / scale.units_per_metre
+    return np.where(depth.valid & (depth.values < most_m), depth.values, np.float32(0))
+
+
+def read_depth_m(path: Path, units_per_metre: float | None = None) -> npt.NDArray[np.float32]:
+    """Depth of a file: (H, W) float32 metres, 0 where there is none.
+
+    ``units_per_metre`` is the value of one metre; None for what the file states.
 
     Raises:
-        DatasetError: the file is missing, truncated, or of another format.
+        DatasetError: the file is missing, damaged, or not metric.
     """
-    depth_shape(path)
-    with as_dataset_error():
-        stored = read.decode(read_bytes(path), str(path))
-    # Division in float64 gives the float32 nearest to 2.718 for 2718 mm.
-    depth_m: npt.NDArray[np.float32] = (stored / units_per_metre).astype(np.float32)
-    return depth_m
+    return metres(read_truth(path, DepthReadOptions(units_per_metre)))
 
 
 def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
@@ -123,44 +129,45 @@ def sample_positions(count: int, at_most: int = 9) -> list[int]:
 
 @dataclass(frozen=True)
 class FolderDataset(DepthDataset):
-    """Pairs read from image files."""
+    """Pairs of files."""
 
     root: Path  #: the folder of the files
-    units_per_metre: float = MILLIMETRES  #: value of one metre in the depth images
-    paired: bool = True  #: whether image and depth show the same, pixel by pixel
+    reading: DepthReadOptions = AS_STATED  #: what is known about the depth files
+    paired: bool = True  #: whether image and depth show the same
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Image of pair ``i``: (H, W, 3) RGB uint8.
 
         Raises:
-            DatasetError: it cannot be read or has another size than its depth.
-        """
-        path, depth = self.pairs[i].image, self.pairs[i].depth
-        assert path is not None  # noqa: S101 - the files of each pair are listed
-        assert depth is not None  # noqa: S101
-        pixels = read_image_rgb(path)
-        if self.paired and pixels.shape[:2] != depth_shape(depth):
-            height, width = depth_shape(depth)
-            raise DatasetError(
-                f"{path} is {pixels.shape[1]}×{pixels.shape[0]} but its depth is "
-                f"{width}×{height}: resize one of them"
-            )
-        return pixels
-
-    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none.
-
-        Raises:
             DatasetError: it cannot be read.
         """
-        depth = self.pairs[i].depth
-        assert depth is not None  # noqa: S101 - the files of each pair are listed
-        return read_depth_m(depth, self.units_per_metre / self.pairs[i].scale)
+        return read_image_rgb(_file(self.pairs[i].image))
+
+    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+        """Depth of pair ``i`` in the view of its image: (H, W) float32 metres, 0 = none.
+
+        Raises:
+            DatasetError: it cannot be read, or is of another view than the image.
+        """
+        pair = self.pairs[i]
+        depth_m = metres(self.stored(i)) * np.float32(pair.scale)
+        return (
+            in_view(depth_m, pair, self._image_shape(i, depth_m.shape)) if self.paired else depth_m
+        )
+
+    def stored(self, i: int) -> StoredDepth:
+        """The depth file of pair ``i``.
+
+        Raises:
+            DatasetError: it cannot be read, or is not metric.
+        """
+        pair = self.pairs[i]
+        camera = pair.depth_camera if pair.depth_camera.has_focal else pair.camera
+        return read_truth(_file(pair.depth), replace(self.reading, camera=camera))
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Measured depth of pair ``i`` from ``raw_depth/``: (H, W) float32 metres, 0 = none."""
-        raw = self.root / "raw_depth" / f"{self.pairs[i].id}.png"
-        return read_depth_m(raw, self.units_per_metre)
+        return metres(read_truth(self.root / "raw_depth" / f"{self.pairs[i].id}.png", self.reading))
 
     def for_camera(self, hfov_deg: float, aspect: float) -> Self:
         """Scale depth for training a network for one camera.
@@ -174,10 +181,13 @@ class FolderDataset(DepthDataset):
             aspect: width over height of its images; all are stretched to one input.
 
         Raises:
-            DatasetError: a depth image cannot be read.
+            DatasetError: an image cannot be read.
         """
-        angle = 2 * math.tan(math.radians(hfov_deg) / 2)
-        return replace(self, pairs=tuple(_scaled(pair, angle, aspect) for pair in self.pairs))
+        angle, scaled = 2 * math.tan(math.radians(hfov_deg) / 2), []
+        for i, focal_px in enumerate(self.focal_px):
+            width_px = math.sqrt(aspect * math.prod(self._image_shape(i)))
+            scaled.append(replace(self.pairs[i], scale=width_px / angle / focal_px))
+        return replace(self, pairs=tuple(scaled))
 
     def with_stated_focal_px(self) -> Self:
         """The focal lengths that the depth images state, if cameras.csv has none.
@@ -188,134 +198,157 @@ class FolderDataset(DepthDataset):
         if self.focal_px:
             return self
         with as_dataset_error():
-            found = [replace(pair, focal_px=_stated_focal_px(pair.depth)) for pair in self.pairs]
-        silent = [pair.depth for pair in found if pair.focal_px is None]
-        if 0 < len(silent) < len(found):
+            metadata = [read_metadata(_file(pair.depth)) for pair in self.pairs]
+        found = [positive_number(texts.get("focal_px")) for texts in metadata]
+        if 0 < found.count(None) < len(found):
+            silent = self.pairs[found.index(None)].depth
             raise DatasetError(
-                f"{silent[0]} states no focal length, but other depth images beside it do",
+                f"{silent} states no focal length, but other depth images beside it do",
                 f"add {CAMERAS_NAME} (id,focal_px) with that of each pair",
             )
-        return replace(self, pairs=tuple(found))
+        pairs = zip(self.pairs, found, strict=True)
+        return replace(self, pairs=tuple(replace(p, camera=Intrinsics(f)) for p, f in pairs))
+
+    def _image_shape(self, i: int, expected: tuple[int, ...] = ()) -> tuple[int, int]:
+        """(rows, columns) of image ``i``, upright; its header is enough if it is as expected."""
+        path = _file(self.pairs[i].image)
+        with as_dataset_error():
+            size_px = read.image_size(read_bytes(path))
+        if size_px and (not expected or size_px[::-1] == expected):
+            return size_px[::-1]
+        height, width = read_image_rgb(path).shape[:2]
+        return height, width
 
 
-def _scaled(pair: Pair, angle: float, aspect: float) -> Pair:
-    if pair.depth is None or pair.focal_px is None:
-        return pair
-    rows, columns = depth_shape(pair.depth)
-    return replace(pair, scale=math.sqrt(aspect * columns * rows) / angle / pair.focal_px)
+def _file(path: Path | None) -> Path:
+    assert path is not None  # noqa: S101 - the files of each pair are listed
+    return path
 
 
-def _stated_focal_px(depth: Path | None) -> float | None:
-    return positive_number(read_metadata(depth).get("focal_px")) if depth else None
+def in_view(
+    depth_m: npt.NDArray[np.float32], pair: Pair, shape: tuple[int, int]
+) -> npt.NDArray[np.float32]:
+    """Depth at the pixels of an image that another camera took from the same place.
+
+    Args:
+        depth_m: (H, W) float32 metres, 0 for none.
+        pair: has the cameras of both, if they are known.
+        shape: rows and columns of the image.
+
+    Raises:
+        DatasetError: the two have other aspects, and their cameras are not known.
+    """
+    (height, width), (rows, columns) = shape, depth_m.shape
+    image, depth = pair.camera, pair.depth_camera
+    if _is_of(image, width, height) and _is_of(depth, columns, rows):
+        ratio_x, ratio_y = (d / i for d, i in zip(_focals(depth), _focals(image), strict=True))
+        (from_x, from_y), (to_x, to_y) = image.centre_px or (0, 0), depth.centre_px or (0, 0)
+        x = ((np.arange(width) - from_x) * ratio_x + to_x).astype(np.float32)
+        y = ((np.arange(height) - from_y) * ratio_y + to_y).astype(np.float32)
+        if (height, width) == (rows, columns) and ratio_x == ratio_y == 1:
+            return depth_m
+        grid = np.meshgrid(x, y)
+        # Depth is not interpolated: between near and far there is nothing.
+        return np.asarray(cv2.remap(depth_m, *grid, cv2.INTER_NEAREST, borderValue=0), np.float32)
+    if (height, width) == (rows, columns):
+        return depth_m
+    if abs(width * rows / (height * columns) - 1) > _SIMILAR_ASPECT:
+        raise DatasetError(
+            f"{pair.image} is {width}×{height} but its depth is {columns}×{rows}, which is another "
+            "view",
+            "register the depth to the image, or add intrinsic_color.txt and intrinsic_depth.txt",
+        )
+    resized = cv2.resize(depth_m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
+    return np.asarray(resized, np.float32)
+
+
+def _is_of(camera: Intrinsics, width: int, height: int) -> bool:
+    """Whether a camera is known, and can be of images of this size."""
+    if camera.focal_px is None or camera.centre_px is None:
+        return False
+    x, y = camera.centre_px
+    return max(abs(x / width - 0.5), abs(y / height - 0.5)) < _MOST_OFF_CENTRE
+
+
+def _focals(camera: Intrinsics) -> tuple[float, float]:
+    focal_px = camera.focal_px or 1.0
+    return focal_px, focal_px * (camera.pixel_aspect or 1.0)
 
 
 def open_paired_folder(
     path: Path,
+    reading: DepthReadOptions = AS_STATED,
     *,
-    units_per_metre: float = MILLIMETRES,
+    patterns: tuple[str, str] | None = None,
     plausible_m: tuple[float, float] = PLAUSIBLE_M,
 ) -> FolderDataset:
-    """Pair the files of ``rgb/`` and ``depth/`` by name; the median depth has to be plausible.
+    """Pair images and depth files by name; the median depth has to be plausible.
 
-    ``units_per_metre`` is the value of one metre in the depth images: 1000 for millimetres.
+    Args:
+        path: the folder, in a layout of :mod:`~depthcli.datasets.layouts`.
+        reading: what is known about the depth files.
+        patterns: of the names of images and of depth; None for a known layout.
+        plausible_m: range of the median depth.
 
     Raises:
-        DatasetError: the folder is missing or empty, a file has no partner, depth is not 16-bit
-            gray PNG, sizes differ, or the depth is in another unit.
+        DatasetError: the folder is missing or empty, a file has no partner or cannot be read, or
+            the depth is in another unit or of another view.
     """
-    images = list_files(path, "rgb", IMAGE_SUFFIXES)
-    depths = list_files(path, "depth", DEPTH_SUFFIXES)
-    unpaired = sorted(set(images) ^ set(depths))
-    if unpaired:
+    listing = layouts.list_pairs(path, patterns)
+    units = listing.units_per_metre
+    if reading.scale is not None or reading.unstated_scale is not None:
+        units = None
+    elif units is not None:
+        reading = replace(reading, unstated_scale=units)
+    dataset = FolderDataset(_with_cameras(path, listing.pairs), path, reading)
+    first = dataset.stored(0)
+    unit = first.unit_text if units is None else f"{step_unit(units)}, by the layout"
+    notes = [f"truth: {listing.layout}, depth in {unit}"]
+    if listing.left_out:
+        notes.append(f"{listing.left_out} files without a partner are left out")
+    shape = first.displayed.values.shape
+    if dataset.depth_m(0).shape != shape:
+        notes.append(f"depth of {shape[1]}×{shape[0]} is compared in the view of the images")
+    _check_unit(dataset, plausible_m)
+    warnings = first.warnings_with_scale("png_scale")
+    return replace(dataset, notes=tuple(notes), warnings=warnings)
+
+
+def _with_cameras(path: Path, pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
+    """Pairs with the cameras of cameras.csv, if there is one."""
+    table = path / CAMERAS_NAME
+    if not table.exists():
+        return pairs
+    with as_dataset_error():
+        lenses = read_lenses(table)
+    found = [replace(pair, camera=lenses.get(pair.id, UNKNOWN_CAMERA)) for pair in pairs]
+    missing = [pair.id for pair in found if pair.camera.focal_px is None]
+    if missing:
         raise DatasetError(
-            f"{path} has {len(images)} images and {len(depths)} depth images, "
-            f"{len(unpaired)} without a partner (first: {unpaired[0]})"
+            f"{table} has no focal_px of {missing[0]!r}: it needs id,focal_px and each pair"
         )
-    focal_px = _focal_lengths(path / CAMERAS_NAME, sorted(images))
-    pairs = (
-        Pair(i, i.rpartition("/")[0], "", images[i], depths[i], focal_px.get(i))
-        for i in sorted(images)
-    )
-    dataset = FolderDataset(tuple(pairs), path, units_per_metre)
-    dataset.image(0)
-    _check_depth(dataset, plausible_m)
-    return dataset
+    return tuple(found)
 
 
-def open_unpaired_folder(path: Path, *, units_per_metre: float = MILLIMETRES) -> FolderDataset:
+def open_unpaired_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> FolderDataset:
     """List the files of ``rgb/`` and ``depth/``; names and sizes need not match.
 
     It is as long as the longer list, and the shorter one is repeated.
 
     Raises:
-        DatasetError: a folder is missing or empty, depth is not 16-bit gray PNG, or it is in
-            another unit.
+        DatasetError: a folder is missing or empty, or the depth cannot be read or is in another
+            unit.
     """
-    images = sorted(list_files(path, "rgb", IMAGE_SUFFIXES).items())
-    depths = sorted(list_files(path, "depth", DEPTH_SUFFIXES).items())
+    images, depths = layouts.list_unpaired(path)
     pairs = []
     for i in range(max(len(images), len(depths))):
-        image, depth = images[i % len(images)][1], depths[i % len(depths)][1]
+        image, depth = images[i % len(images)], depths[i % len(depths)]
         pairs.append(Pair(f"{image.name} {depth.name}", image=image, depth=depth))
-    dataset = FolderDataset(tuple(pairs), path, units_per_metre, paired=False)
-    _check_depth(dataset, PLAUSIBLE_M)
+    dataset = FolderDataset(tuple(pairs), path, reading, paired=False)
+    _check_unit(dataset, PLAUSIBLE_M)
     return dataset
 
 
-def has_matching_files(path: Path) -> bool:
-    """Whether images and depth have the same names and, in the first of them, the same size."""
-    images = list_files(path, "rgb", IMAGE_SUFFIXES)
-    depths = list_files(path, "depth", DEPTH_SUFFIXES)
-    if images.keys() != depths.keys():
-        return False
-    first = min(images)
-    return read_image_rgb(images[first]).shape[:2] == depth_shape(depths[first])
-
-
-def list_files(root: Path, kind: str, suffixes: tuple[str, ...]) -> dict[str, Path]:
-    """Files of ``root/kind`` by their path below it without suffix.
-
-    Raises:
-        DatasetError: the folder is missing, holds nothing usable, or two files share a name.
-    """
-    folder = root / kind
-    if not folder.is_dir():
-        raise DatasetError(f"{folder} is missing: the data set needs rgb/ and depth/ side by side")
-    found: dict[str, Path] = {}
-    walked = os.walk(folder, followlinks=True)
-    for file in sorted(Path(parent, name) for parent, _, names in walked for name in names):
-        if file.name.startswith(".") or file.suffix.lower() not in suffixes or not file.is_file():
-            continue
-        name = file.relative_to(folder).with_suffix("").as_posix()
-        if kind == "depth":
-            name = name.removesuffix(PREDICTION_SUFFIX)
-        if name in found:
-            raise DatasetError(f"{found[name]} and {file} share one name: remove one of them")
-        found[name] = file
-    if not found:
-        raise DatasetError(f"{folder} holds no {', '.join(suffixes)} file")
-    return found
-
-
-def _focal_lengths(path: Path, ids: list[str]) -> dict[str, float | None]:
-    """Focal length of each pair, in pixels; empty if there is no such file."""
-    if not path.exists():
-        return {}
-    with as_dataset_error():
-        lenses = read_lenses(path)
-    found = {pair_id: lenses.get(pair_id, UNKNOWN_CAMERA).focal_px for pair_id in ids}
-    missing = [pair_id for pair_id, focal_px in found.items() if focal_px is None]
-    if missing:
-        raise DatasetError(
-            f"{path} has no focal_px of {missing[0]!r}: it needs id,focal_px and each pair"
-        )
-    return found
-
-
-def _check_depth(dataset: FolderDataset, plausible_m: tuple[float, float]) -> None:
-    """Check the format of every depth image, and the unit of a few."""
-    for pair in dataset.pairs:
-        if pair.depth:
-            depth_shape(pair.depth)
+def _check_unit(dataset: FolderDataset, plausible_m: tuple[float, float]) -> None:
     samples = map(dataset.depth_m, sample_positions(len(dataset)))
     check_unit(samples, dataset.root, plausible_m)

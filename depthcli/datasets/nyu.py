@@ -24,6 +24,7 @@ from depthcli.core.options import INSTALL_H5PY, short_repr
 from depthcli.datasets import folders
 from depthcli.datasets.base import DepthDataset, Pair, is_label
 from depthcli.errors import DatasetError
+from depthcli.io.depth.read import AS_STATED, DepthReadOptions
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import CsvTable
@@ -139,19 +140,19 @@ def has_own_index(folder: Path) -> bool:
     return not all(map(is_label, read_index(folder / INDEX_NAME)))
 
 
-def open_indexed_folder(
-    path: Path, *, units_per_metre: float = MILLIMETRES
-) -> folders.FolderDataset:
+def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> folders.FolderDataset:
     """Open a folder with rgb/, depth/ and index.csv, of NYU Depth v2 or of one's own.
-
-    ``units_per_metre`` is the value of one metre in the depth images: 1000 for millimetres.
 
     Raises:
         DatasetError: the set is missing, incomplete, damaged, or in another unit.
     """
     index = read_index(path / INDEX_NAME)
-    range_m = PLAUSIBLE_M if all(map(is_label, index)) else folders.PLAUSIBLE_M
-    dataset = folders.open_paired_folder(path, units_per_metre=units_per_metre, plausible_m=range_m)
+    if all(map(is_label, index)):
+        known = DepthReadOptions(unstated_scale=MILLIMETRES)
+        dataset = folders.open_paired_folder(path, known, plausible_m=PLAUSIBLE_M)
+        dataset = replace(dataset, notes=())
+    else:
+        dataset = folders.open_paired_folder(path, reading)
     differing = sorted(set(index) ^ set(dataset.ids))
     if differing:
         raise DatasetError(

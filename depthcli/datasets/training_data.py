@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from depthcli.datasets import folders, nyu
+from depthcli.datasets import folders, layouts, nyu
 from depthcli.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, opener_of
 from depthcli.errors import DatasetError
+from depthcli.io.depth.read import DepthReadOptions
 from depthcli.io.formats.table import MILLIMETRES
 
 NYU_HFOV_DEG = 63.3
@@ -108,12 +109,23 @@ def open_training_data(
 def _own_folder(path: Path, paired: bool, units_per_metre: float, *, indexed: bool) -> TrainingData:
     """A folder of one's own; if it has an index, its pairs."""
     title = path.resolve().name
-    if not (paired or indexed or folders.has_matching_files(path)):
-        lists = folders.open_unpaired_folder(path, units_per_metre=units_per_metre)
+    reading = DepthReadOptions(scale=None if units_per_metre == MILLIMETRES else units_per_metre)
+    if not (paired or indexed or _are_pairs(path)):
+        lists = folders.open_unpaired_folder(path, reading)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
     opener = nyu.open_indexed_folder if indexed else folders.open_paired_folder
-    pairs = opener(path, units_per_metre=units_per_metre)
+    pairs = opener(path, reading)
     return TrainingData(pairs, own_pairs_title(path), None)
+
+
+def _are_pairs(path: Path) -> bool:
+    """Whether images and depth are named in pairs, and the first is of one view."""
+    try:
+        pair = layouts.list_pairs(path).pairs[0]
+    except DatasetError:
+        return False
+    dataset = folders.FolderDataset((pair,), path)
+    return dataset.image(0).shape[:2] == dataset.stored(0).depth.values.shape
 
 
 def _training_part(data: TrainingData, split: str) -> DepthDataset:

@@ -37,7 +37,7 @@ from depthcli.evaluation.report import (
     Source,
     Training,
 )
-from depthcli.evaluation.task import EvalTask, group_by_seed, train_overlap
+from depthcli.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.metrics.alignment import SUITABLE
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
 from depthcli.metrics.depth import Accumulator, PixelSums, Scores
@@ -73,12 +73,14 @@ class Entry(NamedTuple):
     predictor: Predictor  #: what is evaluated
     alignments: tuple[Alignment, ...]  #: a row for each
     train_overlap: int | None = None  #: number of the images it was trained on; None if unknown
+    mark: str = ""  #: footnote about training on these images
 
 
 def entry_for(
     predictor: Predictor,
     wanted: Sequence[Alignment] = (Alignment.NONE,),
     train_overlap: int | None = None,
+    mark: str = "",
 ) -> Entry:
     """An entry with those of the alignments that suit the predictor's kind of depth.
 
@@ -92,7 +94,7 @@ def entry_for(
             "aligned",
             f"add {{align}} {SUITABLE[predictor.kind][0]}",
         )
-    return Entry(predictor, suitable, train_overlap)
+    return Entry(predictor, suitable, train_overlap, mark)
 
 
 def has_trivial(task: EvalTask, options: EvalOptions) -> bool:
@@ -124,7 +126,7 @@ def evaluate(
     Training runs that differ only in their seed are one row.
 
     Raises:
-        DatasetError: a pair cannot be read or does not fit the protocol.
+        DatasetError: a pair cannot be read or does not fit the protocol, or no pixel counts.
         UsageError: no alignment suits a predictor, runs of one name differ in more than their
             seed, or there is no row to compare with the others.
     """
@@ -144,6 +146,12 @@ def evaluate(
         progress=progress,
         workers=options.workers,
     )
+    if scored and not any(row.pixel_count for row in scored):
+        low_m, high_m = options.protocol.min_m, options.protocol.max_m
+        raise DatasetError(
+            f"no pixel of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m",
+            "check the unit, and the range that counts",
+        )
     rest = iter(scored)
     each = [[next(rest) for entry in line.entries for _ in entry.alignments] for line in lines]
     differences: tuple[Difference, ...] = ()
@@ -168,7 +176,7 @@ def evaluate(
         train_count=len(task.split.train) if options.trivial else 0,
         protocol=options.protocol,
         rows=(*before, *rows, *after),
-        notes=tuple(_notes(task, lines, options)),
+        notes=(*task.dataset.notes, *_notes(task, lines, options)),
         differences=differences,
     )
 
@@ -213,7 +221,8 @@ def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions
             is_run, card = predictor.run is not None, predictor.pipeline.card
         name = group_of[predictor.name] if is_run else predictor.name
         overlap = None if card is None else train_overlap(card, task)
-        entry = entry_for(predictor, options.alignments, overlap)
+        mark = "" if card is None else train_mark(predictor.name, card, task, overlap)
+        entry = entry_for(predictor, options.alignments, overlap, mark)
         groups.setdefault(name if is_run else id(predictor), (name, []))[1].append(entry)
     return [_Line(name, tuple(entries)) for name, entries in groups.values()]
 
@@ -237,6 +246,8 @@ def _mean_row(line: _Line, seeds: Sequence[ReportRow]) -> ReportRow:
         image_count=first.image_count,
         scores=Scores(tuple(map(float, values.mean(0)))),
         empty_count=first.empty_count,
+        stated=first.stated,
+        pixel_count=first.pixel_count,
         note="; ".join(dict.fromkeys(row.note for row in seeds if row.note)),
         training=_training_of(line),
         seeds=tuple(seeds),
@@ -309,6 +320,7 @@ class _ImageSums(NamedTuple):
     sums: PixelSums
     boundary: BoundaryScores | None
     is_reversed: bool
+    missing_count: int  #: pixels without a prediction
 
 
 class _RowAccumulator:
@@ -319,11 +331,13 @@ class _RowAccumulator:
         self._total = Accumulator(protocol.averaging)
         self._boundaries: list[BoundaryScores] = []
         self._images: list[ImageScores] = []
-        self._reversed_count = 0
+        self._reversed_count = self._pixel_count = self._missing_count = 0
 
     def add(self, image_id: str, image: _ImageSums, *, keep: bool) -> None:
         scores = self._total.add(image.sums)
         self._reversed_count += image.is_reversed
+        self._pixel_count += image.sums.pixel_count
+        self._missing_count += image.missing_count
         if image.boundary is not None:
             self._boundaries.append(image.boundary)
         if keep:
@@ -345,16 +359,26 @@ class _RowAccumulator:
             boundary=mean_boundary_scores(self._boundaries) if self._boundaries else None,
             train_overlap=self._entry.train_overlap,
             reversed_count=self._reversed_count,
+            stated=predictor.stated,
+            pixel_count=self._pixel_count,
+            missing_count=self._missing_count,
         )
 
     def _footnotes(self) -> Iterator[str]:
-        name, learned = self._entry.predictor.name, self._entry.train_overlap
-        if learned:
-            yield (
-                f"{name} was trained on {learned} of these images, or on others of their scenes: "
-                "its scores say nothing about new pictures and are not comparable"
+        name, count, images = (
+            self._entry.predictor.name,
+            self._reversed_count,
+            self._total.image_count,
+        )
+        if self._entry.mark:
+            yield self._entry.mark
+        if self._missing_count:
+            share = (
+                "has no depth at all"
+                if self._missing_count == self._pixel_count
+                else (f"has no depth in {self._missing_count} of {self._pixel_count} pixels")
             )
-        count, images = self._reversed_count, self._total.image_count
+            yield f"{name} {share}, which counts as the nearest depth"
         if count and self._entry.predictor.source is not Source.TRIVIAL:
             usual = ": its kind of depth may be wrong" if 2 * count > images else ""
             yield (
@@ -414,7 +438,8 @@ def _score_image(
         for alignment in entry.alignments:
             pixels = protocol.compare(depth, truth, alignment)
             boundary = compare_boundaries(pixels, truth) if protocol.boundary else None
-            found.append(_ImageSums(PixelSums.of(pixels), boundary, pixels.is_reversed))
+            missing = int(np.count_nonzero(np.isnan(pixels.prediction)))
+            found.append(_ImageSums(PixelSums.of(pixels), boundary, pixels.is_reversed, missing))
     return found
 
 

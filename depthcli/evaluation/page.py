@@ -8,7 +8,7 @@ from html import escape
 
 from depthcli.core.options import one_line
 from depthcli.evaluation.figures import Figure
-from depthcli.evaluation.report import Difference, EvalReport, ReportRow, Training
+from depthcli.evaluation.report import Difference, EvalReport, ReportRow, Source, Training
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.metrics.depth import METRICS
@@ -47,7 +47,14 @@ def report_page(report: EvalReport) -> Page:
     """The text of a report."""
     with_runs = report.has_training
     metrics = _RUN_METRICS if with_runs else report.columns
-    header = ["row", "align", *(_TRAINING if with_runs else ()), "images", *metrics]
+    header = [
+        "row",
+        "align",
+        *(_TRAINING if with_runs else ()),
+        "images",
+        "pixels",
+        *metrics,
+    ]
     return Page(
         report.title,
         report.protocol.description,
@@ -65,6 +72,7 @@ def _row_cells(row: ReportRow, report: EvalReport, metrics: Sequence[str]) -> li
         row.alignment or "-",
         *(_training_cells(row.training) if report.has_training else ()),
         str(row.image_count),
+        str(row.pixel_count or "-"),
         *(_score_cell(metric, scores[metric], row) for metric in metrics),
     ]
 
@@ -104,9 +112,15 @@ def _footnotes(report: EvalReport, metrics: Sequence[str]) -> list[str]:
             units.setdefault(METRICS[name].unit, []).append(name)
     stated = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
     marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
+    depths: dict[str, list[str]] = {}
+    for row in report.rows:
+        if row.source is not Source.PUBLISHED:
+            depths.setdefault(row.stated, []).append(one_line(row.name))
+    kinds = (f"{stated} of {', '.join(dict.fromkeys(rows))}" for stated, rows in depths.items())
     empty = sorted({row.empty_count for row in report.rows} - {0})
     return [
         f"higher is better for {higher}, lower for the others{stated}",
+        *([f"predicted depth: {'; '.join(kinds)}"] if depths else []),
         *marked,
         *report.notes,
         *(f"{count} images have no valid pixel and are excluded" for count in empty),

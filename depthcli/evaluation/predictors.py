@@ -4,23 +4,29 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from depthcli.core.camera import Intrinsics
+from depthcli.core.camera import Intrinsics, hfov_deg
 from depthcli.core.options import DEFAULT_DETAIL, DepthEncoding, Detail
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.datasets.base import DepthDataset
-from depthcli.errors import DatasetError, InputError
+from depthcli.datasets.folders import as_dataset_error
+from depthcli.errors import DatasetError
 from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth, read_stored_depth
+from depthcli.io.depth.read import (
+    AS_STATED,
+    DepthReadOptions,
+    StoredDepth,
+    read_stored_depth,
+)
 from depthcli.io.formats.table import READABLE
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 from depthcli.training.provenance import TrainedRun
@@ -58,6 +64,7 @@ class Predictor(ABC):
     name: str  #: name of the row
     source: Source  #: origin of its predictions
     kind: DepthKind  #: kind of its depth
+    stated: str  #: kind and unit of its numbers and who states them, for tables
 
     @abstractmethod
     def predict(self, sample: Sample) -> DepthMap:
@@ -93,7 +100,9 @@ def open_model(loader: SessionLoader, detail: Detail = DEFAULT_DETAIL) -> ModelP
     """
     pipeline = Pipeline(loader.load(), detail)
     name = str(loader.model or pipeline.card.name)
-    return ModelPredictor(name, Source.MODEL, pipeline.card.output.kind, pipeline)
+    kind = pipeline.card.output.kind
+    stated = f"{kind}, m" if kind is DepthKind.METRIC else kind
+    return ModelPredictor(name, Source.MODEL, kind, stated, pipeline)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +110,7 @@ class FilePredictor(Predictor):
     """A folder of depth files named by id, which another tool wrote."""
 
     suffix: str  #: suffix of the files that are read
-    scale: float | None = None  #: units per metre of integers that state none; None if not known
+    reading: DepthReadOptions = AS_STATED  #: what is known about them
     warnings: tuple[str, ...] = ()  #: about the first file, one line each
 
     def predict(self, sample: Sample) -> DepthMap:
@@ -111,7 +120,7 @@ class FilePredictor(Predictor):
             DatasetError: the file is damaged, or states another kind than the first one.
         """
         path = Path(self.name) / f"{sample.id}{self.suffix}"
-        stored = _read(path, self.kind, self.scale)
+        stored = _read(path, self.reading, sample)
         if stored.depth.kind is not self.kind:
             raise DatasetError(
                 f"{path} states {stored.depth.kind} depth, and the first file of its folder "
@@ -122,22 +131,21 @@ class FilePredictor(Predictor):
 
 
 def open_predictions(
-    folder: Path, ids: Sequence[str], kind: DepthKind | None = None, scale: float | None = None
+    folder: Path, samples: Sequence[Sample], reading: DepthReadOptions = AS_STATED
 ) -> FilePredictor:
     """Check that a folder has ``ID.npy``, ``ID.exr`` or ``ID.png`` for every image.
 
     Args:
         folder: the folder; ``ID.depth.npy`` and so on are accepted, too.
-        ids: ids of the images.
-        kind: of files that state none; None for metric.
-        scale: units per metre of PNG, and of integers in NPY, that state none; None for
-            millimetres in PNG.
+        samples: the images.
+        reading: what is known about files that state nothing.
 
     Raises:
         DatasetError: the folder or a prediction is missing, or the first file is damaged.
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
+    ids = [sample.id for sample in samples]
     missing = {s: [i for i in ids if not (folder / f"{i}{s}").is_file()] for s in SUFFIXES}
     suffix = min(SUFFIXES, key=lambda s: len(missing[s]))
     if missing[suffix]:
@@ -146,18 +154,31 @@ def open_predictions(
             f"(first: {missing[suffix][0]}{suffix})",
             "every image of the split needs one that is named by its id",
         )
-    first = _read(folder / f"{ids[0]}{suffix}", kind, scale)
+    first = _read(folder / f"{ids[0]}{suffix}", reading, samples[0])
+    kind = first.depth.kind
     is_metric = first.depth.is_metric  # others are fitted to the truth, whatever their scale
-    warnings = first.warnings_with_scale("predictions_scale") if is_metric else first.warnings
-    return FilePredictor(str(folder), Source.FILES, first.depth.kind, suffix, scale, warnings)
+    return FilePredictor(
+        str(folder),
+        Source.FILES,
+        kind,
+        f"{kind}, {first.unit_text}" if is_metric else kind,
+        suffix,
+        reading if reading.kind else replace(reading, kind=DepthEncoding(kind)),
+        first.warnings_with_scale("predictions_scale") if is_metric else first.warnings,
+    )
 
 
-def _read(path: Path, kind: DepthKind | None, scale: float | None) -> StoredDepth:
-    try:
-        encoding = None if kind is None else DepthEncoding(kind)
-        return read_stored_depth(path, DepthReadOptions(kind=encoding, unstated_scale=scale))
-    except InputError as error:
-        raise DatasetError(error.message) from error
+def _read(path: Path, reading: DepthReadOptions, sample: Sample) -> StoredDepth:
+    if reading.kind is DepthEncoding.DISTANCE:
+        focal_px, width = sample.camera.focal_px, sample.frame.pixels.shape[1]
+        across_deg = hfov_deg(focal_px, width) if focal_px else sample.camera.hfov_deg
+        if across_deg is None:
+            raise DatasetError(
+                f"{path} holds distance, which needs the focal length", "give it in cameras.csv"
+            )
+        reading = replace(reading, camera=Intrinsics(hfov_deg=across_deg))
+    with as_dataset_error():
+        return read_stored_depth(path, reading)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +229,7 @@ def fit_trivial(
     per_pixel_m = np.divide(sums, counts, out=np.full_like(sums, mean_m), where=counts > 0)
     means_m = np.full(sums.shape, mean_m, np.float32), per_pixel_m.astype(np.float32)
     constant, per_pixel = (
-        TrivialPredictor(name, Source.TRIVIAL, DepthKind.METRIC, DepthMap(values))
+        TrivialPredictor(name, Source.TRIVIAL, DepthKind.METRIC, "metric, m", DepthMap(values))
         for name, values in zip(TRIVIAL_NAMES, means_m, strict=True)
     )
     return constant, per_pixel

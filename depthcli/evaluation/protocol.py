@@ -16,6 +16,11 @@ from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
 EIGEN_ROWS = slice(45, 471)
 EIGEN_COLUMNS = slice(41, 601)
 FULL_SIZE_PX = (640, 480)
+_GARG_ROWS, _GARG_COLUMNS = (0.40810811, 0.99189189), (0.03594771, 0.96405229)
+"""Shares of an image of KITTI.
+
+Source: Garg et al., "Unsupervised CNN for Single View Depth Estimation", ECCV 2016.
+"""
 
 # A pixel interpolated from valid pixels only has weight one.
 _MIN_VALID_WEIGHT = 0.9999
@@ -103,8 +108,8 @@ class EvalProtocol:
             if raw_depth_m.shape != depth_m.shape:
                 raise DatasetError(f"raw depth is {raw_depth_m.shape} but depth is {depth_m.shape}")
             valid &= raw_depth_m > 0
-        if self.crop is Crop.EIGEN:
-            valid &= _eigen_crop(depth_m.shape)
+        if self.crop is not Crop.NONE:
+            valid &= _crop(self.crop, depth_m.shape)
         if self.compare_px is not None:
             valid = resize_bilinear(valid.astype(np.float32), *self.compare_px) > _MIN_VALID_WEIGHT
             depth_m = resize_bilinear(depth_m, *self.compare_px)
@@ -172,10 +177,16 @@ def _tile_text(tile_px: int | None) -> str:
     return "3/4 of the width" if tile_px == AUTO_TILE else f"{tile_px} px"
 
 
-def _eigen_crop(shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
-    width, height = FULL_SIZE_PX
-    if shape != (height, width):
-        raise DatasetError(f"the Eigen crop is defined at {width}×{height} only")
+def _crop(crop: Crop, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+    height, width = shape
+    rows, columns = EIGEN_ROWS, EIGEN_COLUMNS
+    if crop is Crop.GARG:
+        rows, columns = (
+            slice(*(int(share * size) for share in shares))
+            for shares, size in ((_GARG_ROWS, height), (_GARG_COLUMNS, width))
+        )
+    elif (width, height) != FULL_SIZE_PX:
+        raise DatasetError(f"the Eigen crop is defined at {_size_text(FULL_SIZE_PX)} only")
     inside = np.zeros(shape, np.bool_)
-    inside[EIGEN_ROWS, EIGEN_COLUMNS] = True
+    inside[rows, columns] = True
     return inside

@@ -100,6 +100,9 @@ class ReportRow:
     #: number of these images that the model was trained on; None if unknown
     train_overlap: int | None = None
     reversed_count: int = 0  #: images whose order of depth the alignment reversed
+    stated: str = "-"  #: kind and unit of the predictions and who states them
+    pixel_count: int = 0  #: pixels that are compared; 0 if it is not known
+    missing_count: int = 0  #: pixels of them without a prediction
     training: Training | None = None  #: None for a row that is no training run
     seeds: "tuple[ReportRow, ...]" = ()  #: of a training run, the row of each seed
     #: of a training run, the sample standard deviation over its seeds; None for fewer than two
@@ -184,6 +187,7 @@ class EvalReport:
         """(column, value) of a row in CSV."""
         yield from (("name", row.name), ("source", row.source), ("align", row.alignment))
         yield from (("dataset", self.dataset), ("split", self.split), ("images", row.image_count))
+        yield from (("depth", row.stated), ("pixels", row.pixel_count or ""))
         yield from (("trained_on", row.train_overlap), ("protocol", self.protocol.name))
         for name, value in row.items(boundary=self.protocol.boundary):
             yield name, _csv_number(value)
@@ -230,11 +234,14 @@ def _row_json(row: ReportRow) -> dict[str, Any]:
         "align": row.alignment,
         "images": row.image_count,
         "images_without_valid_pixel": row.empty_count,
+        "depth": row.stated,
+        "pixels": row.pixel_count or None,
         "scores": _all_scores_json(row),
     }
     optional = {
         "images_trained_on": row.train_overlap,
         "images_with_reversed_order": row.reversed_count or None,
+        "pixels_without_prediction": row.missing_count or None,
         "note": row.note or None,
         "model_sha256": row.model_sha256,
     }

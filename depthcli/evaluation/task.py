@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -19,12 +20,16 @@ from depthcli.datasets.base import (
     label_id,
     split_nyu,
 )
+from depthcli.datasets.training_data import own_pairs_title
 from depthcli.errors import DatasetError, UsageError
+from depthcli.evaluation.predictors import Sample
+from depthcli.evaluation.protocol import FULL_SIZE_PX
 from depthcli.models.card import ModelCard
 from depthcli.training.provenance import TrainedRun
 
 TRAIN_SPLIT = "nyu_split"
 """Field of a third-party model's card: the split whose training scenes it was trained on."""
+_NYU_NAME = re.compile(r"0\d{3}|1[0-4]\d\d")
 _SEED = re.compile(r"-seed\d+$")
 
 
@@ -47,6 +52,11 @@ class EvalTask:
     def ids(self) -> tuple[str, ...]:
         """Ids of the images to evaluate."""
         return tuple(self.dataset.ids[i] for i in self.test)
+
+    @property
+    def samples(self) -> list[Sample]:
+        """The images to evaluate."""
+        return [Sample(self.dataset, i) for i in self.test]
 
     @property
     def scenes(self) -> dict[str, str]:
@@ -168,6 +178,30 @@ def train_overlap(card: ModelCard, task: EvalTask) -> int | None:
     """Number of the images to evaluate that a model was trained on; None if unknown."""
     numbers = trained_numbers(card, task.dataset) if task.is_nyu else None
     return None if numbers is None else sum(int(name) in numbers for name in task.ids)
+
+
+def train_mark(name: str, card: ModelCard, task: EvalTask, overlap: int | None) -> str:
+    """A footnote about a model that was trained on the images to evaluate; "" if it was not."""
+    comparable = "its scores say nothing about new images and are not comparable"
+    if overlap:
+        return (
+            f"{name} was trained on {overlap} of these images, or on others of their scenes: "
+            f"{comparable}"
+        )
+    if task.is_nyu:
+        return ""
+    if card.training.get("data") == own_pairs_title(Path(task.title)):
+        return f"{name} was trained on a folder {task.title}; if it is this one, {comparable}"
+    size_px = task.dataset.depth_m(task.test[0]).shape[::-1]
+    if size_px == FULL_SIZE_PX and all(map(_NYU_NAME.fullmatch, task.ids)):
+        known = trained_numbers(card, task.dataset) or frozenset()
+        count = sum(int(image_id) in known for image_id in task.ids)
+        if count:
+            return (
+                f"{name} was trained on {count} pairs of NYU Depth v2 with these names; if they "
+                f"are the same, {comparable}"
+            )
+    return ""
 
 
 def trained_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from depthcli.core.options import Detail, Mask, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.core.types import DepthKind
 from depthcli.datasets.base import DepthDataset, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
@@ -23,7 +22,6 @@ from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.page import Page, html_page
 from depthcli.evaluation.predictors import (
     TRIVIAL_NAMES,
-    FilePredictor,
     ModelPredictor,
     Predictor,
     open_model,
@@ -33,7 +31,7 @@ from depthcli.evaluation.report import EvalReport
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import measure_ms
-from depthcli.io.formats.table import MILLIMETRES
+from depthcli.io.depth.read import AS_STATED, DepthReadOptions
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.training.provenance import TrainedRun
@@ -49,17 +47,15 @@ class EvalRequest:
     data: Path  #: NYU Depth v2, as a file or a folder; or a folder of other pairs
     models: tuple[SessionLoader, ...] = ()  #: one row each
     predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, one row each
-    predictions_kind: DepthKind | None = None  #: depth kind of those files; None if they state it
-    #: units per metre of those files, if they hold integers and do not state it; None for
-    #: millimetres
-    predictions_scale: float | None = None
+    predictions_reading: DepthReadOptions = AS_STATED  #: what is known about those files
     runs: Path | None = None  #: a training run or the folder of several; its seeds are one row
     #: of the runs: the moving average, if a run has one, or the weights of the last step
     weights: Weights = Weights.AVERAGED
     #: provider and threads of the runs; its model is not used
     runner: SessionLoader = field(default_factory=SessionLoader)
-    #: units per metre of the depth images of a custom folder; None for millimetres
-    units_per_metre: float | None = None
+    truth: DepthReadOptions = AS_STATED  #: what is known about the depth of a custom folder
+    #: of the names of images and depth in it, with ``*``; None for a known layout
+    patterns: tuple[str, str] | None = None
     #: split of NYU Depth v2, ``val`` of runs is the pairs that they held out; None for all pairs of
     #: a custom data set
     split: SplitName | None = SplitName.PAPER
@@ -114,10 +110,14 @@ def run_evaluation(
         models = [open_model(loader, request.detail) for loader in request.models]
         if runs:
             models += _load_runs(request, runs, fallback_folder, progress, failed)
-        files = list(_open_predictions(request, task))
-        own = (text for model in models for text in model.pipeline.session.warnings)
-        for warning in dict.fromkeys((*own, *(text for file in files for text in file.warnings))):
-            warn(warning)
+        files = [
+            open_predictions(folder, task.samples, request.predictions_reading)
+            for folder in request.predictions
+        ]
+        about_models = (text for model in models for text in model.pipeline.session.warnings)
+        about_files = (text for file in files for text in file.warnings)
+        for text in dict.fromkeys((*task.dataset.warnings, *about_models, *about_files)):
+            warn(text)
         predictors: list[Predictor] = [*models, *files]
         report = evaluate(task, predictors, options, progress)
         if runs and request.weights is Weights.RAW:
@@ -131,33 +131,24 @@ def run_evaluation(
 
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
     if request.split is None:
-        dataset = _open_pairs(request.data, request.units_per_metre)
+        dataset = _open_pairs(request)
         return plan_pairs(dataset, request.data.resolve().name, request.limit)
     if runs:
         return plan_runs(open_nyu(request.data), runs, request.split, request.limit)
     return plan_nyu(open_nyu(request.data), request.split, request.limit)
 
 
-def _open_pairs(path: Path, units_per_metre: float | None) -> DepthDataset:
-    opener, units = opener_of(path), units_per_metre or MILLIMETRES
-    if opener is None:
-        return open_paired_folder(path, units_per_metre=units)
+def _open_pairs(request: EvalRequest) -> DepthDataset:
+    path, opener = request.data, opener_of(request.data)
+    if opener is None or request.patterns:
+        return open_paired_folder(path, request.truth, patterns=request.patterns)
     if opener is not open_nyu:
-        if units_per_metre is not None:
+        if request.truth.scale is not None:
             raise UsageError(f"{path} is in a unit that is known", "remove {png_scale}")
         return opener(path)
     if not has_own_index(path):
         raise UsageError(f"{path} is NYU Depth v2", "compare on it with 'depthcli eval nyu'")
-    return open_indexed_folder(path, units_per_metre=units)
-
-
-def _open_predictions(request: EvalRequest, task: EvalTask) -> Iterator[FilePredictor]:
-    kind, scale = request.predictions_kind, request.predictions_scale
-    if not request.predictions and (scale is not None or kind is not None):
-        option = "predictions_scale" if kind is None else "predictions_kind"
-        raise UsageError("it is about depth files", "give {predictions} as well", option=option)
-    for folder in request.predictions:
-        yield open_predictions(folder, task.ids, kind, scale)
+    return open_indexed_folder(path, request.truth)
 
 
 def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:

@@ -8,6 +8,7 @@ import pytest
 
 from depthcli.datasets.folders import open_paired_folder, open_unpaired_folder
 from depthcli.errors import DatasetError
+from depthcli.io.depth.read import DepthReadOptions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,7 +45,7 @@ def test_predicted_depth_belongs_to_its_picture(tmp_path: Path) -> None:
 def test_other_unit(tmp_path: Path) -> None:
     _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
     _write(tmp_path / "depth" / "a.png", 512, depth=True)
-    assert open_paired_folder(tmp_path, units_per_metre=256).depth_m(0)[0, 0] == 2.0
+    assert open_paired_folder(tmp_path, DepthReadOptions(256)).depth_m(0)[0, 0] == 2.0
 
 
 def test_depth_that_cannot_be_millimetres(tmp_path: Path) -> None:
@@ -63,15 +64,17 @@ def test_hidden_files_and_folders_are_passed_over(tmp_path: Path) -> None:
     assert open_paired_folder(tmp_path).ids == ("a",)
 
 
-def test_any_picture_of_another_size_is_an_error_when_it_is_read(tmp_path: Path) -> None:
-    for name in "abc":
-        _write(tmp_path / "rgb" / f"{name}.jpg", 10, depth=False)
-        _write(tmp_path / "depth" / f"{name}.png", 2000, depth=True)
-    _write(tmp_path / "rgb" / "b.jpg", 10, depth=False, size=(3, 4))
-    dataset = open_paired_folder(tmp_path)
-    dataset.image(0)
-    with pytest.raises(DatasetError, match=r"b\.jpg is 4×3 but its depth is 8×6"):
-        dataset.image(1)
+def test_depth_of_another_size_is_compared_in_the_view_of_its_image(tmp_path: Path) -> None:
+    """As in ScanNet, where the two cameras have sizes of their own."""
+    _write(tmp_path / "rgb" / "a.png", 10, depth=False, size=(12, 16))
+    halves = np.repeat(np.uint16([[1000, 3000]]), 4, axis=1) * np.ones((6, 1), np.uint16)
+    (tmp_path / "depth").mkdir()
+    assert cv2.imwrite(str(tmp_path / "depth" / "a.png"), halves)
+    depth_m = open_paired_folder(tmp_path).depth_m(0)
+    np.testing.assert_array_equal(depth_m, np.repeat([[1.0, 3.0]], 8, axis=1) * np.ones((12, 1)))
+    _write(tmp_path / "rgb" / "a.png", 10, depth=False, size=(12, 12))
+    with pytest.raises(DatasetError):
+        open_paired_folder(tmp_path)
 
 
 def test_unpaired_lists_are_independent(tmp_path: Path) -> None:

@@ -102,7 +102,7 @@ def _rescale(units_per_metre: float) -> Callable[[Path], None]:
 
 
 def _other_size(root: Path) -> None:
-    cv2.imwrite(str(root / "rgb" / "0000.png"), np.zeros((6, 8, 3), np.uint8))
+    cv2.imwrite(str(root / "rgb" / "0000.png"), np.zeros((6, 9, 3), np.uint8))
 
 
 def _empty(kind: str) -> Callable[[Path], None]:

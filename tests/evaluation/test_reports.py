@@ -31,6 +31,8 @@ MODEL = ReportRow(
     images=(ImageScores("0001", SCORES, EDGES), ImageScores("0002", Scores.of())),
     boundary=EDGES,
     train_overlap=1,
+    stated="metric, m",
+    pixel_count=900,
 )
 PRINTED = ReportRow("CUT (paper)", Source.PUBLISHED, None, 449, Scores.of(abs_rel=0.345))
 REPORT = EvalReport(
@@ -47,20 +49,21 @@ TEXT = """\
 rooms · paper split, 3 of 449 images · protocol: headline
 in-filled depth, full frame at 640×480, 0.001 < g < 10 m, mean of images
 
-row          align   images  abs_rel  sq_rel    rmse  rms_log   log10      d1      d2      d3  silog  dbe_acc  dbe_comp  edge_f1
-CUT (paper)  -          449   0.3450       -       -        -       -       -       -       -      -        -         -        -
-a\\nb*        median       2   0.1250  0.0625  0.5000   0.2500  0.1000  0.7500  0.8750  1.0000  12.35     1.50      2.25   0.5000
+row          align   images  pixels  abs_rel  sq_rel    rmse  rms_log   log10      d1      d2      d3  silog  dbe_acc  dbe_comp  edge_f1
+CUT (paper)  -          449       -   0.3450       -       -        -       -       -       -       -      -        -         -        -
+a\\nb*        median       2     900   0.1250  0.0625  0.5000   0.2500  0.1000  0.7500  0.8750  1.0000  12.35     1.50      2.25   0.5000
 
 higher is better for d1, d2, d3, edge_f1, lower for the others; sq_rel and rmse in metres
+predicted depth: metric, m of a\\nb
 * a\\nb was trained on 1
 a note
 1 images have no valid pixel and are excluded"""  # noqa: E501
 CSV = """\
-name,source,align,dataset,split,images,trained_on,protocol,abs_rel,sq_rel,rmse,rms_log,log10,d1,d2,d3,silog,dbe_acc,dbe_comp,edge_f1
-CUT (paper),published,,rooms,paper,449,,headline,0.345,,,,,,,,,,,
+name,source,align,dataset,split,images,depth,pixels,trained_on,protocol,abs_rel,sq_rel,rmse,rms_log,log10,d1,d2,d3,silog,dbe_acc,dbe_comp,edge_f1
+CUT (paper),published,,rooms,paper,449,-,,,headline,0.345,,,,,,,,,,,
 "a
-b",model,median,rooms,paper,2,1,headline,0.125,0.0625,0.5,0.25,0.1,0.75,0.875,1.0,12.345,1.5,2.255,0.5
-"""
+b",model,median,rooms,paper,2,"metric, m",900,1,headline,0.125,0.0625,0.5,0.25,0.1,0.75,0.875,1.0,12.345,1.5,2.255,0.5
+"""  # noqa: E501
 NAMES = ("abs_rel", "sq_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3", "silog")
 EDGES_JSON = {"dbe_acc": 1.5, "dbe_comp": 2.255, "edge_f1": 0.5}
 SCORES_JSON = dict(zip(NAMES, SCORES.values, strict=True)) | EDGES_JSON
@@ -108,6 +111,8 @@ def test_json() -> None:
                 "align": None,
                 "images": 449,
                 "images_without_valid_pixel": 0,
+                "depth": "-",
+                "pixels": None,
                 "scores": dict.fromkeys(NAMES) | {"abs_rel": 0.345},
             },
             {
@@ -116,6 +121,8 @@ def test_json() -> None:
                 "align": "median",
                 "images": 2,
                 "images_without_valid_pixel": 1,
+                "depth": "metric, m",
+                "pixels": 900,
                 "scores": SCORES_JSON,
                 "images_trained_on": 1,
                 "note": "a\nb was trained on 1",

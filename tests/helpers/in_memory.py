@@ -11,6 +11,8 @@ class InMemory:
     focal_px: tuple[float, ...] = ()
     scales: tuple[float, ...] = ()
     hfov_deg: float | None = None
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def pairs(self) -> tuple[Pair, ...]:

@@ -72,7 +72,7 @@ class Playback:
     kind: DepthKind = DepthKind.METRIC
     name: str = "playback"
     source: Source = Source.FILES
-    model_sha256: str | None = None
+    stated: str = "metric, m"
     look: bool = False
 
     def predict(self, sample: Sample) -> DepthMap:

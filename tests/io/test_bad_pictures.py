@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from depthcli.datasets.folders import depth_shape, read_image_rgb
+from depthcli.datasets.folders import read_depth_m, read_image_rgb
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
@@ -191,7 +191,7 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     for read in (read_image, read_stored_depth):
         with pytest.raises(InputError):
             read(pipe)
-    for read_pair in (read_image_rgb, depth_shape):
+    for read_pair in (read_image_rgb, read_depth_m):
         with pytest.raises(DatasetError):
             read_pair(pipe)
     np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))

@@ -25,6 +25,7 @@ from depthcli.core.options import (
     Alignment,
     Averaging,
     Crop,
+    DepthEncoding,
     Mask,
     Upsampling,
     Weights,
@@ -33,8 +34,8 @@ from depthcli.datasets.base import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from depthcli.core.types import DepthKind
     from depthcli.evaluation.protocol import EvalProtocol
+    from depthcli.io.depth.read import DepthReadOptions
     from depthcli.jobs.evaluate import EvalRequest
 
 app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
@@ -71,9 +72,9 @@ class ModelOptions:
         "Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable.",
         metavar="DIR",
     )
-    predictions_kind: str | None = option(
-        "Depth kind of --predictions, if the files do not state it.",
-        metavar="metric|relative|inverse",
+    predictions_kind: DepthEncoding | None = option(
+        "Meaning of the numbers in --predictions, if the files do not state it: metric (default), "
+        "distance (along the ray), relative, or inverse.",
     )
     predictions_scale: float | None = option(
         "Units per metre of --predictions in PNG and in NPY of integers, if the files do "
@@ -93,22 +94,6 @@ class ModelOptions:
         "Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1.", default=False
     )
     per_image: bool = option("With --json, also print the scores of each image.", default=False)
-
-    @property
-    def kind(self) -> "DepthKind | None":
-        """The depth kind of another tool's files; None if they state it.
-
-        Raises:
-            UsageError: there is no such kind.
-        """
-        from depthcli.core.types import DepthKind
-
-        if self.predictions_kind is None:
-            return None
-        if self.predictions_kind not in tuple(DepthKind):
-            known = ", ".join(DepthKind)
-            raise UsageError(f"{self.predictions_kind} is not {known}", option="predictions_kind")
-        return DepthKind(self.predictions_kind)
 
 
 @group
@@ -193,22 +178,43 @@ def pairs(
     data: Path = typer.Argument(
         ...,
         metavar="DIR",
-        help="Folder with rgb/ and depth/ (16-bit PNG, 0 = no depth) of the same names, and "
-        "cameras.csv (id,focal_px) if the focal lengths are known.",
+        help="Folder with rgb/ and depth/ of the same names, or in the layout of TUM RGB-D, "
+        "ScanNet, 7-Scenes, 3DMatch or KITTI; and cameras.csv (id,focal_px) if the focal lengths "
+        "are known.",
     ),
     *,
+    rgb: str | None = typer.Option(
+        None,
+        metavar="PATTERN",
+        help="Names of the images in another layout, with * for what they share with their depth: "
+        "'*.color.png', 'left/*.png'.",
+    ),
+    depth: str | None = typer.Option(
+        None, metavar="PATTERN", help="Names of the depth files, as --rgb: '*.depth.png'."
+    ),
     models: ModelOptions,
     png_scale: float | None = typer.Option(
         None,
         callback=png_scale_range,
-        help="Units per metre of the PNG files in depth/: 1000 (default, millimetres), "
-        "256 (KITTI), 5000 (TUM), 4000 (Matterport).",
+        help="Units per metre of the depth files: 1000 for millimetres, 256 (KITTI), 5000 (TUM), "
+        "4000 (Matterport). Default: what the files state or the layout implies, else 1000 for "
+        "integers and 1 for floats.",
     ),
-    max_depth: float = typer.Option(
-        10.0,
+    depth_kind: DepthEncoding = typer.Option(
+        DepthEncoding.METRIC,
+        help="Meaning of the depth files: metric (along the axis) or distance (along the ray).",
+    ),
+    min_depth: float = typer.Option(
+        0.001,
         metavar="METRES",
         callback=positive,
-        help="Farthest depth that counts; predictions are clamped to it.",
+        help="Nearest depth that counts; predictions are clamped to it.",
+    ),
+    max_depth: float = typer.Option(
+        10.0, metavar="METRES", callback=positive, help="Farthest depth that counts, as well."
+    ),
+    crop: Crop = typer.Option(
+        Crop.NONE, help="garg: the part of KITTI's images that is compared; eigen: of NYU's."
     ),
     against: str | None = typer.Option(
         None,
@@ -223,11 +229,22 @@ def pairs(
     Metric models are rescaled to the focal length of each picture, where it is known.
     """
     from depthcli.evaluation.protocol import EvalProtocol
+    from depthcli.io.depth.read import DepthReadOptions
 
-    protocol = EvalProtocol(full_size_px=None, max_m=max_depth)
+    if (rgb is None) != (depth is None):
+        raise UsageError("", "give both {rgb} and {depth}")
+    if min_depth >= max_depth:
+        raise UsageError(f"it is not below {max_depth:g} m", option="min_depth")
+    protocol = EvalProtocol(full_size_px=None, crop=crop, min_m=min_depth, max_m=max_depth)
     request = _request(data, models, table, protocol)
     options = replace(request.options, trivial=False, against=against)
-    request = replace(request, split=None, units_per_metre=png_scale, options=options)
+    request = replace(
+        request,
+        split=None,
+        truth=DepthReadOptions(png_scale, depth_kind),
+        patterns=(rgb, depth) if rgb and depth else None,
+        options=options,
+    )
     return _run(request, table)
 
 
@@ -305,8 +322,7 @@ def _request(
         data,
         models=tuple(parse.session_loader(name, table.runtime, threads) for name in names),
         predictions=tuple(models.predictions or ()),
-        predictions_kind=models.kind,
-        predictions_scale=models.predictions_scale,
+        predictions_reading=_reading(models),
         limit=table.limit,
         options=EvalOptions(
             replace(
@@ -323,6 +339,21 @@ def _request(
         ),
         shown_ids=table.shown_ids,
     )
+
+
+def _reading(models: ModelOptions) -> "DepthReadOptions":
+    """What is known about the depth files of another tool."""
+    from depthcli.io.depth.read import DepthReadOptions
+
+    if models.predictions_kind is DepthEncoding.DISPARITY:
+        raise UsageError(
+            "it needs a baseline", "disparity up to a factor is inverse", option="predictions_kind"
+        )
+    stated = DepthReadOptions(kind=models.predictions_kind, unstated_scale=models.predictions_scale)
+    if stated != DepthReadOptions() and not models.predictions:
+        option = "predictions_kind" if models.predictions_kind else "predictions_scale"
+        raise UsageError("it is about depth files", "give {predictions} as well", option=option)
+    return stated
 
 
 def _run(request: "EvalRequest", table: TableOptions) -> int:
