@@ -141,7 +141,7 @@ def _weighs(loss: str = "") -> dict[str, str]:
     """Field metadata that marks the weight of a loss term.
 
     ``loss`` names a function of :mod:`depthcli.training.losses` for terms that only compare a depth
-    map with its ground truth; see :func:`~depthcli.training.losses.paired_losses`.
+    map with its ground truth: of prediction, truth (B, 1, H, W) and a mask, None for all pixels.
     """
     return {_TERM: loss}
 

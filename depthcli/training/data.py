@@ -23,32 +23,31 @@ from depthcli.training.config import DataConfig
 _LEAST_SHARE = 0.5 - 1e-5
 
 
-class FilledDepth(NamedTuple):
-    """Depth with its holes filled, and the mask of valid pixels."""
-
-    #: (H, W) float32 metres; in a hole, that of the nearest pixel with a measurement
-    depth_m: npt.NDArray[np.float32]
-    valid_mask: (
-        npt.NDArray[np.bool_] | None
-    )  #: (H, W) bool, False in a hole; None if there is no hole
-
-
-def downsample(depth_m: npt.NDArray[np.float32], size: tuple[int, int]) -> FilledDepth | None:
+def downsample(
+    depth_m: npt.NDArray[np.float32], size: tuple[int, int]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_] | None] | None:
     """Downsample depth by the mean of the measured part of each new pixel's area.
 
-    Takes (H, W) float32 metres, with 0, NaN or infinity in holes, and the new width and height in
-    px. A new pixel is valid if at least half of its area is; returns None if no pixel is.
+    A new pixel is valid if at least half of its area is.
+
+    Args:
+        depth_m: (H, W) float32 metres, with 0, NaN or infinity in holes.
+        size: the new width and height, px.
+
+    Returns:
+        Depth (h, w) float32 metres, in a hole that of the nearest valid pixel, and the mask of
+        valid pixels, None if all are; or None if no pixel is.
     """
     valid_mask = np.isfinite(depth_m) & (depth_m > 0)
     if valid_mask.all():
-        return FilledDepth(_area(depth_m, size), None)
+        return _area(depth_m, size), None
     share = _area(valid_mask.astype(np.float32), size)
     total_m = _area(np.where(valid_mask, depth_m, np.float32(0)), size)
     measured = share >= _LEAST_SHARE
     if not measured.any():
         return None
     mean_m = np.divide(total_m, share, out=total_m, where=measured)
-    return FilledDepth(_nearest_valid(mean_m, measured), None if measured.all() else measured)
+    return _nearest_valid(mean_m, measured), None if measured.all() else measured
 
 
 def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray[np.float32]:
@@ -130,22 +129,19 @@ class PairStore:
             self.tan_half_fov[row] = torch.tensor(views, dtype=torch.float64)
             rgb = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
             self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
-            measured = downsample(depth_m, size)
-            if measured is None:
+            filled = downsample(depth_m, size)
+            if filled is None:
                 raise DatasetError(
-                    f"pair {dataset.ids[position]} has almost no depth: remove or repair it"
+                    f"pair {dataset.ids[position]} has almost no depth", "remove or repair it"
                 )
-            self.depth_m[row, 0] = torch.from_numpy(measured.depth_m)
-            if measured.valid_mask is not None:
-                self._mark_holes(row, torch.from_numpy(measured.valid_mask))
+            self.depth_m[row, 0] = torch.from_numpy(filled[0])
+            if filled[1] is not None:
+                if self.valid_mask is None:
+                    self.valid_mask = torch.ones(self.depth_m.shape, dtype=torch.bool)
+                self.valid_mask[row, 0] = torch.from_numpy(filled[1])
 
     def __len__(self) -> int:
         return len(self.rgb)
-
-    def _mark_holes(self, row: int, valid_mask: Tensor) -> None:
-        if self.valid_mask is None:
-            self.valid_mask = torch.ones(self.depth_m.shape, dtype=torch.bool)
-        self.valid_mask[row, 0] = valid_mask
 
 
 def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:

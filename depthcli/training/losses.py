@@ -1,14 +1,10 @@
 """Adversarial losses: LSGAN, hinge and relativistic average LSGAN."""
 
 import math
-from collections.abc import Callable
-from typing import TypeAlias
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
-
-from depthcli.training.config import PAIRED_LOSSES, LossConfig
 
 
 def generator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
@@ -224,15 +220,3 @@ def similarity(*, real_x: Tensor, fake_x: Tensor, real_y: Tensor, fake_y: Tensor
     """
     x = F.l1_loss(fake_x.float(), real_x.float())
     return x + F.l1_loss(fake_y.float(), real_y.float())
-
-
-PairedLoss: TypeAlias = Callable[[Tensor, Tensor, Tensor | None], Tensor]
-"""Prediction and truth (B, 1, H, W), coded depth, and which pixels are valid (B, 1, H, W) bool,
-None for all; to a scalar."""
-
-
-def paired_losses(weights: LossConfig) -> dict[str, PairedLoss]:
-    """The losses with a weight above zero, by the weight's name."""
-    return {
-        name: globals()[place] for name, place in PAIRED_LOSSES.items() if getattr(weights, name)
-    }

@@ -6,9 +6,9 @@ from typing import ClassVar
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+from depthcli.training import losses
 from depthcli.training.config import PAIRED_LOSSES, TrainConfig
 from depthcli.training.data import TrainingBatch
-from depthcli.training.losses import cfl_nce, paired_losses, patch_nce, regularized_l1
 from depthcli.training.methods import base
 from depthcli.training.methods.cyclegan import CycleGan, GeneratorOutputs
 
@@ -23,7 +23,6 @@ class Proposed(CycleGan):
         super().__init__(config, backward=bool(config.loss.l1 and config.loss.l1_backward))
         contrast = self.weights.contrast_x or self.weights.contrast_y
         self.sampler = base.patch_heads(self.generator, self.generator.TAPS) if contrast else None
-        self._paired_losses = paired_losses(self.weights)
 
     def networks(self, phase: base.Phase) -> list[nn.Module]:
         """G, F and the patch heads; or the discriminators."""
@@ -39,7 +38,9 @@ class Proposed(CycleGan):
         terms = self._paired_terms(raw_y, y, valid_mask) | super()._terms(batch, y, outputs)
         if self.weights.l1 and self.weights.l1_backward:
             backward = base.required(self.backward_generator)
-            l1 = regularized_l1(base.required(outputs.fake_x), x, backward, penalty, valid_mask)
+            l1 = losses.regularized_l1(
+                base.required(outputs.fake_x), x, backward, penalty, valid_mask
+            )
             terms["l1_backward"] = self.weights.l1 * l1
         return terms | self._contrastive_terms(x, y, outputs)
 
@@ -53,9 +54,8 @@ class Proposed(CycleGan):
         difference = base.upsampled_like(y, raw_y) - raw_y
         if batch.valid_mask is not None:
             valid_mask = base.upsampled_like(batch.valid_mask.float(), raw_y)
-            offset = (difference * valid_mask).sum((1, 2, 3)) / valid_mask.sum((1, 2, 3)).clamp(
-                min=1
-            )
+            count = valid_mask.sum((1, 2, 3)).clamp(min=1)
+            offset = (difference * valid_mask).sum((1, 2, 3)) / count
         else:
             offset = difference.mean((1, 2, 3))
         moved = batch.is_pseudo_label * (1 - self.weights.pseudo_label_scale) * offset
@@ -68,16 +68,14 @@ class Proposed(CycleGan):
         weights, terms, size = self.weights, {}, raw_y.shape[2:]
         if size != y.shape[2:]:
             y = F.interpolate(y, size=size, mode="area")
-            valid_mask = (
-                None
-                if valid_mask is None
-                else F.interpolate(valid_mask.float(), size=size, mode="area") == 1
-            )
+            if valid_mask is not None:
+                valid_mask = F.interpolate(valid_mask.float(), size=size, mode="area") == 1
         if weights.l1:
-            l1 = regularized_l1(raw_y, y, self.generator, weights.weight_penalty, valid_mask)
+            l1 = losses.regularized_l1(raw_y, y, self.generator, weights.weight_penalty, valid_mask)
             terms["l1"] = weights.l1 * l1
-        for name, loss in self._paired_losses.items():
-            terms[name] = getattr(weights, name) * loss(raw_y, y, valid_mask)
+        for name, function in PAIRED_LOSSES.items():
+            if weight := getattr(weights, name):
+                terms[name] = weight * getattr(losses, function)(raw_y, y, valid_mask)
         return terms
 
     def _contrastive_terms(
@@ -88,10 +86,12 @@ class Proposed(CycleGan):
         patches = partial(base.compared_patches, self.generator, self.sampler)
         if weights.contrast_x:
             paired = weights.contrast == "cfl"
-            loss, source = (cfl_nce, y) if paired else (patch_nce, x)
+            loss, source = (losses.cfl_nce, y) if paired else (losses.patch_nce, x)
             contrast = base.mean_over_taps(loss, *patches(source, outputs.fake_y))
             terms["contrast_x"] = weights.contrast_x * contrast
         if weights.contrast_y:
-            contrast = base.mean_over_taps(patch_nce, *patches(y, base.required(outputs.same_y)))
+            contrast = base.mean_over_taps(
+                losses.patch_nce, *patches(y, base.required(outputs.same_y))
+            )
             terms["contrast_y"] = weights.contrast_y * contrast
         return terms
