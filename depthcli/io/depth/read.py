@@ -25,6 +25,8 @@ _BACKGROUND = 1e9
 """Least number that stands for the sky: Blender writes 1e10, others up to float's largest."""
 _HALF_BACKGROUND = 65504.0
 """Largest half float, which Blender and Unreal write for the sky in such files."""
+_IMAGES = (".jpg", ".jpeg", ".heic", ".heif", ".hif")
+"""Suffixes of images that phones store depth in."""
 METRIC = (DepthEncoding.METRIC, DepthEncoding.DISTANCE, DepthEncoding.DISPARITY)
 """Meanings of numbers that have a unit even if none is stated."""
 
@@ -235,6 +237,13 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
     """
     path = path_of(path)
     which = readable_format(path)
+    if which is None and path.suffix.lower() in _IMAGES:
+        reader = resolve_name(
+            "depthcli.io.depth.embedded:read_embedded_depth"
+        )  # which imports this
+        embedded: StoredDepth | None = reader(path, options)
+        if embedded is not None:
+            return embedded
     if which is None:
         raise InputError(
             f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)",

@@ -5,6 +5,7 @@ import struct
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.options import INSTALL_HEIF
 from depthcli.errors import InputError
@@ -146,6 +147,17 @@ def decode_heif(data: bytes) -> Decoded:
     colours = stored.reshape(*stored.shape[:2], channels)
     pixels = np.array(colours[..., :3] if channels in _RGB else colours[..., 0], order="C")
     return Decoded(pixels, image.info.get("exif") or b"")
+
+
+def depth_images(data: bytes) -> list[tuple[npt.NDArray[Any], dict[str, Any]]]:
+    """Depth images of the primary image, (H, W) upright, with what is stated of their numbers.
+
+    Raises:
+        InputError: it is damaged, or pillow-heif is missing.
+    """
+    file = _opened(data)
+    found = file[file.primary_index].info.get("depth_images", ())
+    return [(np.asarray(image), image.info["metadata"]) for image in found]
 
 
 def _opened(data: bytes) -> Any:  # noqa: ANN401 - the types of its facts are too wide

@@ -35,7 +35,7 @@ _DATA_LOSS = re.compile(
 def jpeg_header(data: bytes) -> Header:
     """Size of a JPEG."""
     width, height, _ = _frame(data)
-    indexes = (body[4:] for _, body in _segments(data) if body.startswith(_MULTI_PICTURE))
+    indexes = (body[4:] for _, body in segments(data) if body.startswith(_MULTI_PICTURE))
     return Header(width, height, _OTHER_EYE if any(map(_is_stereo, indexes)) else None)
 
 
@@ -53,7 +53,7 @@ def _is_stereo(index: bytes) -> bool:
 def decode_jpeg(data: bytes) -> Decoded:
     """Pixels of a JPEG; gray stays gray, and CMYK becomes RGB as in OpenCV."""
     colours = _COLOURS.get(_frame(data)[2], "RGB")
-    exifs = (body for marker, body in _segments(data) if marker == _APP1 and body[:6] == _EXIF)
+    exifs = (body for marker, body in segments(data) if marker == _APP1 and body[:6] == _EXIF)
     exif = next(exifs, b"")
     try:
         pixels = _decompressed(data, colours)
@@ -85,14 +85,14 @@ def _rgb_of_inverted_cmyk(cmyk: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 def _frame(data: bytes) -> tuple[int, int, int]:
     """Width, height and number of components."""
-    for marker, body in _segments(data):
+    for marker, body in segments(data):
         if marker in _FRAMES:
             height, width, components = struct.unpack_from(">HHB", body, 1)
             return width, height, components
     raise InputError("is not a picture, or a truncated JPEG", "copy it again")
 
 
-def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+def segments(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Marker and content of each segment before the pixels, up to the first invalid one."""
     at = len(JPEG_START)
     while (found := _FILLED_MARKER.match(data, at)) and found[1][0] != _SCAN:

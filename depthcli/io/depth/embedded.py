@@ -1,0 +1,115 @@
+"""Depth that phones store within their images: auxiliary images of HEIC, Google's GDepth in JPEG.
+
+Sources: ISO/IEC 23008-2, depth representation information; Google's Depthmap Metadata.
+"""
+
+import base64
+import binascii
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.options import DepthEncoding
+from depthcli.errors import InputError
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth
+from depthcli.io.formats.sidecar import FileMetadata
+from depthcli.io.images import heif
+from depthcli.io.images.exif import parse_exif
+from depthcli.io.images.jpeg import JPEG_START, decode_jpeg, segments
+from depthcli.io.images.pixels import upright
+from depthcli.io.images.read import decode
+from depthcli.io.storage.paths import read_bytes
+
+_XMP, _MORE_XMP = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
+_MORE_HEAD_BYTES = len(_MORE_XMP) + 32 + 4  # and a digest and the length of all, before its place
+_GDEPTH = re.compile(rb"GDepth:(\w+)(?:\s*=\s*[\"']|>)([^\"'<]*)")
+_RELATIVE = re.compile(rb"depthData:Accuracy\W{1,3}relative")
+_INVERSE_Z, _DISPARITY, _Z = 0, 1, 2  # kinds of representation, each uniform in the numbers
+_UNITS_M = {"m": 1.0, "mm": 1e-3}
+Found: TypeAlias = tuple[npt.NDArray[np.float32], dict[str, str], tuple[str, ...]]
+"""Depth, upright; facts as depth files state them; warnings."""
+
+
+def read_embedded_depth(path: Path, options: DepthReadOptions) -> StoredDepth | None:
+    """Depth within an image, of a size of its own; None if there is none.
+
+    Raises:
+        InputError: the image or its depth is damaged.
+    """
+    data = read_bytes(path)
+    if data.startswith(JPEG_START):
+        found = _gdepth(data, str(path))
+    elif heif.is_heif(data):
+        found = _auxiliary(data, str(path))
+    else:
+        return None
+    if found is None:
+        return None
+    values, texts, warnings = found
+    if texts.pop("measure", "") == "OpticRay" and options.kind is None:
+        options = replace(options, kind=DepthEncoding.DISTANCE)
+    return StoredDepth.of(path, values, FileMetadata(texts, warnings), options)
+
+
+def _auxiliary(data: bytes, name: str) -> Found | None:
+    """Depth of the primary image of a HEIC, as of iPhones."""
+    images = heif.depth_images(data)
+    if not images:
+        return None
+    stored, facts = images[0]
+    share = stored.astype(np.float64) / np.iinfo(stored.dtype).max
+    kind = facts.get("representation_type")
+    if kind == _DISPARITY:
+        inverse = _between(share, facts.get("d_min"), facts.get("d_max"))
+    elif kind == _INVERSE_Z:
+        near, far = _reciprocal(facts.get("z_near")), _reciprocal(facts.get("z_far"))
+        inverse = _between(share, far, near)
+    else:
+        depth = _between(share, facts.get("z_near"), facts.get("z_far")) if kind == _Z else None
+        inverse = None if depth is None else 1 / depth
+    if inverse is None:
+        raise InputError(f"{name} has depth that does not state its range")
+    with np.errstate(divide="ignore"):
+        values = (1 / inverse).astype(np.float32)
+    is_rough = _RELATIVE.search(data) is not None
+    warning = f"{name}: its camera marks depth as relative, so metres may be wrong by a factor"
+    return values, {"kind": "metric", "scale": "1"}, (warning,) if is_rough else ()
+
+
+def _gdepth(data: bytes, name: str) -> Found | None:
+    """Depth in the XMP of a JPEG."""
+    bodies = [body for _, body in segments(data)]
+    first = b"".join(body[len(_XMP) :] for body in bodies if body.startswith(_XMP))
+    more = sorted(body[_MORE_HEAD_BYTES:] for body in bodies if body.startswith(_MORE_XMP))
+    xmp = first + b"".join(body[4:] for body in more)  # after its place
+    facts = {word.decode(): value.decode("latin-1") for word, value in _GDEPTH.findall(xmp)}
+    if "Data" not in facts:
+        return None
+    try:
+        near, far = float(facts["Near"]), float(facts["Far"])
+        pixels = decode(base64.b64decode(facts["Data"]), f"{name}: its depth")
+    except (KeyError, ValueError, binascii.Error) as error:
+        raise InputError(f"{name} has depth (GDepth) that is incomplete") from error
+    gray: npt.NDArray[Any] = pixels if pixels.ndim == 2 else pixels[..., 0]  # noqa: PLR2004
+    share = gray.astype(np.float64) / np.iinfo(gray.dtype).max
+    is_linear = facts.get("Format") == "RangeLinear"
+    depth = near + share * (far - near) if is_linear else far * near / (far - share * (far - near))
+    unit_m = _UNITS_M.get(facts.get("Units", "").lower())
+    values = upright(depth * (unit_m or 1), parse_exif(decode_jpeg(data).exif).orientation)
+    stated = {"kind": "relative"} if unit_m is None else {"kind": "metric", "scale": "1"}
+    stated["measure"] = facts.get("MeasureType", "")
+    return np.ascontiguousarray(values, np.float32), stated, ()
+
+
+def _between(
+    share: npt.NDArray[np.float64], low: float | None, high: float | None
+) -> npt.NDArray[np.float64] | None:
+    return None if low is None or high is None else low + share * (high - low)
+
+
+def _reciprocal(value: float | None) -> float | None:
+    return 1 / value if value else None
