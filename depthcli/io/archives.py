@@ -16,7 +16,6 @@ from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import is_exr, is_media
 from depthcli.io.listing.path_list import open_parquet
 
-SUFFIXES = (".tar", ".parquet")
 _ROWS = 64  # of a row group that is written
 _IMAGES = (Format.PNG16, Format.PREVIEW)
 
@@ -30,11 +29,6 @@ class Member(NamedTuple):
 
 Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]
 """Writes the files of one image; none for an image that failed."""
-
-
-def is_archive(name: str) -> bool:
-    """Whether a name's suffix is that of an archive of images."""
-    return PurePosixPath(name).suffix.lower() in SUFFIXES
 
 
 def holds_images(path: Path, column: str | None = None) -> bool:

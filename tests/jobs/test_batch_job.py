@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import subprocess
+import sys
 from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -286,3 +288,11 @@ def test_a_folder_and_its_outputs_may_be_file_uris_or_paths(tmp_path: Path) -> N
     paths = tmp_path / "in", tmp_path / "out"
     assert plan_folder(*paths).inputs == plan.inputs
     assert set(plan_files(NAMES, "mine", *paths).inputs) == set(plan.inputs)
+
+
+def test_batch_of_images_loads_no_video_library() -> None:
+    code = (
+        "import sys, depthcli.jobs.batch.run; print(*{'av', 'tarfile', 'pyarrow'} & {*sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert done.stdout.split() == []

@@ -115,6 +115,7 @@ VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
     *(".mts", ".m2ts", ".ts", ".mxf", ".wmv", ".flv", ".ogv", ".3gp"),
 )
+ARCHIVE_SUFFIXES = (".tar", ".parquet")
 _Identity: TypeAlias = tuple[int, int] | None
 
 
@@ -153,6 +154,11 @@ class Listing(NamedTuple):
 def is_video(name: str) -> bool:
     """Whether a name's suffix is a video's."""
     return os.path.splitext(name)[1].lower() in VIDEO_SUFFIXES  # noqa: PTH122 - names, not paths
+
+
+def is_archive(name: str) -> bool:
+    """Whether a name's suffix is that of a data set in one file, a tar shard or Parquet."""
+    return os.path.splitext(name)[1].lower() in ARCHIVE_SUFFIXES  # noqa: PTH122 - names, not paths
 
 
 def is_exr(name: str) -> bool:

@@ -9,7 +9,6 @@ from pathlib import Path
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
 from depthcli.errors import InputError, Message, UsageError
-from depthcli.io.archives import is_archive
 from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest.files import WHOLE, Shard
@@ -63,7 +62,7 @@ class BatchPlan:
 
 
 def _holds_many(name: str) -> bool:
-    return listing.is_video(name) or is_archive(name)
+    return listing.is_video(name) or listing.is_archive(name)
 
 
 class CameraTable:

@@ -19,9 +19,8 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
-from depthcli.io.archives import is_archive
 from depthcli.io.images.read import check
-from depthcli.io.listing.folder import InputFile, is_video
+from depthcli.io.listing.folder import InputFile, is_archive, is_video
 from depthcli.io.manifest.files import CacheKey, RowsFolder
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
 from depthcli.io.storage.paths import RemotePath, local_copy, read_bytes, safe_name

@@ -14,10 +14,9 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, UsageError
-from depthcli.io.archives import is_archive
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.listing.folder import InputFile, RealPaths, is_video
+from depthcli.io.listing.folder import InputFile, RealPaths, is_archive, is_video
 from depthcli.io.manifest import files as manifest
 from depthcli.io.manifest.journal import Rows
 from depthcli.io.storage.atomic import Guard, is_same_file

@@ -1,5 +1,7 @@
 """Workers that process images and videos, and the engine that runs them in threads."""
 
+from __future__ import annotations
+
 import hashlib
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
@@ -7,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, cast
 
 from depthcli._version import __version__
 from depthcli.core.anchors import AnchorPoints
@@ -21,18 +23,19 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import check_network
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import Session
-from depthcli.io.archives import Member, archive_writer, is_archive, members
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
+from depthcli.io.listing.folder import is_archive
 from depthcli.io.manifest.files import FAILED, OK, AnchorEntry, CacheKey, ManifestRow, output_entry
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
-from depthcli.jobs.video.plan import VideoPlan, VideoSettings
-from depthcli.jobs.video.stages import write_video
 from depthcli.jobs.write import failure_reason, write_output, write_stream
 from depthcli.video.formats import SEQUENCES, VideoFormat
+
+if TYPE_CHECKING:
+    from depthcli.io.archives import Member
 
 ImageTask: TypeAlias = BatchTask[Format]
 
@@ -202,6 +205,8 @@ class VideoWorker:
             return task.failed_result(error, key, start_s, sha256)
 
     def _archive_row(self, task: ImageTask, source: Path, sha256: str, guard: Guard) -> ManifestRow:
+        from depthcli.io.archives import archive_writer, members  # noqa: PLC0415 - seldom needed
+
         start_s, options = time.perf_counter(), self.images.options
         camera = options.camera.of_image(task.intrinsics)
         (path,) = task.outputs.values()
@@ -267,6 +272,10 @@ class VideoWorker:
         return _Files(files, displayed_depth(depth, frame.windows), (*frame.warnings, *warnings))
 
     def _row(self, task: VideoTask, source: Path, sha256: str) -> ManifestRow:
+        # PyAV takes 60 ms to load, which a batch of images does not need.
+        from depthcli.jobs.video.plan import VideoPlan, VideoSettings  # noqa: PLC0415
+        from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
+
         options, out = self.images.options, self.images.out
         name = task.input.name
         names = {which: path.name for which, path in task.outputs.items()}
