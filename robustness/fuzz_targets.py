@@ -287,7 +287,7 @@ def _models() -> list[bytes]:
 
 
 def _read_onnx(path: Path) -> None:
-    for read in (onnx_file.refuse_external_data, onnx_file.metadata, onnx_file.versions):
+    for read in (onnx_file.refuse_external_data, onnx_file.read_facts):
         read(path.read_bytes(), "a.onnx")
 
 

@@ -254,7 +254,4 @@ def _check_several(pictures: object, batch_size: int, workers: int) -> None:
         raise UsageError(f"a batch of {batch_size} by {workers} threads is none")
     is_single = getattr(pictures, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
     if is_single or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
-        raise UsageError(
-            "predict_many takes several pictures, as a list, an iterator or an array of four axes",
-            "use predict for one",
-        )
+        raise UsageError("predict_many takes several images", "use predict for one")

@@ -33,10 +33,9 @@ def check_pixels(pixels: npt.NDArray[Any]) -> None:
     shape, dtype = pixels.shape, pixels.dtype
     if len(shape) == _COLOUR_RANK and shape[0] in _CHANNELS and shape[-1] not in _CHANNELS:
         raise InputError(f"pixels of shape {shape} have channels first; use np.moveaxis(a, 0, -1)")
-    if len(shape) not in (_GRAY_RANK, _COLOUR_RANK) or shape[_GRAY_RANK:] not in ((), (_RGB,)):
-        raise InputError(f"pixels of shape {shape} are not a picture; give (H, W) or (H, W, 3) RGB")
-    if 0 in shape:
-        raise InputError(f"pixels of shape {shape} are an empty picture")
+    is_image = len(shape) in (_GRAY_RANK, _COLOUR_RANK) and shape[_GRAY_RANK:] in ((), (_RGB,))
+    if not is_image or 0 in shape:
+        raise InputError(f"pixels of shape {shape} are not an image; give (H, W) or (H, W, 3) RGB")
     if dtype not in (np.uint8, np.uint16, np.float32):
         raise InputError(f"pixels have to be uint8, uint16 or float32, not {dtype}; convert them")
     if dtype == np.float32:

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from depthcli.inference.session import Session
-    from depthcli.models.catalog import Model
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +45,18 @@ class SessionLoader:
         from depthcli.models.catalog import find_model  # noqa: PLC0415 - see above
 
         checking = Background(lambda: find_model(self.model))
-        from depthcli.inference.providers import CPU  # noqa: PLC0415
+        from depthcli.inference.providers import CPU, wanted_providers  # noqa: PLC0415
         from depthcli.inference.session import Session  # noqa: PLC0415
 
         def session() -> Session:
             model = checking.result()
-            chosen = self._for_provider(model)
+            chosen, other = model, model.card.float_model
+            # GPUs run int8 networks slowly; OpenVINO does not gain speed, and rounds differently.
+            if other is not None and wanted_providers(self.provider)[0] != CPU:
+                chosen = find_model(other)
+            options = self.provider_options
             loaded = Session(
-                chosen,
-                provider=self.provider,
-                threads=self.threads,
-                provider_options=self.provider_options,
+                chosen, provider=self.provider, threads=self.threads, provider_options=options
             )
             if chosen is model or loaded.provider != CPU:
                 return loaded
@@ -65,13 +65,3 @@ class SessionLoader:
             return on_cpu
 
         return Background(session)
-
-    def _for_provider(self, model: Model) -> Model:
-        """The model, or the float model that its card names if the provider prefers floats."""
-        from depthcli.inference.providers import prefers_int8  # noqa: PLC0415 - as in start
-        from depthcli.models.catalog import find_model  # noqa: PLC0415
-
-        other = model.card.float_model
-        if other is None or prefers_int8(self.provider):
-            return model
-        return find_model(other)

@@ -1,7 +1,6 @@
 """onnxruntime's execution providers, by the names of the command line."""
 
 import os
-from collections.abc import Mapping
 
 import onnxruntime as ort
 
@@ -69,45 +68,3 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
             f"{install}, or choose the provider 'auto'"
         )
     return (provider,)
-
-
-def prefers_int8(provider: str) -> bool:
-    """Whether the first provider to try runs int8 networks faster than floats, and as calibrated.
-
-    GPUs run them slowly; OpenVINO does not gain speed, and rounds differently.
-
-    Raises:
-        ProviderError: this onnxruntime does not have it.
-        UsageError: no provider has this name.
-    """
-    return wanted_providers(provider)[0] == CPU
-
-
-def check_options(provider: str, options: Mapping[str, str]) -> None:
-    """Check that the provider takes options, if there are any.
-
-    Raises:
-        UsageError: there are options, and no provider is named or it takes none.
-    """
-    if options and provider in {AUTO, CPU}:
-        raise UsageError(
-            f"provider {provider!r} takes no options",
-            "name one such as cuda with {provider}, or remove {provider_options}",
-        )
-
-
-def fallback_warnings(asked: str, best: str, active: str) -> tuple[str, ...]:
-    """Warnings, one line each, if the active provider is not the best one, which was tried first.
-
-    Raises:
-        ProviderError: a provider was given by name, and another one is active.
-    """
-    if active == best:
-        return ()
-    # onnxruntime falls back to the CPU by itself; for a provider given by name, that is an error.
-    if asked != AUTO:
-        raise ProviderError(
-            f"provider {asked!r} does not start here, onnxruntime fell back to {active!r}; "
-            "see 'depthcli doctor', or choose the provider 'auto'"
-        )
-    return (f"provider {best!r} does not start here, running on {active!r}",)

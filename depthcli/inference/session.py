@@ -82,13 +82,23 @@ class Session:
         self.model = model
         wanted = providers.wanted_providers(provider)
         options = provider_options or {}
-        providers.check_options(provider, options)
+        if options and provider in {AUTO, CPU}:
+            raise UsageError(
+                f"provider {provider!r} takes no options",
+                "name one such as cuda with {provider}, or remove {provider_options}",
+            )
         self.provider_options = dict(options)
         self._session = _start(model, wanted, threads, options)
         self._run_options = ort.RunOptions()
         active = self._session.get_providers()[0]
         self.provider = next((name for name, full in PROVIDERS.items() if full == active), active)
-        self.warnings = providers.fallback_warnings(provider, wanted[0], self.provider)
+        self.warnings: tuple[str, ...] = ()
+        if self.provider != wanted[0]:  # onnxruntime falls back to the CPU by itself
+            problem = f"provider {wanted[0]!r} does not start here"
+            if provider != AUTO:
+                advice = "see 'depthcli doctor', or give {provider} auto"
+                raise ProviderError(f"{problem}, and {self.provider!r} would run", advice)
+            self.warnings = (f"{problem}, running on {self.provider!r}",)
         # DirectML allows one run at a time in a session:
         # https://onnxruntime.ai/docs/execution-providers/DirectML-ExecutionProvider.html
         self._run_lock: AbstractContextManager[Any] = (

@@ -198,7 +198,7 @@ def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
         location = location_at(path)
         card = str(location.card) if location and location.card else None
     if card is None:
-        embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
+        embedded = onnx_file.read_facts(data, str(path)).metadata.get(METADATA_KEY)
         if embedded is None:
             beside = path.with_name(catalog.CARD_NAME)
             other = f"; {beside} is of another file" if beside.is_file() else ""
@@ -224,7 +224,7 @@ def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
 def _complete_card(
     draft: CardDraft, path: Path, data: bytes, sha256: str, name: str | None
 ) -> ModelCard:
-    opset, ir = onnx_file.versions(data, str(path))
+    opset, ir, _ = onnx_file.read_facts(data, str(path))
     stated = draft.fields.get("onnx")
     output = {"output": stated["output"]} if isinstance(stated, dict) and "output" in stated else {}
     fields = draft.fields | {"onnx": {"opset": opset, "ir": ir, **output}, "file": _FILE_NAME}

@@ -196,7 +196,13 @@ def read_model(location: ModelLocation) -> Model:
     card = None
     if location.card:
         card = ModelCard.from_json(read_card(location.card), where=str(location.card))
-    path = _onnx_path(location, card)
+    path = location.onnx
+    if path is None:
+        if card is None or card.file is None:
+            raise ModelError(
+                f"{location.path}: file is missing; name the model's ONNX file in the card"
+            )
+        path = location.path.with_name(card.file)
     data = _read_limited(path, MAX_BYTES)
     sha256 = hashlib.sha256(data).hexdigest()
     if card:
@@ -204,7 +210,7 @@ def read_model(location: ModelLocation) -> Model:
     if card is None or card.sha256 is None:  # else it is the file that its card was made for
         onnx_file.refuse_external_data(data, str(path))
     if card is None:
-        embedded = onnx_file.metadata(data, str(path)).get(METADATA_KEY)
+        embedded = onnx_file.read_facts(data, str(path)).metadata.get(METADATA_KEY)
         if embedded is None:
             raise ModelError(
                 f"{path} has no card; put {path.stem}{CARD_SUFFIX} beside it, "
@@ -222,7 +228,7 @@ def read_onnx(path: Path) -> bytes:
     """
     data = _read_limited(path, MAX_BYTES)
     onnx_file.refuse_external_data(data, str(path))
-    onnx_file.metadata(data, str(path))
+    onnx_file.read_facts(data, str(path))
     return data
 
 
@@ -243,16 +249,6 @@ def file_of_card(card: Path) -> str | None:
         return None
     file = fields.get("file")
     return file if isinstance(file, str) else None
-
-
-def _onnx_path(location: ModelLocation, card: ModelCard | None) -> Path:
-    if location.onnx:
-        return location.onnx
-    if card is None or card.file is None:
-        raise ModelError(
-            f"{location.path}: file is missing; name the model's ONNX file in the card"
-        )
-    return location.path.with_name(card.file)
 
 
 def _read_limited(path: Path, max_bytes: int) -> bytes:

@@ -7,11 +7,12 @@ find the embedded card and to detect a truncated file; tensors are skipped by th
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 from depthcli.errors import ModelError
 
 _IR_VERSION, _GRAPH, _OPSETS, _METADATA = 1, 7, 8, 14
-_OPSET_DOMAIN, _OPSET_VERSION = 1, 2
+_OPSET_VERSION = 2
 _ONNX_DOMAINS = {b"", b"ai.onnx"}
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _FIXED_SIZES = {_FIXED64: 8, _FIXED32: 4}
@@ -31,44 +32,37 @@ _SUBMESSAGES = {
 }
 
 
-def metadata(data: bytes, where: str) -> dict[str, str]:
-    """The key/value metadata of an ONNX file's bytes; ``where`` names the file in messages.
+class OnnxFacts(NamedTuple):
+    """What an ONNX file states beside its graph."""
+
+    opset: int  #: version of the standard operators; 0 if it states none
+    ir: int  #: version of the format; 0 if it states none
+    metadata: dict[str, str]  #: texts by key
+
+
+def read_facts(data: bytes, where: str) -> OnnxFacts:
+    """The facts of an ONNX file's bytes; ``where`` names the file in messages.
 
     Raises:
         ModelError: the bytes are not a complete ONNX file.
     """
     entries: dict[str, str] = {}
-    has_graph = False
+    has_graph, opset, ir = False, 0, 0
     with _damage_refused(where):
         for number, start, end in _message_fields(data, 0, len(data)):
             has_graph = has_graph or number == _GRAPH
-            if number == _METADATA:
-                parts = {field: data[a:b] for field, a, b in _message_fields(data, start, end)}
-                entries[parts.get(1, b"").decode()] = parts.get(2, b"").decode()
-        if not has_graph:
-            raise ValueError
-    return entries
-
-
-def versions(data: bytes, where: str) -> tuple[int, int]:
-    """Opset of the standard operators and IR version of an ONNX file's bytes.
-
-    Raises:
-        ModelError: the bytes are not a complete ONNX file, or it states neither.
-    """
-    opset = ir = 0
-    with _damage_refused(where):
-        for number, start, end in _message_fields(data, 0, len(data)):
             if number == _IR_VERSION:
                 ir = _varint(data, start)[0]
-            elif number == _OPSETS:
+            elif number in (_OPSETS, _METADATA):
                 parts = {field: (a, b) for field, a, b in _message_fields(data, start, end)}
-                domain = data[slice(*parts.get(_OPSET_DOMAIN, (0, 0)))]
-                if domain in _ONNX_DOMAINS and _OPSET_VERSION in parts:
+                first = data[slice(*parts.get(1, (0, 0)))]
+                if number == _METADATA:
+                    entries[first.decode()] = data[slice(*parts.get(2, (0, 0)))].decode()
+                elif first in _ONNX_DOMAINS and _OPSET_VERSION in parts:
                     opset = _varint(data, parts[_OPSET_VERSION][0])[0]
-        if not (opset and ir):
+        if not has_graph:
             raise ValueError
-    return opset, ir
+    return OnnxFacts(opset, ir, entries)
 
 
 def refuse_external_data(data: bytes, where: str) -> None:

@@ -127,8 +127,8 @@ def camera_warnings(frame: VideoFrame, eye: Eye | None) -> Iterator[str]:
     projection = _PROJECTIONS.get(struct.unpack_from("<i", spherical)[0]) if spherical else None
     if projection is not None:
         yield Message(
-            f"the video is a panorama ({projection}), which is taken for a flat image",
-            "cut a flat view out of it first: ffmpeg -i in.mp4 -vf v360=e:flat out.mp4",
+            f"the video states that it is a panorama ({projection})",
+            "give {projection} equirectangular if it shows all directions",
         )
 
 

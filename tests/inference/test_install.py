@@ -18,7 +18,7 @@ from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic import workspace
 from depthcli.jobs.models import add_model, remove_model, verify_models
 from depthcli.models.catalog import find_model, list_locations, roots, user_root
-from depthcli.models.onnx_file import versions
+from depthcli.models.onnx_file import read_facts
 
 
 @pytest.fixture
@@ -383,6 +383,6 @@ def test_opset_and_ir_are_read_from_the_bytes() -> None:
     proto = onnx.load_from_string(tiny_onnx())
     proto.opset_import.append(onnx.helper.make_opsetid("com.microsoft", 1))
     proto.ir_version = 300  # two bytes
-    assert versions(proto.SerializeToString(), "x") == (17, 300)
+    assert read_facts(proto.SerializeToString(), "x")[:2] == (17, 300)
     with pytest.raises(ModelError):
-        versions(b"", "x")
+        read_facts(b"", "x")

@@ -174,7 +174,10 @@ def _renumbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]
         if shift is None:
             wanted = settings.start_number
             shift = 0 if wanted is None else wanted - frame.index
-        yield dataclasses.replace(frame, index=frame.index + shift, rate=rate)
+        projection = settings.reading.projection or frame.projection
+        yield dataclasses.replace(
+            frame, index=frame.index + shift, rate=rate, projection=projection
+        )
 
 
 def open_output(
