@@ -62,7 +62,7 @@ def test_the_contract_has_a_layer_for_every_row() -> None:
     assert set(re.findall(r"\w+", layers[1])) == below(PACKAGE)
 
 
-def test_the_picture_has_the_imports_between_folders() -> None:
+def test_diagram_has_the_imports_between_folders() -> None:
     """An import is an arrow, or a way along arrows; every arrow is an import."""
     graph = grimp.build_graph("depthcli")
     pairs = {
@@ -80,7 +80,7 @@ def test_the_picture_has_the_imports_between_folders() -> None:
     assert arrows - imports == set()
 
 
-def test_no_module_stands_in_a_circle() -> None:
+def test_imports_have_no_cycle() -> None:
     """Imports for types alone and those within functions count as well."""
     graph = grimp.build_graph("depthcli")
     needs = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}

@@ -52,14 +52,14 @@ def test_every_model_of_an_example_is_one() -> None:
     assert named <= bundled | set(ready_names())
 
 
-def test_help_of_the_renderer_leaves_the_picture_alone(tmp_path: Path) -> None:
+def test_help_of_the_renderer_writes_nothing(tmp_path: Path) -> None:
     script = shutil.copy(DOCS / "render_room.py", tmp_path)
     done = subprocess.run([sys.executable, script, "--help"], capture_output=True, check=False)
     assert (done.returncode, done.stdout[:5]) == (0, b"usage")
     assert [path.name for path in tmp_path.iterdir()] == ["render_room.py"]
 
 
-def test_the_page_of_the_whole_command_line_is_current() -> None:
+def test_generated_page_is_current() -> None:
     page = runpy.run_path(str(DOCS / "write_cli.py"))["page"]()
     current = (DOCS / GENERATED).read_text("utf-8") == page
     assert current, "docs/cli.md is not what the commands say; run: python docs/write_cli.py"

@@ -80,7 +80,7 @@ def test_the_table_trains_every_method_alike(name: str) -> None:
     assert config.data.holdout_every == 7
 
 
-def test_the_tables_are_those_of_the_results() -> None:
+def test_tables_are_written_from_the_results() -> None:
     assert write_methods.page(PAGE) == PAGE
     changed = PAGE.replace("| **`proposed`** | used | .3", "| **`proposed`** | used | .2")
     assert write_methods.page(changed) == PAGE != changed
