@@ -36,6 +36,7 @@ from depthcli.evaluation.report import (
     ReportRow,
     Source,
     Training,
+    missing_text,
 )
 from depthcli.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.metrics.alignment import SUITABLE
@@ -365,20 +366,12 @@ class _RowAccumulator:
         )
 
     def _footnotes(self) -> Iterator[str]:
-        name, count, images = (
-            self._entry.predictor.name,
-            self._reversed_count,
-            self._total.image_count,
-        )
+        name, count = self._entry.predictor.name, self._reversed_count
+        images = self._total.image_count
         if self._entry.mark:
             yield self._entry.mark
         if self._missing_count:
-            share = (
-                "has no depth at all"
-                if self._missing_count == self._pixel_count
-                else (f"has no depth in {self._missing_count} of {self._pixel_count} pixels")
-            )
-            yield f"{name} {share}, which counts as the nearest depth"
+            yield missing_text(name, self._missing_count, self._pixel_count)
         if count and self._entry.predictor.source is not Source.TRIVIAL:
             usual = ": its kind of depth may be wrong" if 2 * count > images else ""
             yield (

@@ -27,7 +27,7 @@ from depthcli.evaluation.predictors import (
     open_model,
     open_predictions,
 )
-from depthcli.evaluation.report import EvalReport
+from depthcli.evaluation.report import EvalReport, missing_text
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import measure_ms
@@ -120,6 +120,9 @@ def run_evaluation(
             warn(text)
         predictors: list[Predictor] = [*models, *files]
         report = evaluate(task, predictors, options, progress)
+        for row in report.rows:
+            if row.missing_count:
+                warn(missing_text(row.name, row.missing_count, row.pixel_count))
         if runs and request.weights is Weights.RAW:
             report = replace(report, notes=(*report.notes, _RAW_WEIGHTS))
         shown = _shown(predictors, report)

@@ -189,3 +189,125 @@ def test_a_report_in_the_data_set_is_replaced_by_the_next(data: Path) -> None:
     words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--quiet"]
     for _ in range(2):
         assert main([*words, "--csv", str(table), "--html", str(page)]) == ExitCode.OK
+
+
+def _table(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[dict[str, Any], str]:
+    assert main(["eval", "pairs", *words, "--json"]) == ExitCode.OK
+    shown = capsys.readouterr()
+    return json.loads(shown.out), shown.err
+
+
+def test_table_states_unit_and_who_states_it(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """SUN RGB-D stores eighths of a millimetre; as millimetres, all models are equally bad.
+
+    Source: https://github.com/laughtervv/DepthAwareCNN/issues/34
+    """
+    for file in data.glob("depth/*/*.png"):
+        millimetres = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(file), millimetres * 4)
+    tiny = ("--model", str(data.parent / "tiny"))
+    document, errors = _table(capsys, str(data), *tiny)
+    assert ["mm, assumed" in note for note in document["notes"]] == [True]
+    assert document["rows"][0]["scores"]["abs_rel"] > 0.5
+    assert errors.count("--png-scale") == 1
+    document, errors = _table(capsys, str(data), *tiny, "--png-scale", "4000")
+    assert ["1/4000 m, given" in note for note in document["notes"]] == [True]
+    (row,) = document["rows"]
+    assert row["scores"]["abs_rel"] < 0.03
+    assert (row["depth"], row["pixels"]) == ("metric, m", 3 * WIDTH * HEIGHT)
+    assert "--png-scale" not in errors
+
+
+def test_predictions_state_kind_and_unit(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Inverse depth in .npy is taken for metres, which the table says.
+
+    Source: https://github.com/isl-org/Open3D/issues/671
+    """
+    files = data.parent / "files"
+    for name in FACTORS:
+        millimetres = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED)
+        (files / name).parent.mkdir(parents=True, exist_ok=True)
+        np.save(files / f"{name}.npy", (1000 / millimetres).astype(np.float32))
+    words = (str(data), "--predictions", str(files))
+    document, _ = _table(capsys, *words)
+    assert document["rows"][0]["depth"] == "metric, m, assumed"
+    words += ("--predictions-kind", "inverse", "--align", "disparity")
+    document, _ = _table(capsys, *words)
+    assert document["rows"][0]["depth"] == "inverse"
+    assert document["rows"][0]["scores"]["abs_rel"] < 0.01
+
+
+def test_distance_along_the_ray_is_compared_along_the_axis(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = data.parent / "files"
+    x, y = np.arange(WIDTH) - (WIDTH - 1) / 2, np.arange(HEIGHT) - (HEIGHT - 1) / 2
+    for name, factor in FACTORS.items():
+        depth_m = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED) / 1000
+        longer = np.hypot(1, np.hypot(x, y[:, None]) / (FOCAL_PX * factor))
+        (files / name).parent.mkdir(parents=True, exist_ok=True)
+        np.save(files / f"{name}.npy", (depth_m * longer).astype(np.float32))
+    words = (str(data), "--predictions", str(files))
+    document, _ = _table(capsys, *words, "--predictions-kind", "distance")
+    assert document["rows"][0]["scores"]["abs_rel"] < 1e-3
+    for name in FACTORS:
+        (data / f"depth/{name}.png").unlink()
+        (files / f"{name}.npy").rename(data / f"depth/{name}.npy")
+    tiny = ("--model", str(data.parent / "tiny"))
+    document, _ = _table(capsys, str(data), *tiny, "--depth-kind", "distance")
+    assert document["rows"][0]["scores"]["abs_rel"] < 0.03
+
+
+def test_pixels_without_a_prediction_are_counted(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = data.parent / "files"
+    for name in FACTORS:
+        (files / name).parent.mkdir(parents=True, exist_ok=True)
+        np.save(files / f"{name}.npy", np.full((HEIGHT, WIDTH), np.nan, np.float32))
+    document, errors = _table(capsys, str(data), "--predictions", str(files))
+    (row,) = document["rows"]
+    assert row["pixels_without_prediction"] == row["pixels"] > 0
+    assert str(files) in row["note"]
+    assert row["note"] in errors
+
+
+def test_no_pixel_that_counts_is_an_error(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny")]
+    assert main([*words, "--min-depth", "90", "--max-depth", "99"]) == ExitCode.USAGE
+    assert "between 90 and 99 m" in capsys.readouterr().err
+    assert main([*words, "--min-depth", "10"]) == ExitCode.USAGE
+    assert main([*words, "--rgb", "*.png"]) == ExitCode.USAGE
+
+
+def test_crop_of_kitti_and_range_choose_pixels(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tiny = ("--model", str(data.parent / "tiny"))
+    (row,) = _table(capsys, str(data), *tiny, "--crop", "garg")[0]["rows"]
+    rows, columns = slice(48, 119), slice(5, 154)
+    assert row["pixels"] == 3 * np.ones((HEIGHT, WIDTH))[rows, columns].sum()
+    (row,) = _table(capsys, str(data), *tiny, "--min-depth", "3")[0]["rows"]
+    depths = [cv2.imread(str(f), cv2.IMREAD_UNCHANGED) for f in data.glob("depth/*/*.png")]
+    counted = sum(int(((d > 3000) & (d < 10_000)).sum()) for d in depths)
+    assert row["pixels"] == counted
+
+
+def test_model_that_was_trained_on_these_pairs_is_marked(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = write_model(data.parent / "seen", training={"data": "own pairs (own)"})
+    (row,) = _table(capsys, str(data), "--model", str(seen))[0]["rows"]
+    assert str(seen) in row["note"]
+    (data / "cameras.csv").unlink()
+    for i, name in enumerate(FACTORS):  # as a copy of NYU Depth v2 names them
+        for kind in ("rgb", "depth"):
+            pixels = cv2.imread(str(data / kind / f"{name}.png"), cv2.IMREAD_UNCHANGED)
+            cv2.imwrite(str(data / kind / f"000{i}.png"), cv2.resize(pixels, (640, 480)))
+            (data / kind / f"{name}.png").unlink()
+    nyu = write_model(data.parent / "nyu", training={"nyu_train_ids": "0001-0900"})
+    (row,) = _table(capsys, str(data), "--model", str(nyu))[0]["rows"]
+    assert "2 pairs of NYU" in row["note"]
+    assert "images_trained_on" not in row
