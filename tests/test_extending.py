@@ -97,39 +97,39 @@ def test_an_output_format(extended: Extended) -> None:
     (folder / "in").mkdir()
     shutil.copy(folder / "room.jpg", folder / "in")
     write_mp4(folder / "in" / "clip.mp4", flat_frames([40, 200]))
-    formats = ("--format", "pfm", "--format", "npy")
+    formats = ("--format", "asc", "--format", "npy")
     extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "out/", *formats)
     extended.run("-m", "depthcli", "batch", "in", "--out", "all", *formats)
     extended.run("-m", "depthcli", "video", "in/clip.mp4", "--out", "one/", *formats)
-    code = "import depthcli; depthcli.load_model().predict('room.jpg').save('out/api.depth.pfm')"
+    code = "import depthcli; depthcli.load_model().predict('room.jpg').save('out/api.depth.asc')"
     extended.run("-c", code)
     depth = np.load(folder / "out" / "room.depth.npy")
-    for name in ("out/room.depth.pfm", "out/api.depth.pfm", "all/room.depth.pfm"):
-        written = cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED)
+    for name in ("out/room.depth.asc", "out/api.depth.asc", "all/room.depth.asc"):
+        written = np.loadtxt(folder / name, np.float32, skiprows=6)
         np.testing.assert_array_equal(written, depth)
     for place in ("all/clip", "one/clip"):
         for i in range(2):
-            written = cv2.imread(str(folder / f"{place}.depth.{i:06d}.pfm"), cv2.IMREAD_UNCHANGED)
+            written = np.loadtxt(folder / f"{place}.depth.{i:06d}.asc", np.float32, skiprows=6)
             np.testing.assert_array_equal(written, np.load(folder / f"{place}.depth.{i:06d}.npy"))
-    told = json.loads(extended.run("-m", "depthcli", "info", "out/room.depth.pfm", "--json"))
+    told = json.loads(extended.run("-m", "depthcli", "info", "out/room.depth.asc", "--json"))
     assert (told["width"], told["max"]) == (640, pytest.approx(float(depth.max())))
-    extended.run("-m", "depthcli", "convert", "out/room.depth.pfm", "out/back.npy")
+    extended.run("-m", "depthcli", "convert", "out/room.depth.asc", "out/back.npy")
     np.testing.assert_array_equal(np.load(folder / "out" / "back.npy"), depth)
 
 
 def test_an_output_format_never_replaces_a_foreign_file(extended: Extended) -> None:
-    foreign = extended.folder / "scan.pfm"
-    extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "scan.pfm")
-    foreign.write_bytes(b"Pf\n1 1\n-1.0\n0000")
-    words = ("predict", "room.jpg", "-o", "scan.pfm")
+    foreign = extended.folder / "scan.asc"
+    extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "scan.asc")
+    foreign.write_bytes(b"ncols 1")
+    words = ("predict", "room.jpg", "-o", "scan.asc")
     extended.run("-m", "depthcli", *words, exit_code=1)
-    assert foreign.read_bytes() == b"Pf\n1 1\n-1.0\n0000"
-    code = "import depthcli; depthcli.load_model().predict('room.jpg').save('scan.pfm', {})"
+    assert foreign.read_bytes() == b"ncols 1"
+    code = "import depthcli; depthcli.load_model().predict('room.jpg').save('scan.asc', {})"
     extended.run("-c", code.format(""), exit_code=1)
     extended.run("-c", code.format("overwrite=True"))
     assert foreign.stat().st_size > 1_000_000
     for _ in range(2):  # its own is replaced
-        extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "again/", "--format", "pfm")
+        extended.run("-m", "depthcli", "predict", "room.jpg", "-o", "again/", "--format", "asc")
 
 
 def test_a_metric(extended: Extended) -> None:

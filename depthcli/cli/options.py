@@ -191,7 +191,7 @@ class AnchorOptions:
     )
     anchors: str | None = option(
         "Known depth, such as that of a lidar: a CSV table with the columns x, y and "
-        "depth_m, or a sparse depth map of the image's size (16-bit PNG, EXR, NPY; 0 or NaN "
+        "depth_m, or a sparse depth map of the image's size (as 'info' reads; 0 or NaN "
         "is unknown). For 'batch', a folder with such a file for each image.",
         metavar="FILE",
     )
@@ -268,6 +268,11 @@ class PngOptions:
     png_normalize: bool = option(
         "Normalize each png16 to 1-65535; the depth range is stored in its metadata.", default=False
     )
+    png_inverse: bool = option(
+        "Normalize 1/depth in each png16 instead, near is white: for compositors, ControlNet and "
+        "Gaussian splatting.",
+        default=False,
+    )
 
 
 @group
@@ -334,7 +339,11 @@ class ScreenOptions:
 
 FileArgument = Annotated[
     str,
-    typer.Argument(metavar="FILE", help="Depth file: 16-bit PNG, EXR, NPY or depth video (.mkv)."),
+    typer.Argument(
+        metavar="FILE",
+        help="Depth file: 16-bit PNG or PGM, EXR, NPY, NPZ, PFM, TIFF, COLMAP's .bin, or depth "
+        "video (.mkv).",
+    ),
 ]
 FrameOption = Annotated[
     int | None, typer.Option(min=0, help="The frame of a depth video (.mkv) to read, from 0.")

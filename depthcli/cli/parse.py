@@ -33,7 +33,7 @@ ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov"),
     ("calibration", "centre_px"),
     ("anchor", "anchors"),
-    ("png_scale", "png_normalize"),
+    ("png_scale", "png_normalize", "png_inverse"),
 )
 """Parameters of which only one is given, because they state the same."""
 _LARGEST_PX = 20_000

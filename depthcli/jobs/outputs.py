@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
 
 from depthcli.errors import UsageError
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, suffix_of
 from depthcli.io.listing.folder import RealPaths, is_exr
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.paths import check_writable, path_of, safe_name
@@ -190,7 +190,7 @@ def _check_suffix(path: Path, which: FormatT) -> None:
             f"is one file, and {which} writes one per frame",
             f"name a folder, or a pattern such as {path.stem}.%04d{suffix}",
         )
-    if path.suffix.lower() != suffix:
+    if suffix_of(path) != suffix:
         raise _out_error(path, f"does not end in {suffix}", "the suffix has to match {format}")
 
 

@@ -66,7 +66,8 @@ def convert(
     source: str = typer.Argument(
         ...,
         metavar="IN",
-        help="Input: 16-bit PNG, EXR, NPY or depth video (.mkv), or a folder or URI, which is "
+        help="Input: 16-bit PNG or PGM, EXR, NPY, NPZ, PFM, TIFF, COLMAP's .bin, depth video "
+        "(.mkv), or a folder or URI, which is "
         "searched recursively.",
     ),
     target: str | None = typer.Argument(

@@ -169,10 +169,9 @@ def video(
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     destination = video_destination(output.out, output.formats or (), sidecar=output.sidecar)
-    if writing.png.png_normalize and {VideoFormat.MKV, VideoFormat.PNG16} <= set(
-        destination.formats
-    ):
-        raise UsageError("mkv is in millimetres", "leave out {png_normalize}, or mkv")
+    is_normalized = writing.png.png_normalize or writing.png.png_inverse
+    if is_normalized and {VideoFormat.MKV, VideoFormat.PNG16} <= set(destination.formats):
+        raise UsageError("mkv is in millimetres", "leave out mkv, or write png16 in metres")
     settings = VideoSettings(
         writing=parse.writer_options(writing),
         span=parse_span(frames.start, frames.end, frames.every),

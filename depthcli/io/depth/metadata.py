@@ -93,8 +93,8 @@ def _fit_text(fit: AnchorFit) -> str:
 
 
 def step_unit(scale: float) -> str:
-    """Unit of stored depth: ``mm`` for 1000 units per metre."""
-    return {1: "m", 100: "cm", MILLIMETRES: "mm"}.get(scale, f"1/{scale:g} m")
+    """Unit of quantized depth: ``mm`` for 1000 units per metre."""
+    return "mm" if scale == MILLIMETRES else f"1/{scale:g} m"
 
 
 def own_metadata(texts: Mapping[str, str]) -> dict[str, str]:

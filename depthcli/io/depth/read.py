@@ -124,7 +124,7 @@ class StoredDepth:
         if encoding in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}:
             depth = _seen_by(depth, encoding, options, frame, str(path))
         elif encoding is DepthEncoding.INVERSE and scale is not None:
-            depth = DepthMap(_reciprocal(values), DepthKind.METRIC, provenance)
+            depth = DepthMap(reciprocal(values), DepthKind.METRIC, provenance)
         elif encoding is not DepthEncoding.METRIC:
             depth = DepthMap(values, DepthKind(encoding), provenance)
         frame = frame or Frame(np.zeros((1, 1), np.uint8))
@@ -208,7 +208,7 @@ def _seen_by(
         if options.baseline_m is None:
             raise InputError(f"{name} holds disparity", "give {baseline} of the two cameras")
         factor = np.float32(focal_px * options.baseline_m)
-        return DepthMap(_reciprocal(depth.values) * factor, DepthKind.METRIC, source)
+        return DepthMap(reciprocal(depth.values) * factor, DepthKind.METRIC, source)
     centre = options.camera.centre_for(width, height) or (source.centre_px if source else None)
     x, y = centre or ((width - 1) / 2, (height - 1) / 2)
     aspect = options.camera.pixel_aspect or (source.pixel_aspect if source else 1.0)
@@ -219,10 +219,10 @@ def _seen_by(
     return DepthMap((depth.values / along_ray).astype(np.float32), DepthKind.METRIC, source)
 
 
-def _reciprocal(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """1/values; NaN where they are not above 0."""
+def reciprocal(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """1/values, NaN where they are not above 0, or infinite; (H, W) float32."""
     found = np.full_like(values, np.nan)
-    return np.divide(1, values, out=found, where=values > 0)
+    return np.divide(1, values, out=found, where=np.isfinite(values) & (values > 0))
 
 
 def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -> StoredDepth:

@@ -10,10 +10,13 @@ import numpy.typing as npt
 from depthcli.core.imageops import row_bands
 from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
-from depthcli.io.depth.metadata import positive_number, step_unit
+from depthcli.io.depth.metadata import positive_number
 from depthcli.io.formats.table import MILLIMETRES
 
 UINT16_MAX = 65535
+NORMALIZED = ("normalized", "inverse")
+"""Scales of files whose integers span the range of depth, or of 1/depth."""
+_UNITS = {1: "m", 100: "cm", MILLIMETRES: "mm"}
 
 
 class DepthScale(NamedTuple):
@@ -26,7 +29,8 @@ class DepthScale(NamedTuple):
     def text(self) -> str:
         """Unit and source, for tables: ``mm, assumed``."""
         source = {"file": "stated", "option": "given", "assumed": "assumed"}[self.source]
-        return f"{step_unit(self.units_per_metre)}, {source}"
+        unit = _UNITS.get(self.units_per_metre, f"1/{self.units_per_metre:g} m")
+        return f"{unit}, {source}"
 
 
 def check_units_per_metre(scale: float) -> None:
@@ -60,7 +64,7 @@ def depth_scale(
     Raises:
         UsageError: an option is not a number above 0.
     """
-    if option is None and metadata.get("scale") == "normalized":
+    if option is None and metadata.get("scale") in NORMALIZED:
         return None
     for given in (option, unstated):
         if given is not None:

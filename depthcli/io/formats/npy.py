@@ -1,5 +1,6 @@
-"""NumPy's own format: float32, bit for bit."""
+"""NumPy's own formats: one array (NPY), or several with names (NPZ)."""
 
+import json
 import warnings
 from dataclasses import dataclass
 from io import BytesIO
@@ -11,11 +12,16 @@ import numpy.typing as npt
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
+from depthcli.io.depth.metadata import metadata_texts
 from depthcli.io.depth.read import METRIC, DepthReadOptions, StoredDepth, stated_encoding
 from depthcli.io.formats.sidecar import with_sidecar
+from depthcli.io.images.read import OPENCV_MAX_PIXELS
 from depthcli.io.storage.paths import read_bytes
 
 _DIMENSIONS = 2
+_NAMES = ("depth", "depths", "depth_m", "metric_depth", "depth_map", "pred", "prediction", "arr_0")
+"""Names of the array with depth in an NPZ: Depth Pro, Depth Anything 3, Video Depth Anything."""
+_MAX_BYTES = 8 * OPENCV_MAX_PIXELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +41,39 @@ class NpyWriter:
         return (Message(f"{depth.kind} depth has no unit, which npy cannot say", "{sidecar} does"),)
 
 
+@dataclass(frozen=True, slots=True)
+class NpzWriter:
+    """``depth``, (H, W) float32, and ``depthcli``, its metadata as JSON."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write the values unchanged."""
+        del frame
+        with path.open("wb") as file:
+            np.savez(file, depthcli=json.dumps(metadata_texts(depth)), depth=depth.values)
+        return ()
+
+
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of one array of floats, or of integers of a known scale.
 
     Raises:
         InputError: it cannot be read, is no depth map, or holds metric integers without a scale.
     """
-    values = _array(path)
+    data, own = read_bytes(path), dict[str, str]()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the header is read as Python, which may warn
+            if path.suffix.lower() == ".npz":
+                values, own = _named_array(data)
+            else:
+                values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
+    except Exception as error:
+        raise InputError(f"{path} is not a NumPy file that can be read") from error
+    values = _map_of(values, path)
     height, width = values.shape
     with np.errstate(over="ignore"):  # a double beyond float32 is no depth
         known = np.asarray(values / (options.scale or options.unstated_scale or 1), np.float32)
-    metadata = with_sidecar(path, {}, (width, height), known)
+    metadata = with_sidecar(path, own, (width, height), None if own else known)
     is_bare = options.scale is None and options.unstated_scale is None
     if is_bare and stated_encoding(metadata.texts, options) not in METRIC:
         values = np.asarray(values, np.float32)  # 0 is a value if there is no unit
@@ -58,15 +86,19 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     return found
 
 
-def _array(path: Path) -> npt.NDArray[Any]:
-    """The (H, W) numbers in an NPY file."""
-    data = read_bytes(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the header is read as Python, which may warn
-            values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
-    except Exception as error:
-        raise InputError(f"{path} is not a NumPy file that can be read") from error
+def _named_array(data: bytes) -> tuple[npt.NDArray[Any], dict[str, str]]:
+    """The array of an NPZ that holds depth, by its usual names, and metadata of depthcli."""
+    with np.load(BytesIO(data), allow_pickle=False) as arrays:
+        if any(member.file_size > _MAX_BYTES for member in arrays.zip.infolist()):
+            raise ValueError("larger than any depth map")
+        own = json.loads(str(arrays["depthcli"])) if "depthcli" in arrays else {}
+        names = [name for name in arrays.files if name != "depthcli"]
+        name = next((name for name in _NAMES if name in names), names[0] if len(names) == 1 else "")
+        return np.asarray(arrays[name]), {str(name): str(text) for name, text in own.items()}
+
+
+def _map_of(values: npt.NDArray[Any], path: Path) -> npt.NDArray[Any]:
+    """The (H, W) numbers of an array."""
     while values.ndim > _DIMENSIONS and 1 in values.shape:
         # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
         values = values.squeeze(values.shape.index(1))

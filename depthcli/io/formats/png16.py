@@ -1,6 +1,8 @@
-"""16-bit PNG, by default in millimetres; 0 means no depth."""
+"""16-bit gray PNG and PGM, by default in millimetres; 0 means no depth."""
 
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -8,25 +10,22 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.imageops import row_bands
+from depthcli.core.options import one_line
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
+from depthcli.io.depth import scale as steps_of
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts, step_unit
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth
-from depthcli.io.depth.scale import (
-    UINT16_MAX,
-    denormalized,
-    dequantized,
-    normalized,
-    quantized,
-)
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal
 from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
-from depthcli.io.formats.table import MILLIMETRES
-from depthcli.io.images.png import encode_png, read_text
+from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
+from depthcli.io.images.png import SIGNATURE, encode_png, read_text
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, decode, image_size
 from depthcli.io.storage.paths import read_bytes
 
 _GRAY_RANK = 2
 _FARTHEST = 1e12  # no depth is larger, in any unit
+_PGM_TEXT = re.compile(rb"^# (%s\w+) (.*)$" % KEY_PREFIX.encode(), re.MULTILINE)
+_PGM_HEAD_BYTES = 4096
 
 
 class Png16Writer(NamedTuple):
@@ -35,25 +34,53 @@ class Png16Writer(NamedTuple):
     #: units per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
     png_scale: float = MILLIMETRES
     png_normalize: bool = False  #: normalize each map to 1-65535 instead, without a unit
+    png_inverse: bool = False  #: normalize 1/depth instead: the nearest pixel is white
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
         del frame
-        texts = metadata_texts(depth)
-        warnings: tuple[str, ...] = ()
-        if self.png_normalize or not depth.is_metric:
-            steps, low, high = stretched(depth)
-            texts |= {"scale": "normalized", "range": f"{low:.9g} {high:.9g}"}
-            if not self.png_normalize:
-                warnings = (f"{depth.kind} depth has no unit; {path.suffix[1:]} is normalized",)
-        else:
-            steps, saturated = quantized(depth.values, self.png_scale)
-            texts |= {"scale": f"{self.png_scale:g}", "unit": step_unit(self.png_scale)}
-            if saturated:
-                limit_m = UINT16_MAX / self.png_scale
-                warnings = (f"{saturated} pixels beyond {limit_m:.6g} m were saturated",)
+        steps, texts, warnings = stored_steps(depth, self, path.suffix[1:])
         path.write_bytes(encode_png(steps, own_texts(texts)))
         return warnings
+
+
+class PgmWriter(NamedTuple):
+    """uint16 gray PGM (Netpbm)."""
+
+    png_scale: float = MILLIMETRES  #: units per metre
+    png_normalize: bool = False  #: as in PNG
+    png_inverse: bool = False  #: as in PNG
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write what a PNG would have, its texts as comments."""
+        del frame
+        steps, texts, warnings = stored_steps(depth, Png16Writer(*self), path.suffix[1:])
+        comments = [one_line(f"# {name} {text}") for name, text in own_texts(texts).items()]
+        lines = ["P5", *comments, f"{depth.width} {depth.height}", "65535", ""]
+        head = "\n".join(lines).encode("ascii", "backslashreplace")
+        path.write_bytes(head + steps.astype(">u2").tobytes())
+        return warnings
+
+
+def stored_steps(
+    depth: DepthMap, options: Png16Writer, suffix: str
+) -> tuple[npt.NDArray[np.uint16], dict[str, str], tuple[str, ...]]:
+    """The integers of a map, (H, W) uint16; texts that say what they mean; and warnings."""
+    texts, is_metric = metadata_texts(depth), depth.is_metric
+    if not (options.png_normalize or options.png_inverse) and is_metric:
+        steps, saturated = steps_of.quantized(depth.values, options.png_scale)
+        texts |= {"scale": f"{options.png_scale:g}", "unit": step_unit(options.png_scale)}
+        limit_m = steps_of.UINT16_MAX / options.png_scale
+        warning = f"{saturated} pixels beyond {limit_m:.6g} m were saturated"
+        return steps, texts, (warning,) if saturated else ()
+    scale = "normalized"
+    if options.png_inverse and is_metric:
+        scale = "inverse"
+        depth = replace(depth, values=reciprocal(depth.values))
+    steps, low, high = stretched(depth)
+    texts |= {"scale": scale, "range": f"{low:.9g} {high:.9g}"}
+    warning = f"{depth.kind} depth has no unit; {suffix} is normalized"
+    return steps, texts, (warning,) if not (is_metric or options.png_normalize) else ()
 
 
 def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
@@ -69,12 +96,13 @@ def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
     high = float(values.max(where=known, initial=-np.inf))
     steps = np.empty(values.shape, np.uint16)
     for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
-        steps[rows] = normalized(values[rows].astype(np.float64), known[rows], low, high)
+        band = values[rows].astype(np.float64)
+        steps[rows] = steps_of.normalized(band, known[rows], low, high)
     return steps, low, high
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
-    """Depth of a 16-bit gray PNG of any program.
+    """Depth of a 16-bit gray PNG or PGM of any program.
 
     Raises:
         InputError: it cannot be read, or is not 16-bit gray.
@@ -86,11 +114,16 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
             f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or a picture"
         )
     metadata = _metadata(path, data)
-    if options.scale is None and metadata.texts.get("scale") == "normalized":
-        span = _normalized_range(metadata.texts)
-        values = dequantized(steps, MILLIMETRES) if span is None else denormalized(steps, *span)
-        return StoredDepth.of(path, values, metadata, options)
-    return StoredDepth.of(path, steps, metadata, options)
+    stated = metadata.texts.get("scale")
+    if options.scale is not None or stated not in steps_of.NORMALIZED:
+        return StoredDepth.of(path, steps, metadata, options)
+    span = _normalized_range(metadata.texts)
+    if span is None:
+        values = steps_of.dequantized(steps, MILLIMETRES)
+    else:
+        values = steps_of.denormalized(steps, *span)
+    values = reciprocal(values) if stated == "inverse" else values
+    return StoredDepth.of(path, values, metadata, options)
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:
@@ -103,11 +136,16 @@ def read_metadata(path: Path) -> Mapping[str, str]:
 
 
 def _metadata(path: Path, data: bytes) -> FileMetadata:
-    return with_sidecar(path, own_metadata(read_text(data)), image_size(data) or (0, 0))
+    if data.startswith(SIGNATURE):
+        texts = read_text(data)
+    else:
+        found = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])
+        texts = {name.decode(): text.decode("ascii", "replace") for name, text in found}
+    return with_sidecar(path, own_metadata(texts), image_size(data) or (0, 0))
 
 
 def _normalized_range(metadata: Mapping[str, str]) -> tuple[float, float] | None:
-    """The values of 1 and 65535 in a normalized PNG of depthcli; None if it states none."""
+    """The values of 1 and 65535 in a normalized file of depthcli; None if it states none."""
     try:
         low, high = (float(word) for word in metadata.get("range", "").split())
     except ValueError:

@@ -41,15 +41,18 @@ class SidecarWriter:
 
     png_scale: float = MILLIMETRES  #: units per metre of the 16-bit PNG beside it
     png_normalize: bool = False  #: whether that PNG is normalized instead
+    png_inverse: bool = False  #: whether 1/depth is normalized in that PNG
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
         source = depth.provenance or Provenance()
+        is_normalized = self.png_normalize or self.png_inverse
         document = {
             "software": SOFTWARE,
             "kind": depth.kind.value,
             "unit": depth.unit,
-            "png16_scale": None if self.png_normalize or not depth.is_metric else self.png_scale,
+            "png16_scale": None if is_normalized or not depth.is_metric else self.png_scale,
+            **({"png16_inverse": True} if self.png_inverse else {}),
             "width": depth.width,
             "height": depth.height,
             "orientation": frame.orientation if frame else source.orientation,
@@ -102,7 +105,7 @@ def with_sidecar(
         advice = Message(ignored, "remove it, or write it again with {sidecar}")
         return FileMetadata(own, (*warnings, advice))
     texts = _shared_texts(found.fields, own)
-    if path.suffix.lower() == ".png" and "scale" not in own:
+    if path.suffix.lower() in {".png", ".pgm"} and "scale" not in own:
         texts |= _png_scale_texts(found.fields)
     return FileMetadata({**texts, **own}, warnings)
 
@@ -208,7 +211,10 @@ def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
         return {"scale": _text(scale)}
     if "png16_scale" not in fields:
         return {}
-    return {"scale": "normalized", "range": f"{fields.get('min')} {fields.get('max')}"}
+    low, high = (number(_text(fields.get(name))) for name in ("min", "max"))
+    if fields.get("png16_inverse") and low and high:
+        return {"scale": "inverse", "range": f"{1 / high} {1 / low}"}
+    return {"scale": "normalized", "range": f"{low} {high}"}
 
 
 def _text(value: object) -> str:

@@ -79,14 +79,20 @@ class FormatFacts(NamedTuple):
         """Parameters of the commands that it uses besides those of all formats."""
         return (*self.options, "centre_px") if self.has_camera else self.options
 
-    def is_readable_as(self, suffix: str) -> bool:
-        """Whether files with this suffix are read in this format."""
-        return self.is_readable and suffix == self.file_suffix
+
+_ALIASES = {".tif": ".tiff"}
+"""Other suffixes of files, and those that they stand for."""
+
+
+def suffix_of(path: str | PurePath) -> str:
+    """The suffix of a file in lower case; ``.tiff`` for ``.tif``."""
+    suffix = PurePath(path).suffix.lower()
+    return _ALIASES.get(suffix, suffix)
 
 
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
 _EXR = ("exr_channel", "half")
-_PNG = ("png_scale", "png_normalize")
+_PNG = ("png_scale", "png_normalize", "png_inverse")
 _PNG_MARK = f"{SOFTWARE_KEY}\0".encode()
 
 
@@ -133,6 +139,35 @@ class Format(StrEnum):
             "ply:PlyWriter", ".ply", ".ply", f"comment {KEY_PREFIX}".encode(), has_camera=True
         ),
     )
+    PFM = (
+        "pfm",
+        FormatFacts("raster:PfmWriter", ".depth.pfm", ".pfm", is_readable=True, is_exact=True),
+    )
+    TIFF = (
+        "tiff",
+        FormatFacts("raster:TiffWriter", ".depth.tiff", ".tiff", is_readable=True, is_exact=True),
+    )
+    PGM = (
+        "pgm",
+        FormatFacts(
+            *("png16:PgmWriter", ".depth.pgm", ".pgm", f"# {SOFTWARE_KEY} ".encode(), _PNG),
+            has_camera=True,
+            is_readable=True,
+        ),
+    )
+    NPZ = (
+        "npz",
+        FormatFacts(
+            *("npy:NpzWriter", ".depth.npz", ".npz", b"depthcli.npy"),
+            has_camera=True,
+            is_readable=True,
+            is_exact=True,
+        ),
+    )
+    COLMAP = (
+        "colmap",
+        FormatFacts("raster:ColmapWriter", ".depth.bin", ".bin", is_readable=True, is_exact=True),
+    )
     # It describes the PNG beside it.
     JSON = (
         "json",
@@ -151,7 +186,7 @@ READABLE = sorted(
     key=lambda name: not name.facts.is_exact,
 )
 """The formats that are read back, the exact ones first."""
-READABLE_SUFFIXES = tuple(str(f.facts.file_suffix) for f in Format if f.facts.is_readable)
+READABLE_SUFFIXES = (*(str(f.facts.file_suffix) for f in Format if f.facts.is_readable), *_ALIASES)
 """File suffixes of the formats that are read back."""
 # Video files have labels, if their container is Matroska.
 _MARKS = {PurePath(f"a{facts.suffix}").suffix: facts.mark for facts in FORMATS.values()} | {
@@ -171,13 +206,13 @@ def format_of(path: str | PurePath) -> Format | None:
     for format_, facts in FORMATS.items():
         if name.endswith(facts.suffix):
             return format_
-    suffix = PurePath(name).suffix
+    suffix = suffix_of(name)
     return next((f for f, facts in FORMATS.items() if facts.file_suffix == suffix), None)
 
 
 def fits(path: str | PurePath, asked: Format) -> bool:
     """Whether a file of this name can have a format: ``a.png`` can be a preview, too."""
-    return format_of(path) is None or PurePath(path).suffix.lower() == file_suffix_of(asked)
+    return format_of(path) is None or suffix_of(path) == file_suffix_of(asked)
 
 
 def file_suffix_of(asked: Format) -> str:
@@ -192,7 +227,7 @@ def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
     suffixes of further formats, longer ones first.
     """
     name = PurePath(path).name
-    ends = (*others, *(facts.suffix for facts in FORMATS.values()), *FILE_SUFFIXES)
+    ends = (*others, *(facts.suffix for facts in FORMATS.values()), *FILE_SUFFIXES, *_ALIASES)
     end = next((end for end in ends if name.lower().endswith(end)), "")
     return name[: len(name) - len(end)] or name
 
@@ -206,7 +241,7 @@ def is_own(path: Path) -> bool:
     Raises:
         OSError: it cannot be read, or is not a regular file.
     """
-    end = path.suffix.lower()
+    end = suffix_of(path)
     mark = _MARKS.get(end)
     if mark:
         return mark in read_head(path)
@@ -226,8 +261,8 @@ def read_head(path: Path) -> bytes:
 
 def readable_format(path: str | PurePath) -> Format | None:
     """The format that a depth file is read in, by its suffix; None if it is not read."""
-    suffix = PurePath(path).suffix.lower()
-    return next((f for f, facts in FORMATS.items() if facts.is_readable_as(suffix)), None)
+    found = format_of(PurePath(f"a{PurePath(path).suffix}"))
+    return found if found and found.facts.is_readable else None
 
 
 def reader_of(name: Format) -> Callable[..., Any]:
@@ -249,6 +284,7 @@ class WriterOptions:
 
     png_scale: float = MILLIMETRES  #: units per metre in 16-bit PNG
     png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
+    png_inverse: bool = False  #: stretch 1/depth in each 16-bit PNG; the nearest pixel is white
     exr_channel: str = "Y"  #: name of the channel in EXR
     half: bool = False  #: 16-bit floats in EXR
     colormap: Colormap = Colormap.INFERNO  #: colours of the preview

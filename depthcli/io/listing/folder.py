@@ -16,13 +16,13 @@ from depthcli.io.storage.paths import RemotePath, path_of
 
 EXR_MAGIC = b"v/1\x01"
 """The first bytes of every EXR."""
-_IMAGES = (".png", ".exr")
-_PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?|preview)\.png|depth[^/]*\.exr)$"
+_IMAGES = (".png", ".exr", ".tif", ".tiff", ".pgm")
+_PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?\.(png|pgm|tiff?)|preview\.png)|depth[^/]*\.exr)$"
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
 
 
 def is_own_picture(path: str | Path) -> bool:
-    """Whether a file is a PNG or an EXR that depthcli wrote; in a store, by its name first."""
+    """Whether a file is an image that depthcli wrote; in a store, by its name first."""
     path = path_of(path)
     if isinstance(path, RemotePath) and not re.search(_PICTURE_NAME, path.name):
         return False  # saves a request for each input

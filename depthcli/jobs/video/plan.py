@@ -173,7 +173,8 @@ class VideoResult:
 
         depth = self.depth
         time_code, writing = self.first.time_code, self.settings.writing
-        is_stretched = writing.png_normalize and VideoFormat.PNG16 in self.plan.names
+        is_normalized = writing.png_normalize or writing.png_inverse
+        is_stretched = is_normalized and VideoFormat.PNG16 in self.plan.names
         return {
             "frames": self.frames,
             "fps": rate_text(self.rate),

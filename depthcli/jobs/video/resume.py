@@ -114,7 +114,13 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
     is_finer = any(which.facts.is_exact for which in plan.names)
     is_metric = pipeline.card.output.kind is DepthKind.METRIC
-    if settings.smooth_s or writing.png_normalize or is_finer or not (is_in_steps and is_metric):
+    if (
+        settings.smooth_s
+        or writing.png_normalize
+        or writing.png_inverse
+        or is_finer
+        or not (is_in_steps and is_metric)
+    ):
         return None
     return writing.png_scale
 

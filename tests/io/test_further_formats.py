@@ -1,0 +1,170 @@
+"""PFM, TIFF, PGM, NPZ and COLMAP's dense maps, as other programs write and read them."""
+
+from __future__ import annotations
+
+import zipfile
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import InputError
+from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
+from depthcli.io.depth.scale import DepthScale
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.formats.table import Format, WriterOptions, is_own, writer_class
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
+HOLED_M = np.where(np.arange(12).reshape(3, 4) == 5, np.float32(np.nan), DEPTH_M)
+FURTHER = (Format.PFM, Format.TIFF, Format.PGM, Format.NPZ, Format.COLMAP)
+
+
+def pfm(values: np.ndarray, scale: str = "-1.0", order: str = "<f4") -> bytes:
+    height, width = values.shape[:2]
+    return f"Pf\n{width} {height}\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
+
+
+def colmap(values: np.ndarray) -> bytes:
+    """As ``write_array`` of COLMAP's read_write_dense.py."""
+    height, width = values.shape[:2]
+    channels = np.atleast_3d(values)
+    by_column = np.transpose(channels, (1, 0, 2)).reshape(-1, order="F")
+    return f"{width}&{height}&{channels.shape[2]}&".encode() + by_column.astype("<f4").tobytes()
+
+
+@pytest.mark.parametrize("which", FURTHER)
+def test_round_trip(which: Format, tmp_path: Path) -> None:
+    path = tmp_path / f"a{which.facts.suffix}"
+    assert writer_class(which)().write(DepthMap(HOLED_M), path) == ()
+    found = read_stored_depth(path).depth
+    assert found.valid.tolist() == (~np.isnan(HOLED_M)).tolist()
+    atol = 0 if which.facts.is_exact else 0.0005
+    np.testing.assert_allclose(found.values[found.valid], HOLED_M[found.valid], 1e-6, atol)
+    assert is_own(path)
+
+
+def test_files_as_other_programs_read_them(tmp_path: Path) -> None:
+    for which in FURTHER:
+        writer_class(which)().write(DepthMap(DEPTH_M), tmp_path / f"a{which.facts.file_suffix}")
+    for name in ("a.pfm", "a.tiff"):
+        read = cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(read, DEPTH_M)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.tiff")), DEPTH_M)
+    steps = np.rint(DEPTH_M * 1000).astype(int)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.pgm"), int), steps)
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npz")["depth"], DEPTH_M)
+    assert (tmp_path / "a.bin").read_bytes() == colmap(DEPTH_M)
+
+
+@pytest.mark.parametrize(
+    ("scale", "order"), [("-1.0", "<f4"), ("1", ">f4"), ("-0.003922", "<f4"), ("1e+00", ">f4")]
+)
+def test_pfm_of_other_programs(scale: str, order: str, tmp_path: Path) -> None:
+    """Middlebury's have a scale of 1/255, which is no factor, and infinity where unknown."""
+    values = np.where(np.isnan(HOLED_M), np.inf, HOLED_M)
+    (tmp_path / "a.pfm").write_bytes(pfm(values, scale, order))
+    found = read_stored_depth(tmp_path / "a.pfm").depth
+    np.testing.assert_array_equal(np.where(found.valid, found.values, np.nan), HOLED_M)
+
+
+def test_colmap_has_no_unit(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg.geometric.bin").write_bytes(colmap(np.nan_to_num(HOLED_M)))
+    stored = read_stored_depth(tmp_path / "a.jpg.geometric.bin")
+    np.testing.assert_array_equal(
+        stored.depth.values[stored.depth.valid], HOLED_M[stored.depth.valid]
+    )
+    assert stored.depth.valid.sum() == 11
+    assert len(stored.warnings) == 1
+    assert not read_stored_depth(tmp_path / "a.jpg.geometric.bin", DepthReadOptions(1.0)).warnings
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.uint16])
+@pytest.mark.parametrize("suffix", [".tif", ".tiff"])
+def test_tiff_of_other_programs(dtype: type, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    units = 1000 if dtype is np.uint16 else 1
+    assert cv2.imwrite(str(path), (np.nan_to_num(HOLED_M) * units).astype(dtype))
+    stored = read_stored_depth(path)
+    assert stored.scale == DepthScale(units, "assumed")
+    assert not stored.depth.valid[1, 1]
+    np.testing.assert_allclose(stored.depth.values[0], DEPTH_M[0], atol=0.0011)
+
+
+@pytest.mark.parametrize("names", [("depth",), ("depths", "conf"), ("arr_0",), ("anything",)])
+def test_npz_of_other_programs(names: tuple[str, ...], tmp_path: Path) -> None:
+    arrays = {name: DEPTH_M[None] + i for i, name in enumerate(names)}
+    np.savez_compressed(tmp_path / "a.npz", **arrays)
+    np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.npz").depth.values, DEPTH_M)
+
+
+def test_npz_keeps_kind_and_model(tmp_path: Path) -> None:
+    writer_class(Format.NPZ)().write(DepthMap(DEPTH_M, DepthKind.INVERSE), tmp_path / "a.npz")
+    assert read_stored_depth(tmp_path / "a.npz").depth.kind is DepthKind.INVERSE
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.pfm", b"PF\n4 3\n-1\n" + bytes(144)),
+        ("a.pfm", pfm(DEPTH_M)[:-1]),
+        ("a.pfm", b"Pf\n0 0\n-1\n"),
+        ("a.pfm", b"P5"),
+        ("a.bin", colmap(np.dstack([DEPTH_M] * 3))),
+        ("a.bin", colmap(DEPTH_M)[:-1]),
+        ("a.bin", b"\x00\x01"),
+        ("a.tif", b"II*\0"),
+        ("a.pgm", b"P5\n2 2\n255\n0000"),
+        ("a.npz", b"PK"),
+        ("a.npz", b""),
+    ],
+)
+def test_what_is_no_depth_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=name):
+        read_stored_depth(tmp_path / name)
+
+
+def test_an_npz_without_a_usual_name_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", left=DEPTH_M, right=DEPTH_M)
+    with pytest.raises(InputError):
+        read_stored_depth(tmp_path / "a.npz")
+    with zipfile.ZipFile(tmp_path / "b.npz", "w") as file:
+        file.writestr("depth.npy", b"no array")
+    with pytest.raises(InputError):
+        read_stored_depth(tmp_path / "b.npz")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pgm"])
+def test_normalized_inverse_depth(suffix: str, tmp_path: Path) -> None:
+    """Near is white, linear in 1/depth, as ControlNet and 3D Gaussian splatting expect."""
+    path, writing = tmp_path / f"a{suffix}", WriterOptions(png_inverse=True)
+    which = Format.PNG16 if suffix == ".png" else Format.PGM
+    writing.writer(which).write(DepthMap(HOLED_M), path)
+    steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert steps is not None
+    assert (steps[0, 0], steps[1, 1], steps[2, 3]) == (65535, 0, 1)
+    share = (1 / HOLED_M - 1 / 9) / (1 / 0.5 - 1 / 9)
+    np.testing.assert_allclose(steps, np.nan_to_num(1 + 65534 * share), atol=0.6)
+    found = read_stored_depth(path).depth
+    assert found.is_metric
+    np.testing.assert_allclose(found.values, HOLED_M, rtol=2e-4)
+    # Saved again without its texts, the sidecar says what it is.
+    writing.writer(Format.JSON).write(DepthMap(HOLED_M), tmp_path / "a.json")
+    cv2.imwrite(str(path), steps)
+    np.testing.assert_allclose(read_stored_depth(path).depth.values, HOLED_M, rtol=2e-4)
+    assert SidecarWriter(png_inverse=True) == writing.writer(Format.JSON)
+
+
+def test_inverse_depth_of_a_model_without_unit_keeps_near_white(tmp_path: Path) -> None:
+    depth = DepthMap(DEPTH_M, DepthKind.INVERSE)
+    Png16Writer(png_inverse=True).write(depth, tmp_path / "a.png")
+    steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
+    assert steps is not None
+    assert (steps[0, 0], steps[2, 3]) == (1, 65535)
