@@ -32,7 +32,7 @@ def frame_warnings(frame: Frame, source: CameraSource | None) -> Iterator[str]:
     """What an image's file states of its camera, and is not used, one line each."""
     if source is CameraSource.CARD and frame.focal_mm is not None:
         yield Message(
-            f"EXIF states a focal length of {frame.focal_mm:g} mm, and not the sensor's size",
+            f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size",
             "give {focal_px} or {hfov}, as the one that is assumed may be far off",
         )
 

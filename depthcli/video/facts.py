@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
+from depthcli.core.options import Projection
 from depthcli.errors import Message, UsageError
 
 if TYPE_CHECKING:
@@ -18,9 +19,9 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
 
 _FOCAL_35MM = "camera.focal_length.35mm_equivalent"
-_FOCAL = re.compile(r"focal|lens", re.IGNORECASE)
+_LENS = re.compile(r"focal|lens", re.IGNORECASE)
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?(?:mm)?", re.ASCII)
-_MM = re.compile(r"\d ?mm", re.ASCII)
+_LENS_LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?mm", re.ASCII)  # as in "back camera 6.765mm f/1.78"
 _TEXT, _FLOAT32, _FLOAT64 = 1, 23, 24  # well-known types of QuickTime's metadata
 
 
@@ -34,32 +35,30 @@ class Eye(StrEnum):
 _SIDE_BY_SIDE, _TOP_BOTTOM = 1, 2
 _PACKED = {_SIDE_BY_SIDE: "side by side", _TOP_BOTTOM: "one above the other"}
 _INTERLEAVED = range(3, 8)
-_PROJECTIONS = {0: "equirectangular", 1: "cubemap", 2: "equirectangular", 3: "VR180", 5: "fisheye"}
+_PROJECTIONS = {0: Projection.EQUIRECTANGULAR, 1: "cubemap", 2: "tiles", 3: "VR180", 5: "fisheye"}
 """Projections that are not flat, by FFmpeg's numbers."""
 
 
-def focal_35mm(path: Path | None, container: InputContainer) -> tuple[float | None, str | None]:
-    """The 35-mm equivalent focal length of a video, as phones write it.
+def focal_lengths(
+    path: Path | None, container: InputContainer
+) -> tuple[float | None, float | None]:
+    """The focal length of a video in millimetres: the 35-mm equivalent, and that of the lens.
 
     Args:
-        path: of the file; None for a pipe, whose tracks are not searched.
+        path: of the file; None for a pipe, of which only what FFmpeg passes on is searched.
         container: open for reading.
-
-    Returns:
-        Millimetres, or None; and a warning about a focal length that is stated in another form.
     """
     tags = dict(container.metadata)
     if path is not None and container.format.name.startswith("mov"):
         tags |= _quicktime_tags(path)
+    equivalent_mm = lens_mm = None
     for key, text in tags.items():
-        found = _LENGTH.fullmatch(text.strip())
-        if key.lower().endswith(_FOCAL_35MM) and found and float(found[1]) > 0:
-            return float(found[1]), None
-    for key, text in tags.items():
-        if _FOCAL.search(key) and (_MM.search(text) or _LENGTH.fullmatch(text.strip())):
-            problem = f"its focal length ({key}: {text}) is not used: the size of its sensor"
-            return None, Message(f"{problem} is not known", "give {focal_px} or {hfov}")
-    return None, None
+        if key.lower().endswith(_FOCAL_35MM):
+            found = _LENGTH.fullmatch(text.strip())
+            equivalent_mm = float(found[1]) or None if found else None
+        elif _LENS.search(key) and (found := _LENS_LENGTH.search(text)):
+            lens_mm = float(found[1])
+    return equivalent_mm, lens_mm
 
 
 def _quicktime_tags(path: Path) -> dict[str, str]:
@@ -111,9 +110,16 @@ def _boxes(
         start = stop
 
 
-def camera_warnings(frame: VideoFrame, eye: Eye | None) -> Iterator[str]:
-    """Warnings about what a pinhole camera does not see, by the first frame of a video."""
+def camera_warnings(
+    frame: VideoFrame, eye: Eye | None, projection: Projection | None
+) -> Iterator[str]:
+    """Warnings about what a pinhole camera does not see, by the first frame of a video.
+
+    A view and a projection that are given are not warned about.
+    """
     from av.sidedata.sidedata import Type  # noqa: PLC0415 - loads FFmpeg
+
+    from depthcli.io.images.pixels import PANORAMA  # noqa: PLC0415 - loads NumPy
 
     stereo, spherical = _stereo(frame), side_data(frame, Type.SPHERICAL)
     if stereo is None and eye is not None:
@@ -124,12 +130,11 @@ def camera_warnings(frame: VideoFrame, eye: Eye | None) -> Iterator[str]:
             f"each frame holds two views, {layout}, which the network takes for one image",
             "choose one with {eye}",
         )
-    projection = _PROJECTIONS.get(struct.unpack_from("<i", spherical)[0]) if spherical else None
-    if projection is not None:
-        yield Message(
-            f"the video states that it is a panorama ({projection})",
-            "give {projection} equirectangular if it shows all directions",
-        )
+    stated = _PROJECTIONS.get(struct.unpack_from("<i", spherical)[0]) if spherical else None
+    if stated is Projection.EQUIRECTANGULAR and projection is None:
+        yield PANORAMA
+    elif stated not in {None, projection}:
+        yield f"its frames are a panorama ({stated}), which is taken for another projection"
 
 
 def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:

@@ -15,14 +15,14 @@ from av.sidedata.sidedata import Type
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
 from depthcli.core.imageops import transfer_warning
-from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
+from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.pixels import upright
 from depthcli.video.container import InputPipe, open_video, pipe_advice, video_streams
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
-from depthcli.video.facts import Eye, camera_warnings, focal_35mm, side_data, view_of
+from depthcli.video.facts import Eye, camera_warnings, focal_lengths, side_data, view_of
 from depthcli.video.frames import (
     FALLBACK_RATE,
     WHOLE,
@@ -156,6 +156,7 @@ class VideoSource(FrameSource):
         max_pixels: int = MAX_PIXELS,
         stream: int | None = None,
         eye: Eye | None = None,
+        projection: Projection | None = None,
     ) -> None:
         """Open any video that FFmpeg reads, except playlists.
 
@@ -164,6 +165,7 @@ class VideoSource(FrameSource):
             max_pixels: larger frames are refused.
             stream: number of the video stream, from 0; None for the one with most frames.
             eye: the view of a stereo video; None for whole frames.
+            projection: how directions became pixels; None for a pinhole camera.
 
         Raises:
             InputError: missing, empty, no video, no frame in it, or too large.
@@ -188,8 +190,8 @@ class VideoSource(FrameSource):
         if stream is None and len(streams) > 1:
             problem = f"of its {len(streams)} video streams, number {streams.index(chosen)} is read"
             self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
-        self._focal_35mm, unused = focal_35mm(self._path, self._container)
-        self.warnings += () if unused is None else (unused,)
+        self._focal_mm = focal_lengths(self._path, self._container)
+        self._projection = projection
         self._time_code = header_time_code(self._container, chosen, self.rate)
         self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
         self._reformatter = VideoReformatter()
@@ -259,7 +261,9 @@ class VideoSource(FrameSource):
                 self._timeline.index,
                 float(self._timeline.time_s),
                 orientation=self._orientation,
-                focal_35mm=self._focal_35mm,
+                focal_35mm=self._focal_mm[0],
+                focal_mm=self._focal_mm[1],
+                projection=self._projection or Projection.PINHOLE,
                 pixel_aspect=self._pixel_aspect,
                 time_code=self._current_time_code(),
             )
@@ -284,7 +288,7 @@ class VideoSource(FrameSource):
         self.width, self.height = size[::-1] if is_turned else size
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
-        self.warnings += (*_warnings_about(first), *camera_warnings(first, eye))
+        self.warnings += (*_warnings_about(first), *camera_warnings(first, eye, self._projection))
 
     def _current_time_code(self) -> TimeCode | None:
         if self._time_code is None:
@@ -359,7 +363,7 @@ def open_frames(
         source: a file, a folder, a pattern such as ``plate.%04d.exr``, or a pipe.
         rate: frames a second of a sequence; None for what it states.
         max_pixels: frames that claim more are refused.
-        options: for the images of a sequence.
+        options: for the images of a sequence; their projection is also that of a video.
         stream: number of the stream of a video; None for the one with most frames.
         eye: the view of a stereo video; None for whole frames.
 
@@ -373,7 +377,9 @@ def open_frames(
 
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
 
-    video = VideoSource(source, max_pixels=max_pixels, stream=stream, eye=eye)
+    video = VideoSource(
+        source, max_pixels=max_pixels, stream=stream, eye=eye, projection=options.projection
+    )
     if video.is_own_depth:
         video.close()
         raise InputError(

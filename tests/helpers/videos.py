@@ -162,21 +162,27 @@ def with_sound(
     return path
 
 
+def box(tag: bytes, *parts: bytes) -> bytes:
+    """A box of MP4 and QuickTime."""
+    content = b"".join(parts)
+    return (8 + len(content)).to_bytes(4) + tag + content
+
+
+def with_box(mov: bytes, added: bytes, *parents: bytes) -> bytes:
+    """The same file, whose header is its end, with a box at the end of the innermost parent."""
+    result, at, end = bytearray(mov), 0, 0
+    for parent in parents:
+        at = result.index(parent, at)
+        size = int.from_bytes(result[at - 4 : at])
+        end = at - 4 + size
+        result[at - 4 : at] = (size + len(added)).to_bytes(4)
+    return bytes(result[:end] + added + result[end:])
+
+
 def with_track_tag(mov: bytes, name: str, kind: int, value: bytes) -> bytes:
-    """The same file, whose header is its end, with QuickTime metadata of the first track."""
-
-    def box(tag: bytes, *parts: bytes) -> bytes:
-        content = b"".join(parts)
-        return (8 + len(content)).to_bytes(4) + tag + content
-
+    """The same file with QuickTime metadata of the first track."""
     keys = box(b"keys", bytes(4), (1).to_bytes(4), box(b"mdta", name.encode()))
     data = box(b"data", kind.to_bytes(4), bytes(4), value)
     handler = box(b"hdlr", bytes(8), b"mdta", bytes(14))
     meta = box(b"meta", handler, keys, box(b"ilst", box((1).to_bytes(4), data)))
-    result = bytearray(mov)
-    trak = result.index(b"trak") - 4
-    end = trak + int.from_bytes(result[trak : trak + 4])
-    for at in (trak, result.index(b"moov") - 4):
-        size = int.from_bytes(result[at : at + 4]) + len(meta)
-        result[at : at + 4] = size.to_bytes(4)
-    return bytes(result[:end] + meta + result[end:])
+    return with_box(mov, meta, b"moov", b"trak")

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import av
 import numpy as np
 import pytest
-from helpers.videos import NTSC, encode, flat_frames, with_track_tag, write_mp4
+from helpers.videos import NTSC, box, encode, flat_frames, with_box, with_track_tag, write_mp4
 
+from depthcli.core.options import Projection
 from depthcli.errors import UsageError
 from depthcli.video.facts import Eye
 from depthcli.video.source import VideoSource
@@ -89,16 +90,13 @@ def test_the_focal_length_of_a_track_is_that_of_its_frames(
     assert [frame.focal_35mm for frame in frames] == [expected] * 3
 
 
-def test_a_focal_length_without_its_sensor_gives_a_warning(tmp_path: Path) -> None:
+def test_the_focal_length_of_the_lens_is_no_equivalent(tmp_path: Path) -> None:
     path = write_mp4(tmp_path / "a.mov", flat_frames(range(3)))
     name = "com.apple.quicktime.camera.lens_model"
     text = b"iPhone 15 Pro back camera 6.765mm f/1.78"
     path.write_bytes(with_track_tag(path.read_bytes(), name, 1, text))
-    source, frames = read(path)
-    assert frames[0].focal_35mm is None
-    (warning,) = source.warnings
-    assert "6.765mm" in warning
-    assert "focal_px" in warning
+    _, frames = read(path)
+    assert (frames[0].focal_35mm, frames[0].focal_mm) == (None, 6.765)
 
 
 def stereo(path: Path, packing: int | None, *, is_stacked: bool = False) -> Path:
@@ -147,3 +145,19 @@ def test_frames_of_a_closed_video_are_an_error(tmp_path: Path) -> None:
     source.close()
     with pytest.raises(UsageError):
         list(frames)
+
+
+@pytest.mark.parametrize("projection", [None, Projection.EQUIRECTANGULAR])
+def test_a_panorama_is_read_as_one_on_request(
+    projection: Projection | None, tmp_path: Path
+) -> None:
+    path = write_mp4(tmp_path / "a.mp4", flat_frames(range(3), 32, 64))
+    facts = (
+        box(b"svhd", bytes(4), b"test\0"),
+        box(b"proj", box(b"prhd", bytes(16)), box(b"equi", bytes(20))),
+    )
+    parents = b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", b"mp4v"
+    path.write_bytes(with_box(path.read_bytes(), box(b"sv3d", *facts), *parents))
+    source, frames = read(path, projection=projection)
+    assert frames[0].projection is (projection or Projection.PINHOLE)
+    assert len(source.warnings) == (projection is None)

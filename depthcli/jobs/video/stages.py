@@ -30,7 +30,7 @@ from depthcli.core.temporal import (
     to_log,
 )
 from depthcli.core.types import DepthMap, Frame, Windows, masked_to_data_window, over_window
-from depthcli.errors import InputError, OutputError
+from depthcli.errors import InputError, OutputError, about
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.scale import dequantized, quantized
@@ -228,6 +228,7 @@ class PredictedFrame:
     steps: npt.NDArray[np.float32] | None
     #: depth for the flicker figure, (h, w) float32 of ``to_log``
     sampled: npt.NDArray[np.float32]
+    warnings: tuple[str, ...] = ()  #: about its depth, one line each
 
 
 class FrameStages:
@@ -258,6 +259,7 @@ class FrameStages:
         self.raw, self.smoothed = FlickerMeter(kind), FlickerMeter(kind)
         self.scenes = 0
         self.first: tuple[Frame, DepthMap] | None = None
+        self.warnings: tuple[str, ...] = ()  # about the depth of the first frame
         self.times_s = array("d")
         self.numbers = array("q")
 
@@ -265,12 +267,12 @@ class FrameStages:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
         image = image.with_pixel_aspect(camera.pixel_aspect or image.pixel_aspect)
-        kept = self._kept(image.index)
+        kept, warnings = self._kept(image.index), tuple[str, ...]()
         if kept is not None and self.first is not None:  # the first is predicted, for the report
             depth = DepthMap(kept, self._pipeline.card.output.kind)
         else:
             kept = None
-            depth = self._pipeline.predict(image, camera).depth
+            depth, warnings = self._pipeline.predict(image, camera)
             if self._scale is not None:
                 values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
                 depth = dataclasses.replace(depth, values=values)
@@ -279,7 +281,7 @@ class FrameStages:
         small = DepthMap(sample_cells(shown, small_image.shape), depth.kind)
         steps = to_log(depth) if self._settings.smooth_s else None
         frame = DepthFrame(image, depth, percentiles(small), is_kept=kept is not None)
-        return PredictedFrame(frame, small_image, steps, to_log(small))
+        return PredictedFrame(frame, small_image, steps, to_log(small), warnings)
 
     def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
         """The stages that need the frames in order; fast, in one thread."""
@@ -293,6 +295,7 @@ class FrameStages:
                 shown = frame.shown.displayed()
                 alone = dataclasses.replace(shown.image, pixels=np.zeros((1, 1), np.uint8))
                 self.first = (alone, shown.depth)
+                self.warnings = tuple(about(f"frame {image.index}", w) for w in frame.warnings)
             yield self._smoothed(frame, interval_s)
 
     def _smoothed(self, frame: PredictedFrame, interval_s: float) -> DepthFrame:
@@ -366,6 +369,7 @@ def _result(
         seconds=0.0,
         warnings=(
             *source.warnings,
+            *stages.warnings,
             *pipeline.session.warnings,
             *focal_warnings(pipeline.card, settings.camera),
         ),
