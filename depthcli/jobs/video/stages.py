@@ -174,10 +174,7 @@ def _renumbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]
         if shift is None:
             wanted = settings.start_number
             shift = 0 if wanted is None else wanted - frame.index
-        projection = settings.reading.projection or frame.projection
-        yield dataclasses.replace(
-            frame, index=frame.index + shift, rate=rate, projection=projection
-        )
+        yield dataclasses.replace(frame, index=frame.index + shift, rate=rate)
 
 
 def open_output(
