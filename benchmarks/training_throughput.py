@@ -29,10 +29,9 @@ from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
 from depthcli.training.callbacks import Callback, TensorBoardLogger
 from depthcli.training.data import Batches, PairStore, TrainingBatch
-from depthcli.training.loop import fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.presets import preset_file
-from depthcli.training.run import Run
+from depthcli.training.run import Run, fit
 from depthcli.training.settings import apply_overrides
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 import depthcli
 from depthcli.core.options import Colormap
 from depthcli.datasets.rooms.render import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
-from depthcli.export.trained import export_run, open_run
+from depthcli.export.onnx import export_run, open_run
 from depthcli.io.formats.drawing import colour_table, contact_sheet
 from depthcli.io.images.read import read_image
 

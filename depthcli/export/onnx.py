@@ -1,4 +1,7 @@
-"""Exporting a checkpoint to an ONNX file and its card, after a parity check."""
+"""Exporting a checkpoint to an ONNX file and its card, after a parity check.
+
+Training runs are exported for evaluation once per checkpoint.
+"""
 
 import dataclasses
 import hashlib
@@ -11,18 +14,20 @@ from typing import Any
 
 from onnx import helper
 
+from depthcli._version import __version__
 from depthcli.core.options import Weights
 from depthcli.core.types import DepthKind
 from depthcli.datasets import base as datasets
-from depthcli.errors import ModelError, UsageError
+from depthcli.errors import ModelError, OutputError, UsageError
 from depthcli.export import graph
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.metrics.pixels import MIN_DEPTH_M
 from depthcli.models import card as cards
+from depthcli.models import catalog
 from depthcli.models.card import ModelCard
-from depthcli.models.catalog import CARD_NAME, CARD_SUFFIX, file_of_card
-from depthcli.training.checkpoint import Checkpoint, load_generator
-from depthcli.training.provenance import data_set
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
+from depthcli.training.config import TrainConfig
+from depthcli.training.provenance import DataProvenance, TrainedRun, data_set
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +69,9 @@ def card_path(model: Path) -> Path:
     That of ``model.onnx`` is ``card.json``; any other ``name.onnx`` may share its folder with other
     models and has ``name.card.json``.
     """
-    return model.with_name(CARD_NAME if model.name == MODEL_NAME else model.stem + CARD_SUFFIX)
+    return model.with_name(
+        catalog.CARD_NAME if model.name == MODEL_NAME else model.stem + catalog.CARD_SUFFIX
+    )
 
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
@@ -210,7 +217,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
 
 def _check_own_card(out: Path) -> None:
     card = card_path(out)
-    if card.is_file() and file_of_card(card) != out.name:
+    if card.is_file() and catalog.file_of_card(card) != out.name:
         raise UsageError(f"{card} is not the card of {out.name}; choose another -o")
 
 
@@ -225,3 +232,84 @@ def _parity_cases(spec: cards.InputSpec) -> tuple[tuple[int, int, int], ...]:
         (2, half, width),
         (1, 2 * height, 2 * width),
     )
+
+
+CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
+
+
+def find_runs(folder: Path) -> tuple[Path, ...]:
+    """The folder itself or its subfolders that have a checkpoint, sorted by name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if (folder / CHECKPOINT).is_file():
+        return (folder,)
+    found = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
+    if not found:
+        raise UsageError(f"{folder} holds no run of 'depthcli train'")
+    return found
+
+
+def open_run(folder: Path) -> TrainedRun:
+    """Facts about a run from its checkpoint.
+
+    Raises:
+        CheckpointError: it cannot be used.
+    """
+    generator, saved = load_generator(folder / CHECKPOINT)
+    config, state, provenance = saved.config, saved.state, saved.provenance
+    return TrainedRun(
+        folder=folder,
+        seed=config.seed,
+        settings=_settings(config, provenance),
+        paired=config.data.paired,
+        parameters=sum(weights.numel() for weights in generator.parameters()),
+        epochs=state.epoch,
+        epochs_planned=config.optim.epochs,
+        steps=state.step,
+        minutes=state.seconds / 60,
+        train_ids=provenance.train_ids,
+        held_out_ids=provenance.held_out_ids,
+        nyu_ids=provenance.seen_ids.get(datasets.NYU, ()),
+    )
+
+
+def _settings(config: TrainConfig, data: DataProvenance) -> str:
+    """Settings that seeds of one experiment have in common, as JSON."""
+    settings = dataclasses.asdict(dataclasses.replace(config, seed=0))
+    labels = [data.pseudo_labels, data.pseudo_label_ids, data.pseudo_label_fingerprint]
+    sources = [data.data, data.train_ids, labels, data.init_weights]
+    return json.dumps([settings, sources])
+
+
+def export_run(run: TrainedRun, fallback_folder: Path, weights: Weights = Weights.AVERAGED) -> Path:
+    """Export a run's model, unless that was done already for the same checkpoint.
+
+    The file is in the run's folder, or in ``fallback_folder`` if that cannot be written.
+
+    Raises:
+        CheckpointError: the checkpoint cannot be used.
+        ParityError: the exported model differs from torch's network.
+    """
+    checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAMES[weights]
+    with checkpoint.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()[:16]
+    version = f"checkpoint-{digest}-{__version__}"  # other versions may export other models
+    if _version(cached) == version:
+        return cached
+    options = ExportOptions(name=run.name, version=version, weights=weights)
+    try:
+        return export_checkpoint(checkpoint, cached, options).path
+    except OutputError:
+        return export_checkpoint(checkpoint, fallback_folder / run.name / cached.name, options).path
+
+
+def _version(model: Path) -> str | None:
+    """The version in the card inside an ONNX file; None if there is no valid file."""
+    if not model.is_file():
+        return None
+    try:
+        return catalog.read_model(catalog.ModelLocation(onnx=model, card=None)).card.version
+    except ModelError:
+        return None

@@ -156,7 +156,7 @@ def _open_pairs(request: EvalRequest) -> DepthDataset:
 
 def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
     """The runs that can be used; name and reason of the others are added to ``failed``."""
-    from depthcli.export.trained import find_runs, open_run  # noqa: PLC0415 - needs torch
+    from depthcli.export.onnx import find_runs, open_run  # noqa: PLC0415 - needs torch
 
     opened = []
     for path in find_runs(folder):
@@ -175,7 +175,7 @@ def _load_runs(
     failed: list[str],
 ) -> list[ModelPredictor]:
     """The exported models; runs that cannot be exported are added to ``failed``."""
-    from depthcli.export.trained import export_run  # noqa: PLC0415 - needs torch
+    from depthcli.export.onnx import export_run  # noqa: PLC0415 - needs torch
 
     advance, exported = progress.begin("exporting runs", len(runs)), dict[str, Path]()
     for run in runs:

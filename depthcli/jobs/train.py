@@ -14,7 +14,7 @@ from depthcli.training.callbacks import Callback, TensorBoardLogger
 from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.init_weights import weights_file
-from depthcli.training.loop import fit
+from depthcli.training.run import fit
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,6 @@ from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.checkpoint import TrainState, write_errors
 from depthcli.training.config import TrainConfig
 from depthcli.training.data import PairStore, whole_images
-from depthcli.training.run import lr_factor
 
 TENSORBOARD_FOLDER = "tensorboard"
 _BATCH_SIZE = 16  # of validation
@@ -72,7 +71,7 @@ class TensorBoardLogger(Callback):
         """Log the losses and the learning rate."""
         self._callback.on_step_end(state, steps, losses)
         optim = self._config.optim
-        share = lr_factor(optim, state.step - 1, steps // optim.epochs)
+        share = optim.lr_factor(state.step - 1, steps // optim.epochs)
         values = {f"loss/{name}": value for name, value in losses.items()}
         values["learning_rate"] = share * optim.learning_rate
         with write_errors(self._folder):

@@ -218,6 +218,19 @@ class OptimConfig:
         """Epochs of the whole run."""
         return self.epochs_constant + self.epochs_decay
 
+    def lr_factor(self, step: int, steps_per_epoch: int) -> float:
+        """Factor on the learning rate at a step, counted from 0 over the whole run.
+
+        ``linear`` is 1 for c epochs, then falls over d to zero: 1 − max(0, e+1−c)/(d+1); ``cosine``
+        is half a cosine over all steps. Either is multiplied by a ramp over ``warmup_steps``.
+        """
+        ramp = min(1.0, (step + 1) / self.warmup_steps) if self.warmup_steps else 1.0
+        if self.schedule == "linear":
+            past = max(0, step // steps_per_epoch + 1 - self.epochs_constant)
+            return ramp * (1.0 - past / (self.epochs_decay + 1))
+        steps = self.epochs * steps_per_epoch
+        return ramp * 0.5 * (1.0 + math.cos(math.pi * min(step, steps) / steps))
+
 
 @dataclass(frozen=True, slots=True)
 class TrainConfig:

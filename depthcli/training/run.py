@@ -1,8 +1,10 @@
-"""Networks, optimizers and weight average of one run: steps, saving and resuming."""
+"""One run: networks, optimizers and weight average; the training loop, saving and resuming."""
 
 import copy
 import math
+import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,21 +13,23 @@ from lightning_fabric import Fabric
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from depthcli.errors import CheckpointError, TrainingError
-from depthcli.training.checkpoint import Checkpoint, TrainState
+from depthcli.core.progress import Interrupt
+from depthcli.datasets.training_data import TrainingData
+from depthcli.errors import CheckpointError, TrainingError, UsageError
+from depthcli.training import callbacks, devices, provenance
+from depthcli.training.checkpoint import (
+    CHECKPOINT,
+    METRICS_LOG,
+    Checkpoint,
+    TrainState,
+    write_errors,
+)
 from depthcli.training.config import OptimConfig, TrainConfig
-from depthcli.training.data import TrainingBatch
-from depthcli.training.devices import average_gradients, gather_states
+from depthcli.training.data import Batches, PairStore, TrainingBatch
 from depthcli.training.init_weights import load_init_weights
 from depthcli.training.methods.base import Method, Phase
 from depthcli.training.methods.registry import build_method
 from depthcli.training.networks.encoder import EncoderGenerator
-from depthcli.training.provenance import (
-    DataProvenance,
-    config_differences,
-    data_differences,
-    mismatch_error,
-)
 
 _RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that users choose
 _ACCELERATORS = {"cuda": torch.cuda, "mps": torch.mps}
@@ -47,7 +51,7 @@ class Run:
         fabric.seed_everything(config.seed, verbose=False)
         self.config, self.fabric, self.steps_per_epoch = config, fabric, steps_per_epoch
         self.steps = config.optim.epochs * steps_per_epoch
-        self.state, self.provenance = TrainState(), DataProvenance()
+        self.state, self.provenance = TrainState(), provenance.DataProvenance()
         self.method = build_method(config)
         self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         phases = [phase for phase in self.method.phases if self.method.networks(phase)]
@@ -85,7 +89,7 @@ class Run:
         Raises:
             TrainingError: a term is not finite.
         """
-        share = lr_factor(self.config.optim, self.state.step, self.steps_per_epoch)
+        share = self.config.optim.lr_factor(self.state.step, self.steps_per_epoch)
         self.method.share_done = self.state.step / self.steps
         losses: dict[str, Tensor] = {}
         for phase, optimizer in self.optimizers.items():
@@ -95,7 +99,7 @@ class Run:
             losses |= {name: term.detach() for name, term in terms.items()}
             optimizer.zero_grad()
             self.fabric.backward(torch.stack(list(terms.values())).sum())
-            average_gradients(self.fabric, _weights(optimizer))
+            devices.average_gradients(self.fabric, _weights(optimizer))
             if self.config.optim.clip_norm and phase == "generator":
                 limit = self.config.optim.clip_norm
                 # A loss that is not finite is an error below, which names it; the scaler of
@@ -117,7 +121,7 @@ class Run:
         """
         self.check_weights()
         own = process_state(self.method, self.fabric.device)
-        others = gather_states(self.fabric, own)
+        others = devices.gather_states(self.fabric, own)
         if not self.fabric.is_global_zero:
             return
         Checkpoint(
@@ -154,14 +158,14 @@ class Run:
         if not path.exists():
             return
         saved = Checkpoint.load(path)
-        mismatches = config_differences(saved.config, self.config)
-        mismatches += data_differences(saved.provenance, self.provenance)
+        mismatches = provenance.config_differences(saved.config, self.config)
+        mismatches += provenance.data_differences(saved.provenance, self.provenance)
         if mismatches:
-            raise mismatch_error(path, mismatches)
-        devices = len(saved.others) + 1
-        if devices != self.fabric.world_size:
+            raise provenance.mismatch_error(path, mismatches)
+        processes = len(saved.others) + 1
+        if processes != self.fabric.world_size:
             raise CheckpointError(
-                f"{path} belongs to a run on {devices} devices", "give as many {devices}"
+                f"{path} belongs to a run on {processes} devices", "give as many {devices}"
             )
         try:
             self._load(saved)
@@ -245,20 +249,6 @@ def _weights(optimizer: Optimizer) -> list[Tensor]:
     return [weight for group in optimizer.param_groups for weight in group["params"]]
 
 
-def lr_factor(optim: OptimConfig, step: int, steps_per_epoch: int) -> float:
-    """Factor on the learning rate at a step, counted from 0 over the whole run.
-
-    ``linear`` is 1 for c epochs, then falls over d to zero: 1 − max(0, e+1−c)/(d+1); ``cosine`` is
-    half a cosine over all steps. Either is multiplied by a ramp over ``optim.warmup_steps``.
-    """
-    ramp = min(1.0, (step + 1) / optim.warmup_steps) if optim.warmup_steps else 1.0
-    if optim.schedule == "linear":
-        past = max(0, step // steps_per_epoch + 1 - optim.epochs_constant)
-        return ramp * (1.0 - past / (optim.epochs_decay + 1))
-    steps = optim.epochs * steps_per_epoch
-    return ramp * 0.5 * (1.0 + math.cos(math.pi * min(step, steps) / steps))
-
-
 def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
     """The loss terms as floats, averaged over the processes, in one transfer from the device.
 
@@ -297,3 +287,130 @@ def load_process_state(method: Method, device: torch.device, state: dict[str, An
     # The states of different kinds of accelerators, between which a run can move, differ in size.
     if accelerator and saved is not None and len(saved) == len(accelerator.get_rng_state(device)):
         accelerator.set_rng_state(saved, device)
+
+
+def fit(
+    config: TrainConfig,
+    data: TrainingData,
+    folder: Path,
+    fabric: Fabric,
+    callback: callbacks.Callback,
+    *,
+    init_weights: Sequence[Path] = (),
+    max_minutes: float = math.inf,
+    max_steps: float = math.inf,
+    interrupt: Interrupt | None = None,
+) -> TrainState:
+    """Train until the schedule, a limit or a signal ends it; resume from the folder's checkpoint.
+
+    Args:
+        config: of the run; for a resumed run, equal to that of the checkpoint.
+        data: pairs; whole scenes are held out for validation.
+        folder: receives checkpoint, metrics log and sample images.
+        fabric: device, precision and processes; launched, if it has several.
+        callback: called after each step and epoch.
+        init_weights: exported models or checkpoints; a new run starts from the mean of them.
+        max_minutes: wall-clock minutes after which it stops; it can be resumed.
+        max_steps: steps of this session after which it stops.
+        interrupt: entered here; after a signal, the run stops at the end of the step and saves.
+
+    Returns:
+        How far the run has come.
+
+    Raises:
+        CheckpointError: the folder holds another run, or a checkpoint cannot be written; the one
+            before is kept.
+        TrainingError: a loss or a weight is not finite, or the folder cannot be written; the last
+            checkpoint is kept.
+    """
+    interrupt = interrupt or Interrupt()
+    with devices.rank_zero_first(fabric):
+        run, batches, validation = _set_up(config, data, folder, fabric, init_weights)
+    if fabric.is_global_zero:
+        held_out, seen = run.provenance.held_out_ids, run.provenance.init_ids
+        callback.on_train_start(
+            lacks_scenes=bool(config.data.holdout_every) and not held_out,
+            seen_held_out=len(provenance.common_ids(data, held_out, seen)),
+        )
+    started, before = time.monotonic(), run.state
+    with interrupt:
+        while run.state.step < run.steps:
+            losses = run.step(batches[run.state.step])
+            step, elapsed_s = run.state.step + 1, time.monotonic() - started
+            seconds = before.seconds + elapsed_s
+            run.state = replace(run.state, step=step, seconds=seconds, scores={})
+            if fabric.is_global_zero:
+                callback.on_step_end(run.state, run.steps, losses)
+            over = elapsed_s >= 60 * max_minutes or step - before.step >= max_steps
+            stops = devices.any_process(fabric, over or interrupt.number is not None)
+            epoch_ends = step % batches.steps_per_epoch == 0
+            if epoch_ends:
+                _end_epoch(run, validation, folder, losses)
+            due = epoch_ends and run.state.epoch % config.save_every == 0
+            if due or stops or step == run.steps:
+                run.save(folder / CHECKPOINT)
+            if epoch_ends and fabric.is_global_zero:
+                callback.on_epoch_end(run.state)
+            if stops:
+                break
+    return run.state
+
+
+def _end_epoch(
+    run: Run, validation: callbacks.Validation | None, folder: Path, losses: dict[str, float]
+) -> None:
+    """Count an epoch, validate if it is due, and log it."""
+    run.check_weights()
+    epoch = run.state.epoch + 1
+    run.state = replace(run.state, epoch=epoch)
+    due = epoch % run.config.validate_every == 0 or run.state.step == run.steps
+    if validation and due:
+        scores = validation.score(run.ema_generator, run.fabric.device)
+        run.state = replace(run.state, scores=dict(scores.items()))
+        with write_errors(folder):
+            callbacks.write_samples(folder, epoch, validation, run.ema_generator, run.fabric)
+    if run.fabric.is_global_zero:
+        with write_errors(folder):
+            callbacks.append_log(folder / METRICS_LOG, run.state, losses)
+
+
+def _set_up(
+    config: TrainConfig,
+    data: TrainingData,
+    folder: Path,
+    fabric: Fabric,
+    init_weights: Sequence[Path],
+) -> tuple[Run, Batches, callbacks.Validation | None]:
+    """Read the pairs, build the networks, and load the folder's checkpoint if there is one.
+
+    Validation is in the process with global rank 0 only, and if there are held-out pairs.
+    """
+    dataset, first, labels = data.dataset, fabric.is_global_zero, data.pseudo_labels
+    train_rows, held_out = provenance.train_val_split(dataset, config.data)
+    found = provenance.provenance_of(config, data)
+    provenance.check_pseudo_labels(data, found)
+    if labels is not None and (config.output.coding != "log" or config.method != "proposed"):
+        raise UsageError("pseudo labels need the method proposed and output.coding=log")
+    with write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    batches = Batches(
+        PairStore(dataset, train_rows, config.data),
+        config.data,
+        config.optim.batch_size,
+        config.seed,
+        fabric.device,
+        fabric.global_rank,
+        fabric.world_size,
+        None if labels is None else PairStore(labels, range(len(labels)), config.data),
+    )
+    validation = callbacks.Validation(dataset, held_out, config) if held_out and first else None
+    run = Run(config, fabric, batches.steps_per_epoch)
+    run.provenance = found
+    if init_weights:
+        run.load_init_weights(init_weights)
+    run.resume(folder / CHECKPOINT)
+    run.state = replace(run.state, threads=torch.get_num_threads())
+    if first:
+        with write_errors(folder):
+            callbacks.truncate_log(folder / METRICS_LOG, run.state.step)
+    return run, batches, validation

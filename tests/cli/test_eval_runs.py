@@ -25,9 +25,9 @@ from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import updated
-from depthcli.training.loop import fit
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
+from depthcli.training.run import fit
 
 if TYPE_CHECKING:
     from depthcli.datasets.base import DepthDataset

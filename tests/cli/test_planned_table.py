@@ -13,7 +13,6 @@ from depthcli.cli.app import main
 from depthcli.training.methods.registry import default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.presets import preset_file
-from depthcli.training.run import lr_factor
 from depthcli.training.settings import apply_overrides
 from docs import write_methods
 
@@ -74,7 +73,7 @@ def test_the_table_trains_every_method_alike(name: str) -> None:
     assert (optim.batch_size, config.precision) == (1, "32-true")
     assert (optim.learning_rate, optim.beta1, optim.beta2) == (2e-4, 0.5, 0.999)
     assert (optim.epochs_constant, optim.epochs_decay, optim.ema) == (10, 10, 0.999)
-    assert [round(1 / lr_factor(optim, epoch * 866, 866)) for epoch in (0, 9, 19)] == [1, 1, 11]
+    assert [round(1 / optim.lr_factor(epoch * 866, 866)) for epoch in (0, 9, 19)] == [1, 1, 11]
     assert config.loss == usual.loss
     assert (optim.pool_size, config.data.paired) == (usual.optim.pool_size, usual.data.paired)
     assert config.data.holdout_every == 7

@@ -13,8 +13,8 @@ from depthcli.core.options import Weights
 from depthcli.datasets.training_data import NYU_PAPER
 from depthcli.errors import ParityError, UsageError
 from depthcli.evaluation.task import group_by_seed
-from depthcli.export import trained
-from depthcli.export.trained import export_run, find_runs, open_run
+from depthcli.export import onnx as exporting
+from depthcli.export.onnx import export_run, find_runs, open_run
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.provenance import TrainedRun
@@ -115,7 +115,7 @@ def test_a_run_is_exported_once_a_checkpoint(
     def refused(*_: object) -> None:
         raise ParityError("apart")
 
-    monkeypatch.setattr(trained, "export_checkpoint", refused)
+    monkeypatch.setattr(exporting, "export_checkpoint", refused)
     assert export_run(run, tmp_path) == model
     with pytest.raises(ParityError):
         export_run(run, tmp_path, Weights.RAW)

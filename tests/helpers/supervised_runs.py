@@ -10,7 +10,7 @@ from lightning_fabric import Fabric
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import LossConfig
-from depthcli.training.loop import fit
+from depthcli.training.run import fit
 from helpers.rooms import EFFICIENT, room_data, write_rooms
 
 if TYPE_CHECKING:

@@ -26,8 +26,7 @@ from depthcli.training.checkpoint import (
 )
 from depthcli.training.config import OutputConfig, TrainConfig
 from depthcli.training.data import TrainingBatch
-from depthcli.training.loop import fit
-from depthcli.training.run import Run, finite_losses, lr_factor
+from depthcli.training.run import Run, finite_losses, fit
 
 CLIPPED = replace(PAPER, optim=replace(PAPER.optim, clip_norm=0.5, ema=0.9))
 """With discriminators, clipping and an average."""
@@ -220,7 +219,7 @@ def test_rate_follows_the_schedule() -> None:
     for step in (0, 5, 9):
         run.state = TrainState(step=step)
         run.step(batch)
-        wanted = 2e-4 * lr_factor(PAPER.optim, step, 5)
+        wanted = 2e-4 * PAPER.optim.lr_factor(step, 5)
         rates = {g["lr"] for o in run.optimizers.values() for g in o.param_groups}
         assert rates == {wanted}
 

@@ -13,8 +13,7 @@ from lightning_fabric import Fabric
 
 from depthcli.training.callbacks import Callback, append_log, truncate_log
 from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, TrainState
-from depthcli.training.loop import fit
-from depthcli.training.run import Run
+from depthcli.training.run import Run, fit
 
 
 def _steps(path: Path) -> list[int]:

@@ -20,8 +20,7 @@ from depthcli.training.devices import (
     gather_states,
     rank_zero_first,
 )
-from depthcli.training.loop import fit
-from depthcli.training.run import Run, finite_losses
+from depthcli.training.run import Run, finite_losses, fit
 
 CONFIG = replace(EFFICIENT, optim=replace(EFFICIENT.optim, batch_size=4))
 

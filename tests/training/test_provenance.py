@@ -10,8 +10,7 @@ from helpers.supervised_runs import SUPERVISED, train_two_steps, write_pseudo_la
 from depthcli.datasets.base import NYU
 from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER
 from depthcli.errors import CheckpointError, DatasetError, UsageError
-from depthcli.export.onnx import ExportOptions, export_checkpoint
-from depthcli.export.trained import open_run
+from depthcli.export.onnx import ExportOptions, export_checkpoint, open_run
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, saved_checkpoint
 from depthcli.training.config import TrainConfig

@@ -15,8 +15,7 @@ from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
 from depthcli.training.config import OptimConfig, TrainConfig, updated
 from depthcli.training.data import TrainingBatch
-from depthcli.training.loop import fit
-from depthcli.training.run import Run, lr_factor
+from depthcli.training.run import Run, fit
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
 """Nothing is drawn by chance."""
@@ -118,7 +117,7 @@ def test_each_step_moves_the_average() -> None:
 
 def test_linear_is_constant_within_an_epoch() -> None:
     optim = OptimConfig(epochs_constant=1, epochs_decay=3)
-    found = [lr_factor(optim, step, steps_per_epoch=2) for step in range(8)]
+    found = [optim.lr_factor(step, steps_per_epoch=2) for step in range(8)]
     assert found == pytest.approx([1, 1, 0.75, 0.75, 0.5, 0.5, 0.25, 0.25])
 
 
@@ -126,10 +125,10 @@ def test_cosine_with_warm_up() -> None:
     optim = OptimConfig(epochs_constant=0, epochs_decay=5, schedule="cosine", warmup_steps=4)
     for step in range(20):
         wanted = min(1, (step + 1) / 4) * (1 + math.cos(math.pi * step / 20)) / 2
-        assert lr_factor(optim, step, steps_per_epoch=4) == pytest.approx(wanted)
+        assert optim.lr_factor(step, steps_per_epoch=4) == pytest.approx(wanted)
 
 
 def test_linear_with_warm_up() -> None:
     optim = OptimConfig(epochs_constant=1, epochs_decay=1, warmup_steps=4)
-    found = [lr_factor(optim, step, steps_per_epoch=3) for step in range(6)]
+    found = [optim.lr_factor(step, steps_per_epoch=3) for step in range(6)]
     assert found == pytest.approx([1 / 4, 2 / 4, 3 / 4, 1 / 2, 1 / 2, 1 / 2])

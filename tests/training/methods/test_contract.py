@@ -14,9 +14,9 @@ from depthcli.errors import UsageError
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import TrainConfig
-from depthcli.training.loop import fit
 from depthcli.training.methods.registry import build_method
 from depthcli.training.methods.table import METHODS
+from depthcli.training.run import fit
 
 
 def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:

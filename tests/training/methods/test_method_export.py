@@ -17,8 +17,8 @@ from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.inference.transforms import prepare
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, load_generator
-from depthcli.training.loop import fit
 from depthcli.training.methods.table import METHODS
+from depthcli.training.run import fit
 
 
 @pytest.mark.parametrize("name", METHODS)
