@@ -200,10 +200,8 @@ def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
     if card is None:
         embedded = onnx_file.read_facts(data, str(path)).metadata.get(METADATA_KEY)
         if embedded is None:
-            beside = path.with_name(catalog.CARD_NAME)
-            other = f"; {beside} is of another file" if beside.is_file() else ""
             raise UsageError(
-                f"{path} has no card inside or beside it{other}",
+                f"{path} has no card inside or beside it{catalog.unused_card(path)}",
                 "give {card}, and see 'depthcli models cards' for ready ones",
             )
         where = f"card inside {path}"

@@ -213,7 +213,7 @@ def read_model(location: ModelLocation) -> Model:
         embedded = onnx_file.read_facts(data, str(path)).metadata.get(METADATA_KEY)
         if embedded is None:
             raise ModelError(
-                f"{path} has no card; put {path.stem}{CARD_SUFFIX} beside it, "
+                f"{path} has no card{unused_card(path)}; put {path.stem}{CARD_SUFFIX} beside it, "
                 "or export it with 'depthcli export-onnx'"
             )
         card = ModelCard.from_json(embedded, where=f"card inside {path}")
@@ -249,6 +249,15 @@ def file_of_card(card: Path) -> str | None:
         return None
     file = fields.get("file")
     return file if isinstance(file, str) else None
+
+
+def unused_card(path: Path) -> str:
+    """Why a ``card.json`` beside an ONNX file is not its card, for messages; empty without one."""
+    card = path.with_name(CARD_NAME)
+    if not card.is_file():
+        return ""
+    named = file_of_card(card)
+    return f", and {card} " + (f"is that of {named}" if named else "names no file")
 
 
 def _read_limited(path: Path, max_bytes: int) -> bytes:

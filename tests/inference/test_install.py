@@ -100,8 +100,10 @@ def test_the_card_inside_or_beside_is_enough(own: Path, tmp_path: Path) -> None:
     assert sorted(p.name for p in own.iterdir()) == ["by", "folder", "in"]
     beside.with_name("beside.card.json").unlink()
     write_card(tmp_path / "card.json", file="other.onnx")
-    with pytest.raises(UsageError):
+    with pytest.raises(UsageError, match=r"card\.json is that of other\.onnx"):
         add_model(beside)
+    with pytest.raises(ModelError, match=r"card\.json is that of other\.onnx"):
+        find_model(beside)
 
 
 def test_a_graph_that_runs_in_one_size_only_says_how_to_state_it(own: Path, tmp_path: Path) -> None:
