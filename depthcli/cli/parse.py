@@ -134,7 +134,7 @@ def reading(options: groups.ReadOptions) -> ReadOptions:
 
 
 def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> DepthReadOptions:
-    """What the user states about a depth file.
+    """Statements of the user about a depth file.
 
     Raises:
         UsageError: a baseline without disparity.

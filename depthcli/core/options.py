@@ -77,7 +77,7 @@ class Near(StrEnum):
 
 
 class DepthEncoding(StrEnum):
-    """What the numbers in a depth file mean."""
+    """Meaning of the numbers in a depth file."""
 
     METRIC = "metric"
     """Depth along the camera axis."""

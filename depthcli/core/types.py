@@ -460,7 +460,7 @@ def _median(values: npt.NDArray[np.float32]) -> float:
     """As np.median, which would import numpy.ma and take as long as writing a PNG."""
     middle = (values.size - 1) // 2, values.size // 2
     parted = np.partition(values, middle)
-    return float((parted[middle[0]] + parted[middle[1]]) / 2)
+    return float(parted[middle[0]] / 2 + parted[middle[1]] / 2)  # a sum could overflow
 
 
 def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:

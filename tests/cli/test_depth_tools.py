@@ -70,6 +70,13 @@ def test_info_includes_metadata_of_the_sidecar(inside: Cli, name: str) -> None:
     assert ("orientation" in after) == (name == "d.npy")
 
 
+def test_info_of_huge_numbers_is_json(inside: Cli) -> None:
+    np.save(inside.folder / "huge.npy", np.full((2, 2), 3e38, np.float32))
+    done = inside("info", "huge.npy", "--from-kind", "relative", "--json")
+    facts = json.loads(done.stdout, parse_constant=pytest.fail)
+    assert facts["median"] == pytest.approx(3e38)
+
+
 @pytest.mark.usefixtures("depth_npy")
 def test_probe_gives_the_depth_of_pixels(inside: Cli) -> None:
     done = inside("probe", "d.npy", "15,11", "0,0")

@@ -47,7 +47,7 @@ class DepthReadOptions:
 
 
 AS_STATED = DepthReadOptions()
-"""What the file states."""
+"""No statement of the user: the file's own count."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
