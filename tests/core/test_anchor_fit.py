@@ -69,7 +69,7 @@ def test_one_anchor_fits_the_scale() -> None:
     assert fit_anchors(depth, [Point(1, 0, 3.0)]).values == pytest.approx(np.array([[1.5, 3.0]]))
 
 
-def test_what_the_fit_puts_behind_the_camera_has_no_depth() -> None:
+def test_fitted_depth_behind_the_camera_is_invalid() -> None:
     near_and_far = [Point(2, 0, 1.0), Point(3, 0, 4.0)]  # depth = 3 × value − 5
     depth = DepthMap(np.float32([[0.0, 1.6, 2.0, 3.0]]), DepthKind.RELATIVE)
     fitted = fit_anchors(depth, near_and_far)

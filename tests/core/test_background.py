@@ -17,7 +17,7 @@ def test_the_result_is_waited_for() -> None:
     assert work.result() == (True, True)
 
 
-def test_what_it_raises_is_raised_where_the_result_is_wanted() -> None:
+def test_errors_are_raised_by_result() -> None:
     work = Background(lambda: 1 // 0)
     with pytest.raises(ZeroDivisionError):
         work.result()

@@ -92,7 +92,7 @@ def test_log_coding_puts_its_ends_at_minus_one_and_one() -> None:
 
 
 @pytest.mark.parametrize("transform", Transform)
-def test_what_is_no_number_has_no_depth(transform: Transform) -> None:
+def test_nonfinite_values_are_invalid(transform: Transform) -> None:
     assert np.isnan(DepthCodec(transform).decode(np.float32([math.nan]))).all()
 
 

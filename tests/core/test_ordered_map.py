@@ -69,7 +69,7 @@ def test_a_closed_map_leaves_no_thread(workers: int) -> None:
     assert threading.active_count() == before
 
 
-def test_what_is_not_begun_when_it_ends_early_is_dropped() -> None:
+def test_items_not_started_are_dropped_at_an_early_end() -> None:
     begun, go_on = list[int](), threading.Event()
 
     def work(item: int) -> int:

@@ -32,6 +32,6 @@ def test_points_have_the_colours_of_their_pixels() -> None:
     assert repr(cloud) == "<PointCloud 3 points, colours>"
 
 
-def test_what_has_no_metres_has_no_points() -> None:
+def test_map_without_metres_has_no_points() -> None:
     with pytest.raises(UsageError):
         point_cloud(DepthMap(DEPTH.values, DepthKind.RELATIVE), 10.0)

@@ -95,7 +95,7 @@ def test_every_type_is_read() -> None:
         ({3: 1}, "3 is unknown; choose from name"),
     ],
 )
-def test_what_does_not_hold_is_named(values: Any, message: str) -> None:
+def test_error_names_the_invalid_value(values: Any, message: str) -> None:
     named = {"name": "x", **values} if values else values
     with pytest.raises(FieldError) as caught:
         validated(Outer, named)
@@ -103,7 +103,7 @@ def test_what_does_not_hold_is_named(values: Any, message: str) -> None:
     assert str(caught.value).isprintable()
 
 
-def test_what_is_merged_keeps_the_rest() -> None:
+def test_merge_keeps_other_fields() -> None:
     base = Outer("x", inner=Inner(4, 0.25), flag=True)
     assert merged(base, {"inner": {"share": 1}}) == Outer("x", inner=Inner(4, 1.0), flag=True)
     with pytest.raises(FieldError):
@@ -125,7 +125,7 @@ def test_what_is_merged_keeps_the_rest() -> None:
         b"\xef\xbb",
     ],
 )
-def test_what_is_no_json_is_refused(text: str | bytes) -> None:
+def test_text_that_is_not_json_is_refused(text: str | bytes) -> None:
     with pytest.raises(FieldError) as caught:
         parsed_json(text)
     assert len(str(caught.value)) < 200

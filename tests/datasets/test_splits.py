@@ -136,7 +136,7 @@ def test_examples_in_the_docstrings() -> None:
 
 
 @given(st.sets(st.integers(0, 1448)))
-def test_what_was_written_is_read(numbers: set[int]) -> None:
+def test_compact_ids_are_parsed_back(numbers: set[int]) -> None:
     ids = [f"{number:04d}" for number in numbers]
     assert splits.parse(splits.compact(ids)) == numbers
 

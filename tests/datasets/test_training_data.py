@@ -94,7 +94,7 @@ def test_no_split_trains_on_its_test_part(
         np.testing.assert_array_equal(data.dataset.depth_m(i), whole.depth_m(j))
 
 
-def test_what_training_holds_out_of_the_complete_set_is_the_val_split(tmp_path: Path) -> None:
+def test_held_out_pairs_are_the_val_split(tmp_path: Path) -> None:
     rows = [f"{label:04d},scene-{label // 3:03d},train" for label in range(0, 1449, 23)]
     whole = open_nyu(_nyu(tmp_path, rows))
     data = open_training_data(tmp_path, paired=True).dataset
@@ -185,7 +185,7 @@ def test_linked_scenes_are_followed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("paired", [True, False])
-def test_what_is_not_there_is_said(tmp_path: Path, *, paired: bool) -> None:
+def test_missing_data_is_an_error(tmp_path: Path, *, paired: bool) -> None:
     with pytest.raises(DatasetError):
         open_training_data(tmp_path / "none", paired=paired)
     with pytest.raises(DatasetError):

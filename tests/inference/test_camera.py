@@ -200,7 +200,7 @@ def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "changes", [{"camera": None}, {"output__kind": "relative"}, {"output__kind": "inverse"}]
 )
-def test_what_has_no_metres_of_a_known_camera_is_not_rescaled(
+def test_map_without_metres_of_a_known_camera_is_not_rescaled(
     tmp_path: Path, changes: dict[str, Any]
 ) -> None:
     pipeline = model(tmp_path, **changes)

@@ -111,7 +111,7 @@ def test_a_card_holds_the_codec() -> None:
         ({"name": "a\x9b31m"}, "name"),
     ],
 )
-def test_what_is_wrong_is_named(changes: dict[str, Any], named: str) -> None:
+def test_error_names_the_wrong_value(changes: dict[str, Any], named: str) -> None:
     with pytest.raises(ModelError) as caught:
         read(changes)
     assert named in str(caught.value)
@@ -120,7 +120,7 @@ def test_what_is_wrong_is_named(changes: dict[str, Any], named: str) -> None:
 
 
 @pytest.mark.parametrize("name", [n for n in CARD if n != "schema"])
-def test_what_is_missing_is_named(name: str) -> None:
+def test_error_names_the_missing_field(name: str) -> None:
     card = {key: value for key, value in CARD.items() if key != name}
     with pytest.raises(ModelError, match=f"{name} is missing"):
         ModelCard.from_json(json.dumps(card))
@@ -137,7 +137,7 @@ def test_no_character_of_a_card_moves_a_terminal() -> None:
 @pytest.mark.parametrize(
     "text", ["", "{", "[]", "null", "[" * 200_000, "9" * 5000, '{"schema": NaN}', b"\xff\xfe\xfa"]
 )
-def test_what_is_no_card_is_refused(text: str | bytes) -> None:
+def test_file_that_is_not_a_card_is_refused(text: str | bytes) -> None:
     with pytest.raises(ModelError):
         ModelCard.from_json(text)
 

@@ -90,7 +90,7 @@ def test_the_list_names_each_model_once(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("name", ["nothing", "./nothing", "nothing.onnx", "/", ""])
-def test_what_is_not_there_is_said(shelf: Path, name: str) -> None:
+def test_unknown_model_is_an_error(shelf: Path, name: str) -> None:
     assert shelf.is_dir()
     with pytest.raises(ModelError):
         catalog.find_model(name)
@@ -168,7 +168,7 @@ def test_a_tag_of_more_than_32_bits_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"hello, world", b"\x89PNG\r\n", b"\x00" * 64, b"\x08\x08"])
-def test_what_is_no_onnx_file_is_refused(tmp_path: Path, data: bytes) -> None:
+def test_file_that_is_not_onnx_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "m.onnx"
     path.write_bytes(data)
     with pytest.raises(ModelError):

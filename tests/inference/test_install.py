@@ -166,7 +166,7 @@ def test_a_bundled_model_is_hidden_only_with_force(own: Path, file: Path, tmp_pa
         ),
     ],
 )
-def test_what_does_not_fit_leaves_nothing(
+def test_model_that_does_not_fit_its_card_is_not_added(
     own: Path, file: Path, tmp_path: Path, changes: dict[str, object], problem: str
 ) -> None:
     changes = {"output__kind": "relative"} | changes
@@ -269,9 +269,7 @@ def test_a_killed_replacement_leaves_one_of_the_two(own: Path, file: Path, tmp_p
     assert sorted(path.name for path in (own / "tiny").iterdir()) == ["card.json", "model-new.onnx"]
 
 
-def test_what_a_killed_process_left_is_gone_after_the_next(
-    own: Path, file: Path, tmp_path: Path
-) -> None:
+def test_leftovers_of_a_killed_process_are_removed(own: Path, file: Path, tmp_path: Path) -> None:
     write_model(own / ".depthcli-work" / "tiny")
     add_model(file, write_card(tmp_path / "c.json"))
     assert [path.name for path in own.iterdir()] == ["tiny"]
@@ -376,7 +374,7 @@ def test_the_user_s_folder_follows_the_variables(
     assert user_root() == tmp_path / "a"
 
 
-def test_what_is_half_written_is_not_listed(own: Path) -> None:
+def test_incomplete_models_are_not_listed(own: Path) -> None:
     write_model(own / ".depthcli-0123")
     assert not any(name.startswith(".") for name, _ in list_locations())
 

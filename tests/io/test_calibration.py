@@ -146,7 +146,7 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
         ("#" + "x" * 2**20, "too large for a calibration"),
     ],
 )
-def test_what_is_no_calibration(
+def test_file_that_is_not_a_calibration_is_refused(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], text: str, why: str
 ) -> None:
     path = tmp_path / "camera.yaml"

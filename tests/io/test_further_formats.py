@@ -125,7 +125,7 @@ def test_npz_keeps_kind_and_model(tmp_path: Path) -> None:
         ("a.npz", b""),
     ],
 )
-def test_what_is_no_depth_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
+def test_file_without_depth_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=name):
         read_stored_depth(tmp_path / name)

@@ -19,7 +19,7 @@ def _found() -> list[str]:
 
 
 @pytest.mark.parametrize("name", _found())
-def test_what_was_found_once_is_refused_or_read(
+def test_files_of_the_corpus_are_read_or_refused(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     target = name.partition("/")[0]

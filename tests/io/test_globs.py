@@ -48,7 +48,7 @@ from depthcli.io.listing.folder import (
         ("/a.jpg", "hall/a.jpg", False),
     ],
 )
-def test_what_a_pattern_matches(pattern: str, name: str, matches: bool) -> None:
+def test_pattern_matches_names(pattern: str, name: str, matches: bool) -> None:
     assert NameFilter.of([pattern], []).refusal(name) is (None if matches else NOT_INCLUDED)
     assert NameFilter.of([], [pattern]).excludes(name) is matches
 
@@ -85,6 +85,6 @@ def test_no_pattern_is_an_error_of_another_kind(pattern: str, name: str) -> None
 
 
 @pytest.mark.parametrize("pattern", ["[]", "[z-a]"])
-def test_what_is_no_pattern_is_named(pattern: str) -> None:
+def test_invalid_pattern_is_refused(pattern: str) -> None:
     with pytest.raises(UsageError):
         NameFilter.of([pattern], [])

@@ -56,7 +56,7 @@ def test_a_row_of_any_name_is_one_line_of_ascii(name: str) -> None:
 
 
 @given(st.binary() | st.integers(0, 300).map(lambda end: row("a").as_line()[:end]))
-def test_what_is_no_row_is_none(line: bytes) -> None:
+def test_line_that_is_not_a_row_is_none(line: bytes) -> None:
     assert parse_row(line) in (None, row("a"))
 
 
@@ -168,7 +168,7 @@ def _finished(folder: Path, names: str, shard: Shard = WHOLE) -> None:
     journal.finish(names)
 
 
-def test_what_shards_left_becomes_part_of_the_whole(tmp_path: Path) -> None:
+def test_rows_of_shards_are_read_by_the_whole_batch(tmp_path: Path) -> None:
     inputs = "abcdefgh"
     for number in (1, 2):
         shard = Shard(number, 2)

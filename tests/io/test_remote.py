@@ -176,7 +176,7 @@ def test_depth_files_are_read_from_a_store(bucket: Bucket, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("kind", ["503 SlowDown", "cut", "drop", "500 InternalError"])
-def test_what_fails_for_a_moment_is_tried_again(bucket: Bucket, faults: Faults, kind: str) -> None:
+def test_failing_request_is_tried_again(bucket: Bucket, faults: Faults, kind: str) -> None:
     data = os.urandom(300_000)
     path = remote(bucket.put("in/a.bin", data))
     faults.fault = lambda _method, _path, before: kind if before < 2 else None
@@ -203,7 +203,7 @@ def test_what_fails_for_a_moment_is_tried_again(bucket: Bucket, faults: Faults, 
         ("drop", "cannot be reached"),
     ],
 )
-def test_what_goes_on_failing_is_one_clear_line(
+def test_request_that_keeps_failing_is_an_error(
     bucket: Bucket, faults: Faults, monkeypatch: pytest.MonkeyPatch, answer: str, words: str
 ) -> None:
     monkeypatch.setenv(objects.RETRIES_VARIABLE, "1")
@@ -404,7 +404,7 @@ def test_a_copy_is_of_a_size_and_is_told_of(bucket: Bucket) -> None:
         pass
 
 
-def test_what_is_not_there(bucket: Bucket) -> None:
+def test_missing_object_is_an_error(bucket: Bucket) -> None:
     none = remote(bucket.uri("none"))
     with pytest.raises(FileNotFoundError):
         none.read_some(first=3)
@@ -424,7 +424,7 @@ def test_what_is_not_there(bucket: Bucket) -> None:
 
 
 @pytest.mark.parametrize(("word", "count"), [(None, 10), ("0", 0), ("7", 7), ("x", None)])
-def test_how_often_a_request_is_made_again(
+def test_variable_sets_the_number_of_retries(
     word: str | None, count: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("DEPTHCLI_RETRIES", raising=False)

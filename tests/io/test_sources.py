@@ -78,7 +78,7 @@ def test_a_folder_that_cannot_be_listed_is_named(tmp_path: Path) -> None:
         ("a", False, False),
     ],
 )
-def test_what_a_name_says(name: str, media: bool, video: bool) -> None:
+def test_suffix_tells_images_and_videos(name: str, media: bool, video: bool) -> None:
     assert (is_media(name), is_video(name)) == (media, video)
 
 
@@ -112,7 +112,7 @@ def test_listed_paths_are_named_from_the_folder() -> None:
     assert [one.name for one in listed_inputs(["a.png", "./a.png"], "/base")] == ["a.png"] * 2
 
 
-def test_what_is_skipped_is_counted_by_its_reason() -> None:
+def test_skipped_files_are_counted_by_reason() -> None:
     reasons = {"hidden": 3, ".heic": 2, "excluded": 2, ".dng": 1, ".a": 1, ".b": 1}
     skipped = [Skipped("x", reason) for reason, count in reasons.items() for _ in range(count)]
     assert skip_summary(skipped) == (

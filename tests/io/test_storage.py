@@ -67,7 +67,7 @@ def test_links_are_not_locked(tmp_path: Path) -> None:
         open_locked(tmp_path / "link")
 
 
-def test_what_does_not_fit_at_the_end_of_a_file_leaves_no_part(tmp_path: Path) -> None:
+def test_incomplete_append_is_undone(tmp_path: Path) -> None:
     path = tmp_path / "rows"
     path.write_bytes(b"one\n")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

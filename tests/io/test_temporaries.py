@@ -71,7 +71,7 @@ def test_when_the_process_ends_its_files_go_whatever_its_threads_do(tmp_path: Pa
     assert names(tmp_path) == ["a.png", "b.exr", "c.npy"]
 
 
-def test_what_killed_runs_left_goes_with_the_next_output_and_nothing_else(tmp_path: Path) -> None:
+def test_leftovers_of_killed_runs_are_removed_and_nothing_else(tmp_path: Path) -> None:
     left = tmp_path / f".depthcli-{'a' * 16}.png"
     others = [".depthcli-batch.jsonl", ".depthcli-mine", "a.depth.png"]
     for name in (left.name, *others):

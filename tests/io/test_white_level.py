@@ -64,7 +64,7 @@ def test_pictures_of_other_types_stay_as_they_are() -> None:
 
 
 @pytest.mark.parametrize("white_level", [None, 4095, 60])
-def test_what_a_file_states_itself_counts(white_level: int | None) -> None:
+def test_white_level_of_the_file_is_used(white_level: int | None) -> None:
     frame = read_image(None, b"P5 3 1 1000\n" + struct.pack(">3H", 0, 500, 1000))
     np.testing.assert_array_equal(frame.pixels, [[0, 32768, 65535]])
     for bits in (10, 12, 14):
@@ -76,7 +76,7 @@ def test_what_a_file_states_itself_counts(white_level: int | None) -> None:
 
 
 @pytest.mark.parametrize("white_level", [0, 65536, -1, 4095.5, "4095"])
-def test_what_is_no_white_level(white_level: Any) -> None:
+def test_invalid_white_level_is_refused(white_level: Any) -> None:
     with pytest.raises(UsageError):
         read_image(None, encoded(".png", COLOURS), white_level=white_level)
 

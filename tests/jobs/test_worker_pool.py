@@ -307,7 +307,7 @@ def test_worker_error_is_raised_and_lost_worker_is_returned() -> None:
         actors.result(RaisedError(TypeError("why not")))
 
 
-def test_who_waits_for_a_cluster_is_asked_whether_to_go_on() -> None:
+def test_waiting_for_a_cluster_asks_whether_to_go_on() -> None:
     waits, asked = [((), "f"), ((), "f"), (("f",), ())], []
 
     def wait(futures: Sequence[str], *, num_returns: int, timeout: float) -> object:

@@ -46,7 +46,7 @@ def test_a_negative_scale_reverses_the_order(scale: float, shift: float) -> None
 
 
 @pytest.mark.parametrize("alignment", list(Alignment))
-def test_what_has_no_order_is_not_reversed(alignment: Alignment) -> None:
+def test_map_without_order_is_not_reversed(alignment: Alignment) -> None:
     for value in (2.5, np.nan):
         assert is_reversed(np.full(300, value), TRUTH, alignment) is False
 

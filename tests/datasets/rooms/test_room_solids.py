@@ -95,7 +95,7 @@ def test_depth_of_a_plane_is_that_of_a_plane() -> None:
         (Part((0, 0, 3), (1, 1, 1), GRAY).tilted(45, 1), (0.01, 0, 1), 1.6, None),
     ],
 )
-def test_what_a_ray_meets_and_how_it_lies(
+def test_ray_has_distance_and_normal(
     part: Part, ray: tuple[float, ...], distance: float, normal: tuple[float, ...] | None
 ) -> None:
     solids, rays = Solids([[part]]), np.array([ray, (0, 1, -1)], np.float32).T
