@@ -282,23 +282,26 @@ def plain_server() -> Iterator[tuple[str, list[str]]]:
             self.rfile.read(int(self.headers.get("content-length", 0)))
             is_signed = "signed" if "authorization" in self.headers else "open"
             asked.append(f"{self.command} {self.path.partition('?')[0]} {is_signed}")
-            if self.path == "/moved":
+            places = {"/moved": "/there?signature=x", "/inside": f"http://localhost:{port}/x"}
+            start = int((self.headers.get("Range") or "bytes=0-")[6:].split("-")[0])
+            if self.path in places:
                 self.send_response(302)
-                self.send_header("Location", "/there?signature=x")
+                self.send_header("Location", places[self.path])
             else:
-                self.send_response(200)
+                self.send_response(206 if start else 200)
             self.send_header("ETag", '"e"')
             self.send_header("Last-Modified", "Tue, 21 Oct 2025 07:28:00 GMT")
-            data = b"hello" if self.command == "GET" else b""
+            data = b"hello"[start:] if self.command == "GET" else b""
             if self.path != "/endless":
                 self.send_header("Content-Length", str(len(data)))
             self.end_headers()
-            self.wfile.write(data)
-            self.close_connection = self.path == "/endless"
+            self.wfile.write(data[:2] if self.path == "/cut" and not start else data)
+            self.close_connection = self.path in ("/endless", "/cut")
 
         do_GET = do_PUT = do_HEAD = answer  # noqa: N815
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        port = server.server_address[1]
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         yield f"http://127.0.0.1:{server.server_address[1]}", asked
@@ -349,6 +352,23 @@ def test_files_behind_http(plain_server: tuple[str, list[str]]) -> None:
     asked.clear()
     assert remote(server.replace("//", "//user:word@") + "/x").read_bytes() == b"hello"
     assert asked == ["GET /x signed"]
+
+
+def test_interrupted_download_behind_http_is_resumed(plain_server: tuple[str, list[str]]) -> None:
+    server, asked = plain_server
+    assert remote(f"{server}/cut").read_bytes() == b"hello"
+    assert len(asked) == 2
+
+
+def test_redirect_to_a_private_address_is_refused_unless_named(
+    plain_server: tuple[str, list[str]],
+) -> None:
+    server, asked = plain_server
+    with pytest.raises(InputError, match="private"):
+        read_bytes(remote(f"{server}/inside"))
+    assert asked == ["GET /inside open"]
+    named = server.replace("127.0.0.1", "localhost")
+    assert read_bytes(remote(f"{named}/inside")) == b"hello"
 
 
 def test_percent_escapes_are_sent_as_they_are(plain_server: tuple[str, list[str]]) -> None:

@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from functools import lru_cache
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
-from urllib.parse import unquote, urlsplit
 
 from depthcli.core.options import INSTALL_CLOUD, INSTALL_WEB
 from depthcli.errors import UsageError
@@ -53,12 +52,8 @@ _REASONS = {
     "status code: 404": (errno.ENOENT, "no such object"),
     "status code: 5": (errno.EIO, "the store answers with errors; try again later"),
     "status code: 416": (errno.ERANGE, "the range is beyond its end"),
-    "Range request not supported": (errno.ENOTSUP, "the server does not support range requests"),
-    "Content-Length Header missing": (
-        errno.EINVAL,
-        "the server does not say how large it is; download it to a file",
-    ),
     "timed out": (errno.ETIMEDOUT, "no answer came in time; check the network"),
+    "urlopen error": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
     "error sending request": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
     "Error parsing Path": (errno.EINVAL, "a name with an empty, '.' or '..' part cannot be read"),
 }
@@ -72,9 +67,22 @@ class Address(NamedTuple):
     query: str  #: of an HTTP address
     name: str  #: what messages call it
 
+    @property
+    def is_http(self) -> bool:
+        """Whether it is a file behind HTTP."""
+        return self.base.startswith("http")
+
+    @property
+    def url(self) -> str:
+        """The whole address, with its password and its query."""
+        return f"{self.base}/{self.key}" + (f"?{self.query}" if self.query else "")
+
 
 def head(address: Address) -> tuple[int, int, Mapping[str, str]]:
     """Size in bytes, time in seconds since the epoch, and user metadata of an object."""
+    if address.is_http:
+        with _as_os_errors(address):
+            return *_http().head(address.url), {}
     found = _send_request("get", address, options={"head": True})
     time_s = int(found.meta["last_modified"].timestamp())
     return found.meta["size"], time_s, dict(found.attributes)
@@ -82,14 +90,18 @@ def head(address: Address) -> tuple[int, int, Mapping[str, str]]:
 
 def fetch(address: Address, max_bytes: int | None = None) -> tuple[int, Iterator[bytes]]:
     """Size of an object, and its content, a few megabytes at a time, by one request."""
-    found = _send_request("get", address)
-    size = found.meta["size"]
+    if address.is_http:
+        with _as_os_errors(address):
+            size, content = _http().fetch(address.url, _retries(), _pause)
+    else:
+        found = _send_request("get", address)
+        size, content = found.meta["size"], found.stream(min_chunk_size=_PART_BYTES)
     if max_bytes is not None and size > max_bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", address.name)
 
     def parts() -> Iterator[bytes]:
         with _as_os_errors(address):
-            yield from map(bytes, found.stream(min_chunk_size=_PART_BYTES))
+            yield from map(bytes, content)
 
     return size, parts()
 
@@ -101,13 +113,14 @@ def read(address: Address, max_bytes: int | None = None) -> bytes:
 
 def read_first(address: Address, length: int) -> bytes:
     """The first ``length`` bytes of an object, without downloading the rest."""
+    if address.is_http:
+        with _as_os_errors(address):
+            return bytes(_http().read_first(address.url, length))
     try:
         return bytes(_send_request("get_range", address, start=0, length=length))
     except OSError as error:
         if error.errno == errno.ERANGE:  # an empty object has no first byte
             return b""
-        if error.errno == errno.ENOTSUP:  # some servers only send whole files
-            return read(address)[:length]
         raise
 
 
@@ -132,7 +145,7 @@ def list_names(address: Address, after: str = "") -> Iterator[str]:
         if pages is None:  # at the beginning, and after a failed request
             offset = start + after if after else None
             pages = _library(address).list(
-                _store_and_key(address)[0], start or None, offset=offset, chunk_size=_PAGE_NAMES
+                _store(address.base), start or None, offset=offset, chunk_size=_PAGE_NAMES
             )
         waiting, pages = pages, None
         found = next(waiting, ())
@@ -154,14 +167,14 @@ def _send_request(verb: str, address: Address, *words: Any, **options: Any) -> A
     """Make a request."""
     return _with_retries(
         address,
-        lambda: getattr(_library(address), verb)(*_store_and_key(address), *words, **options),
+        lambda: getattr(_library(address), verb)(
+            _store(address.base), address.key, *words, **options
+        ),
     )
 
 
 def _with_retries(address: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
     """Make a request again if its body is interrupted: obstore resumes only object downloads."""
-    from random import uniform  # noqa: PLC0415 - little used, and slow to load
-
     for tries in count():
         with _as_os_errors(address):
             try:
@@ -169,8 +182,15 @@ def _with_retries(address: Address, request: Callable[[], Any]) -> Any:  # noqa:
             except _library(address).exceptions.BaseError as error:
                 if "body error" not in str(error) or tries >= _retries():
                     raise
-        time.sleep(uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
+        _pause(tries)
     return None
+
+
+def _pause(tries: int) -> None:
+    """Wait before a request is repeated."""
+    from random import uniform  # noqa: PLC0415 - little used, and slow to load
+
+    time.sleep(uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
 
 
 def _retries() -> int:
@@ -179,6 +199,12 @@ def _retries() -> int:
     if not word.isdecimal():
         raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number such as 10")
     return int(word)
+
+
+def _http() -> Any:  # noqa: ANN401 - a module
+    from depthcli.io.storage import http  # noqa: PLC0415 - Python's client is slow to load
+
+    return http
 
 
 def _library(address: Address) -> Any:  # noqa: ANN401 - a module
@@ -191,19 +217,10 @@ def _library(address: Address) -> Any:  # noqa: ANN401 - a module
     return obstore
 
 
-def _store_and_key(address: Address) -> tuple[ObjectStore, str]:
-    # A key would be encoded, a second time if it is percent-encoded, and has no query.
-    is_encoded = address.base.startswith("http") and unquote(address.key) != address.key
-    if address.query or is_encoded:
-        query = f"?{address.query}" if address.query else ""
-        return _store(f"{address.base}/{address.key}{query}"), ""
-    return _store(address.base), address.key
-
-
 @lru_cache(_MAX_CLIENTS)
 def _store(uri: str) -> ObjectStore:
-    """The client of a bucket or an HTTP server, cached to reuse connections."""
-    from obstore.store import HTTPStore, from_url  # noqa: PLC0415
+    """The client of a bucket, cached to reuse connections."""
+    from obstore.store import from_url  # noqa: PLC0415
 
     client: ClientConfig = {
         "allow_http": True,  # whoever names an http:// address or endpoint wants it
@@ -212,21 +229,12 @@ def _store(uri: str) -> ObjectStore:
         "timeout": "1d",  # of the whole body: a video may take long
     }
     retry: RetryConfig = {"max_retries": _retries()}
-    parts = urlsplit(uri)
-    if parts.scheme == "s3":
+    if uri.startswith("s3://"):
         provider = _aws_credentials(uri)
         return from_url(
             uri, client_options=client, retry_config=retry, credential_provider=provider
         )
-    if not parts.scheme.startswith("http"):
-        return from_url(uri, client_options=client, retry_config=retry)
-    if parts.username is not None:
-        from base64 import b64encode  # noqa: PLC0415 - little used
-
-        words = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
-        client["default_headers"] = {"authorization": f"Basic {b64encode(words.encode()).decode()}"}
-        uri = uri.replace(f"{parts.netloc.rpartition('@')[0]}@", "", 1)
-    return HTTPStore.from_url(uri, client_options=client, retry_config=retry)
+    return from_url(uri, client_options=client, retry_config=retry)
 
 
 def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
@@ -251,13 +259,14 @@ def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
 @contextmanager
 def _as_os_errors(address: Address) -> Iterator[None]:
     """Raise the library's errors as ``OSError``, of one line each."""
-    library = _library(address)
+    found = _http().ERRORS if address.is_http else (_library(address).exceptions.BaseError,)
     try:
         yield
-    except (library.exceptions.BaseError, ValueError, OSError) as error:
+    except (*found, ValueError, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        text = str(error)
+        code = getattr(error, "code", None)  # of an answer of HTTP
+        text = str(error) if code is None else f"status code: {code}"
         # A traceback would show the signature in the library's message.
         origin = None if address.query or "@" in address.base else error
         for sign, (number, reason) in _REASONS.items():

@@ -1,0 +1,139 @@
+"""Files behind HTTP, read with Python's own client."""
+
+from __future__ import annotations
+
+import errno
+import ipaddress
+import socket
+from base64 import b64encode
+from email.utils import parsedate_to_datetime
+from functools import partial
+from http.client import HTTPException
+from typing import TYPE_CHECKING, Any
+from urllib.error import HTTPError, URLError
+from urllib.parse import quote, unquote, urlsplit
+from urllib.request import HTTPRedirectHandler, Request, build_opener
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_TIMEOUT_S = 60
+_PART_BYTES = 8 << 20
+_PARTIAL, _RANGE_ERROR = 206, 416
+_TRANSIENT = frozenset((429, 500, 502, 503, 504))
+ERRORS = (HTTPException, OSError, ValueError)
+"""What requests raise; OSError without a number is that of an answer or a connection."""
+_SAFE = "%/:=&?~+!$,;'@()*[]"
+
+
+class _Redirects(HTTPRedirectHandler):
+    """Redirects, but none to a private or local address that the user did not name.
+
+    A server outside could have files of the network read that this machine is in, or secrets of a
+    cloud machine's metadata service.
+    """
+
+    def redirect_request(self, req: Request, *words: Any) -> Request | None:  # noqa: ANN401
+        """Make the next request."""
+        host = urlsplit(words[-1]).hostname or ""
+        if host != (req.origin_req_host or "") and _is_private(host):
+            raise OSError(errno.EACCES, f"it leads to the private address {host}; name that itself")
+        return super().redirect_request(req, *words)
+
+
+_OPENER = build_opener(_Redirects)
+
+
+def head(url: str) -> tuple[int, int]:
+    """Size in bytes, and time in seconds since the epoch, of a file."""
+    with _opened(url, method="HEAD") as answer:
+        stated = answer.headers.get("Last-Modified")
+        return _size(answer), int(parsedate_to_datetime(stated).timestamp()) if stated else 0
+
+
+def fetch(url: str, retries: int, pause: Callable[[int], None]) -> tuple[int, Iterator[bytes]]:
+    """Size of a file, and its content, a few megabytes at a time; resumed where it is cut off."""
+    answer = _retried(lambda: _opened(url), retries, pause)
+    size, tag = _size(answer), answer.headers.get("ETag", "")
+
+    def parts() -> Iterator[bytes]:
+        source, done, tries = answer, 0, 0
+        while done < size:
+            part = b""
+            try:
+                part = source.read(min(_PART_BYTES, size - done))
+            except (HTTPException, OSError):
+                source.close()
+            done += len(part)
+            if part:
+                yield part
+                continue
+            if tries == retries:
+                raise OSError(errno.EIO, "it is cut off; try again later")
+            pause(tries)
+            tries += 1
+            asked = {"Range": f"bytes={done}-", **({"If-Range": tag} if tag else {})}
+            source = _retried(partial(_opened, url, asked), retries, pause)
+            if source.status != _PARTIAL and done:
+                raise OSError(errno.EIO, "it is cut off, and the server cannot go on there")
+        source.close()
+
+    return size, parts()
+
+
+def read_first(url: str, length: int) -> bytes:
+    """The first bytes of a file; fewer if it is shorter."""
+    try:
+        with _opened(url, {"Range": f"bytes=0-{length - 1}"}) as answer:
+            found: bytes = answer.read(length)
+            return found
+    except HTTPError as error:
+        if error.code == _RANGE_ERROR:  # an empty file has no first byte
+            return b""
+        raise
+
+
+def _opened(url: str, headers: dict[str, str] | None = None, method: str = "GET") -> Any:  # noqa: ANN401
+    parts = urlsplit(url)
+    path = parts.path if unquote(parts.path) != parts.path else quote(parts.path)
+    target = parts._replace(netloc=parts.netloc.rpartition("@")[2], path=path)
+    request = Request(quote(target.geturl(), _SAFE), headers=headers or {}, method=method)  # noqa: S310
+    if parts.username is not None:
+        words = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
+        secret = b64encode(words.encode()).decode()
+        request.add_unredirected_header("Authorization", f"Basic {secret}")
+    return _OPENER.open(request, timeout=_TIMEOUT_S)
+
+
+def _retried(request: Callable[[], Any], retries: int, pause: Callable[[int], None]) -> Any:  # noqa: ANN401
+    """The answer to a request, which is repeated if it fails for a moment."""
+    for tries in range(retries + 1):
+        try:
+            return request()
+        except HTTPError as error:
+            if error.code not in _TRANSIENT or tries == retries:
+                raise
+        except (URLError, HTTPException, ConnectionError, TimeoutError) as error:
+            is_final = isinstance(getattr(error, "reason", None), PermissionError | socket.gaierror)
+            if is_final or tries == retries:
+                raise
+        pause(tries)
+    return None
+
+
+def _size(answer: Any) -> int:  # noqa: ANN401
+    stated = answer.headers.get("Content-Length")
+    if stated is None:
+        raise OSError(
+            errno.EINVAL, "the server does not say how large it is; download it to a file"
+        )
+    return int(stated)
+
+
+def _is_private(host: str) -> bool:
+    """Whether a host has an address that is not of the public internet."""
+    try:
+        found = {info[4][0] for info in socket.getaddrinfo(host, None)}
+    except OSError:
+        return False  # connecting says what is wrong
+    return not all(ipaddress.ip_address(str(one).partition("%")[0]).is_global for one in found)
