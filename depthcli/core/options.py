@@ -180,7 +180,7 @@ EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 
 
 
 class Projection(StrEnum):
-    """How directions become pixels of an image."""
+    """Mapping of directions to the pixels of an image."""
 
     PINHOLE = "pinhole"
     """Straight lines stay straight, as in most photographs."""

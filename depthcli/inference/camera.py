@@ -29,7 +29,7 @@ def focal_warnings(card: ModelCard, camera: Intrinsics) -> tuple[str, ...]:
 
 
 def frame_warnings(frame: Frame, source: CameraSource | None) -> Iterator[str]:
-    """What an image's file states of its camera, and is not used, one line each."""
+    """Facts of an image file about its camera that are not used, one line each."""
     if source is CameraSource.CARD and frame.focal_mm is not None:
         yield Message(
             f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size",

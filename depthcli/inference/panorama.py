@@ -124,7 +124,7 @@ def _samples(
 def _offsets(
     samples: list[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]],
 ) -> npt.NDArray[np.float64]:
-    """What is added to each view's log distance: least squares of the differences in overlaps."""
+    """Addend of each view's log distance: least squares of the differences in overlaps."""
     count = len(samples)
     matrix = np.eye(count) * _PRIOR_WEIGHT
     wanted = np.zeros(count)

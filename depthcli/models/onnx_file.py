@@ -33,7 +33,7 @@ _SUBMESSAGES = {
 
 
 class OnnxFacts(NamedTuple):
-    """What an ONNX file states beside its graph."""
+    """Facts of an ONNX file beside its graph."""
 
     opset: int  #: version of the standard operators; 0 if it states none
     ir: int  #: version of the format; 0 if it states none

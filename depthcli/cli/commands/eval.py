@@ -342,7 +342,7 @@ def _request(
 
 
 def _reading(models: ModelOptions) -> "DepthReadOptions":
-    """What is known about the depth files of another tool."""
+    """Convention of the depth files of another tool."""
     from depthcli.io.depth.read import DepthReadOptions
 
     if models.predictions_kind is DepthEncoding.DISPARITY:
