@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
 
@@ -20,8 +20,6 @@ from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.formats.table import (
     FILE_SUFFIXES,
-    FORMATS,
-    Format,
     format_of,
     is_own,
     writer_class,
@@ -256,7 +254,10 @@ class DepthMap(types.DepthMap):
         if depth is not self and not name.facts.has_camera:
             raise UsageError(f"{name.facts.suffix} states no camera; leave it out for {file}")
         options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
-        writer = writer_class(name)(**_checked_options(name, options))
+        given = {option: value for option, value in options.items() if value is not None}
+        if others := given.keys() - {*name.facts.options}:
+            raise UsageError(f"{min(others)} is not for {name.facts.suffix}")
+        writer = writer_class(name)(**given)
         inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
         guard = Guard.of(is_own, inputs, overwrite=overwrite)
         with atomic_path(file, guard=guard) as temporary:
@@ -276,7 +277,12 @@ def anchor_points(anchors: Anchors) -> AnchorPoints:
             raise UsageError(f"anchors are metres, and {anchors.kind} depth has none")
         return AnchorPoints.of_map(anchors.values)
     if not isinstance(anchors, np.ndarray):
-        return AnchorPoints.of_table(_anchor_table(anchors))
+        try:
+            table = np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
+        except (TypeError, ValueError) as error:
+            told = f"anchors are (column, row, metres), not {short_repr(anchors)}"
+            raise UsageError(told) from error
+        return AnchorPoints.of_table(table)
     if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
         return AnchorPoints.of_table(anchors)
     if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
@@ -285,21 +291,3 @@ def anchor_points(anchors: Anchors) -> AnchorPoints:
         "an array of anchors is (N, 3) numbers of column, row, metres, or (H, W) float metres, not "
         f"{anchors.shape} {anchors.dtype}"
     )
-
-
-def _anchor_table(anchors: Sequence[AnchorLike]) -> npt.NDArray[np.float64]:
-    """(N, 3) column, row, metres of a list."""
-    try:
-        return np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"anchors are (column, row, metres), not {short_repr(anchors)}") from error
-
-
-def _checked_options(name: Format, options: Mapping[str, object]) -> dict[str, object]:
-    """The given options, all of which are the writer's."""
-    given = {option: value for option, value in options.items() if value is not None}
-    for option in given:
-        if option not in FORMATS[name].options:
-            owner = next(facts for facts in FORMATS.values() if option in facts.options)
-            raise UsageError(f"{option} is for {owner.suffix}, not for {FORMATS[name].suffix}")
-    return given

@@ -153,17 +153,13 @@ class FlickerMeter:
         before, self._before = self._before, values
         if before is None or change.is_cut:
             return
-        changed = np.abs(values - before)[change.is_static] / self._unit(values)
+        finite, unit = values[np.isfinite(values)], np.float32(1)
+        if self._kind is not DepthKind.METRIC and finite.size:
+            unit = np.float32(finite.max() - finite.min() or 1)
+        changed = np.abs(values - before)[change.is_static] / unit
         changed = changed[np.isfinite(changed)]
         self._sum += float(changed.sum(dtype=np.float64))
         self._count += changed.size
-
-    def _unit(self, values: npt.NDArray[np.float32]) -> np.float32:
-        """The divisor of changes."""
-        finite = values[np.isfinite(values)]
-        if self._kind is DepthKind.METRIC or not finite.size:
-            return np.float32(1)
-        return np.float32(finite.max() - finite.min() or 1)
 
     @property
     def value(self) -> float | None:

@@ -240,12 +240,6 @@ class Frame:
                 f"a pixel aspect of {self.pixel_aspect:g} is not from {low:g} to {high:g}"
             )
 
-    def with_pixel_aspect(self, pixel_aspect: float) -> "Frame":
-        """The frame with pixels of another shape."""
-        if pixel_aspect == self.pixel_aspect:
-            return self
-        return replace(self, pixel_aspect=pixel_aspect)
-
     @property
     def height(self) -> int:
         """Rows."""

@@ -72,24 +72,15 @@ def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsi
     learned = metric_camera(card)
     if learned is None or camera.focal_px is None:
         return 1.0
-    seen_px = camera.focal_px * _resize_factor(card.input, frame, layout)
-    return seen_px / learned_focal_px(card.input, learned)
-
-
-def learned_focal_px(spec: InputSpec, camera: CameraSpec) -> float:
-    """The focal length that a model learned, in pixels of its input."""
-    return focal_px_of_hfov(camera.hfov_deg, spec.width) * math.sqrt(spec.pixel_aspect)
-
-
-def _resize_factor(spec: InputSpec, frame: Frame, layout: Layout) -> float:
-    """Pixels of the network's input for a pixel's width, the geometric mean of both axes."""
     across = layout.width / frame.width
     down = layout.height / frame.height * frame.pixel_aspect
-    if not layout.is_padded:
-        return math.sqrt(across * down)
-    # One axis is filled. On the other, rounding to whole pixels matters for a narrow strip.
-    root = math.sqrt(spec.pixel_aspect)
-    return min(across * root, down / root)
+    factor = math.sqrt(across * down)
+    if layout.is_padded:
+        # One axis is filled. On the other, rounding to whole pixels matters for a narrow strip.
+        root = math.sqrt(card.input.pixel_aspect)
+        factor = min(across * root, down / root)
+    learned_px = focal_px_of_hfov(learned.hfov_deg, card.input.width)
+    return camera.focal_px * factor / (learned_px * math.sqrt(card.input.pixel_aspect))
 
 
 def _assumed_focal_px(spec: InputSpec, camera: CameraSpec, width: float, height: float) -> float:

@@ -118,7 +118,9 @@ class Pipeline:
             tile_width_px(self.card.input, frame, self.detail)
         own = [intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
         frames = [
-            frame.with_pixel_aspect(camera.pixel_aspect or frame.pixel_aspect)
+            frame
+            if camera.pixel_aspect in {None, frame.pixel_aspect}
+            else replace(frame, pixel_aspect=camera.pixel_aspect)
             for frame, camera in zip(frames, own, strict=True)
         ]
         prepared = [prepare(self.card.input, frame) for frame in frames]
@@ -153,7 +155,8 @@ class Pipeline:
         scale = metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
-        depth = DepthMap(values, self.card.output.kind, self._provenance(frame, layout, camera))
+        source = self._provenance(frame, (layout.width, layout.height), camera)
+        depth = DepthMap(values, self.card.output.kind, source)
         warnings = flat_warnings(depth) or _range_warnings(self.card.output, depth, scale)
         if self.detail.tile_px and tile_px is None:
             wide = f"the image is {frame.width} pixels wide"
@@ -184,14 +187,7 @@ class Pipeline:
             return depth.values
 
         values = panorama_distance(frame, predict)
-        source = Provenance(
-            model=self.card.name,
-            model_sha256=self.session.model.sha256,
-            input_size_px=size_px,
-            orientation=frame.orientation,
-            time_s=frame.timestamp_s,
-            projection=frame.projection,
-        )
+        source = self._provenance(frame, size_px, UNKNOWN_CAMERA)
         return Prediction(DepthMap(values, self.card.output.kind, source), ())
 
     def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
@@ -210,17 +206,20 @@ class Pipeline:
             outputs |= zip(members, self.session.run(batch), strict=True)
         return [outputs[i] for i in range(len(inputs))]
 
-    def _provenance(self, frame: Frame, layout: Layout, camera: Intrinsics) -> Provenance:
+    def _provenance(
+        self, frame: Frame, input_size_px: tuple[int, int], camera: Intrinsics
+    ) -> Provenance:
         return Provenance(
             model=self.card.name,
             model_sha256=self.session.model.sha256,
-            input_size_px=(layout.width, layout.height),
+            input_size_px=input_size_px,
             focal_px=camera.focal_px,
             orientation=frame.orientation,
             camera_source=camera.source,
             centre_px=camera.centre_px,
             time_s=frame.timestamp_s,
             pixel_aspect=frame.pixel_aspect,
+            projection=frame.projection,
         )
 
 

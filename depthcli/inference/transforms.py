@@ -58,21 +58,19 @@ def input_layout(spec: InputSpec, width: float, height: float) -> Layout:
 def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Layout]:
     """The network's input for a picture, (1, C, H, W) float32, normalized; and its layout."""
     layout = input_layout(spec, frame.width * frame.pixel_aspect, frame.height)
-    small = _resized_planes(spec, frame, layout)
+    planes, size = _PLANES[spec.colour], (layout.inner_width, layout.inner_height)
+    if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
+        small = shrink_bands(frame.pixels, planes, *size)
+    else:
+        small = _RESIZES[spec.resize](planes(frame.pixels), *size)
     small = small.reshape(layout.inner_height, layout.inner_width, spec.colour.channels)
-    if layout.is_padded:
-        small = _pad(small, layout)
+    if layout.is_padded:  # by repeating the edges: a dark border would be taken for a surface
+        bottom = layout.height - layout.top - layout.inner_height
+        right = layout.width - layout.left - layout.inner_width
+        small = np.pad(small, ((layout.top, bottom), (layout.left, right), (0, 0)), mode="edge")
     normalized = (small - np.asarray(spec.mean, np.float32)) / np.asarray(spec.std, np.float32)
     batch = normalized.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
     return np.ascontiguousarray(batch), layout
-
-
-def _resized_planes(spec: InputSpec, frame: Frame, layout: Layout) -> npt.NDArray[np.float32]:
-    planes = _PLANES[spec.colour]
-    size = layout.inner_width, layout.inner_height
-    if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
-        return shrink_bands(frame.pixels, planes, *size)
-    return _RESIZES[spec.resize](planes(frame.pixels), *size)
 
 
 def _same_area(spec: InputSpec, width: float, height: float) -> Layout:
@@ -123,11 +121,16 @@ def _bounded(spec: InputSpec, width: float, height: float) -> Layout:
     most = min(_MAX_AREA_FACTOR * spec.width * spec.height, MAX_INPUT_PIXELS)
     if lower and scale**2 * width * height > most:
         return _layout_of_strip(spec, width, height, most)
-    bound = _at_least if lower else _at_most
-    return _without_padding(
-        bound(scale * width, spec.multiple_of, spec.width),
-        bound(scale * height, spec.multiple_of, spec.height),
-    )
+
+    def bound(side: float, end: int) -> int:
+        """The nearest multiple that is not beyond the end."""
+        step = spec.multiple_of
+        nearest = _multiple(side, step)
+        if lower:
+            return nearest if nearest >= end else math.ceil(side / step) * step
+        return nearest if nearest <= end else max(step, math.floor(side / step) * step)
+
+    return _without_padding(bound(scale * width, spec.width), bound(scale * height, spec.height))
 
 
 def _layout_of_strip(spec: InputSpec, width: float, height: float, most: int) -> Layout:
@@ -139,29 +142,12 @@ def _layout_of_strip(spec: InputSpec, width: float, height: float, most: int) ->
     return _without_padding(long, short) if width > height else _without_padding(short, long)
 
 
-def _at_least(size: float, step: int, least: int) -> int:
-    nearest = _multiple(size, step)
-    return nearest if nearest >= least else math.ceil(size / step) * step
-
-
-def _at_most(size: float, step: int, most: int) -> int:
-    nearest = _multiple(size, step)
-    return nearest if nearest <= most else max(step, math.floor(size / step) * step)
-
-
 def _without_padding(width: int, height: int) -> Layout:
     return Layout(width, height, 0, 0, width, height)
 
 
 def _multiple(size: float, step: int) -> int:
     return max(step, round(size / step) * step)
-
-
-def _pad(picture: npt.NDArray[np.float32], layout: Layout) -> npt.NDArray[np.float32]:
-    """Pad by repeating the edges: the network would take a dark border for a surface."""
-    bottom = layout.height - layout.top - layout.inner_height
-    right = layout.width - layout.left - layout.inner_width
-    return np.pad(picture, ((layout.top, bottom), (layout.left, right), (0, 0)), mode="edge")
 
 
 def coarse_depth(
@@ -171,7 +157,11 @@ def coarse_depth(
 
     Infinities are replaced, because resizing would turn them into NaN.
     """
-    depth = _finite(spec, spec.codec.decode(raw))
+    depth = spec.codec.decode(raw)
+    if np.isinf(depth).any():
+        is_metric = spec.kind is DepthKind.METRIC
+        missing = np.float32(np.nan)
+        depth = in_range(spec, depth) if is_metric else np.where(np.isinf(depth), missing, depth)
     return _crop(depth, layout) if layout.is_padded else depth
 
 
@@ -207,15 +197,6 @@ def in_range(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np
         return depth
     # In place, because a copy of a large picture's depth takes much memory.
     return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m), out=depth)
-
-
-def _finite(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Replace infinities, which a weight of zero in the resize would turn into NaN."""
-    if not np.isinf(depth).any():
-        return depth
-    if spec.kind is DepthKind.METRIC:
-        return in_range(spec, depth)
-    return np.where(np.isinf(depth), np.float32(np.nan), depth)
 
 
 def _crop(depth: npt.NDArray[np.float32], layout: Layout) -> npt.NDArray[np.float32]:

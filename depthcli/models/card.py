@@ -202,7 +202,10 @@ class ModelCard:
             parsed = parsed_json(text)
             if not isinstance(parsed, dict):
                 raise FieldError.expected("a JSON object", parsed)
-            _check_schema(parsed.pop("schema", None))
+            schema = parsed.pop("schema", None)
+            if schema != SCHEMA or schema is True:
+                told = f"has schema {short_repr(schema)}, this depthcli reads {SCHEMA}: upgrade it"
+                raise FieldError(told)  # noqa: TRY301 - as those of its fields
             if "bytes" in parsed:
                 parsed["size_bytes"] = parsed.pop("bytes")
             if isinstance(parsed.get("sha256"), str):
@@ -233,12 +236,6 @@ class ModelCard:
         )
         # JSON escapes only the first 32 control characters; terminals interpret others, too.
         return re.sub(_UNPRINTABLE, lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
-
-
-def _check_schema(schema: object) -> None:
-    if schema != SCHEMA or schema is True:
-        problem = f"has schema {short_repr(schema)}, this depthcli reads {SCHEMA}: upgrade it"
-        raise FieldError(problem)
 
 
 def _check_input(spec: InputSpec) -> None:

@@ -77,7 +77,8 @@ def find_location(name_or_path: str | os.PathLike[str] | None = None) -> ModelLo
         ModelError: there is no such model, or the search failed.
     """
     name = os.fspath(DEFAULT_MODEL if name_or_path is None else name_or_path)
-    is_path = _is_path(name)
+    separators = {os.sep, os.altsep or os.sep}
+    is_path = name in {".", ".."} or name.endswith(_ONNX_SUFFIX) or bool(separators & {*name})
     folders = () if is_path else roots()
     candidates = [root / file for root in folders for file in (name, name + _ONNX_SUFFIX)]
     try:
@@ -90,7 +91,10 @@ def find_location(name_or_path: str | os.PathLike[str] | None = None) -> ModelLo
         raise ModelError(
             f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
         )
-    raise ModelError(f"no model named {name!r}", _advice(name))
+    advice = "see 'depthcli models list', or give a path"
+    if name in ready_names():
+        advice = f"it is a ready card: add its weights with 'depthcli models add', {{card}} {name}"
+    raise ModelError(f"no model named {name!r}", advice)
 
 
 def roots() -> tuple[Path, ...]:
@@ -139,17 +143,6 @@ def location_at(path: Path) -> ModelLocation | None:
 def _variable_roots() -> list[Path]:
     folders = os.environ.get(MODELS_VARIABLE, "").split(os.pathsep)
     return [Path(folder) for folder in folders if folder]
-
-
-def _advice(name: str) -> str:
-    if name in ready_names():
-        return f"it is a ready card: add its weights with 'depthcli models add', {{card}} {name}"
-    return "see 'depthcli models list', or give a path"
-
-
-def _is_path(name: str) -> bool:
-    separators = {os.sep, os.altsep or os.sep}
-    return name.endswith(_ONNX_SUFFIX) or name in {".", ".."} or any(s in name for s in separators)
 
 
 MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger

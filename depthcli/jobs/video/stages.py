@@ -263,7 +263,7 @@ class FrameStages:
     def predict(self, image: Frame) -> PredictedFrame:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
-        image = image.with_pixel_aspect(camera.pixel_aspect or image.pixel_aspect)
+        image = dataclasses.replace(image, pixel_aspect=camera.pixel_aspect or image.pixel_aspect)
         kept, warnings = self._kept(image.index), tuple[str, ...]()
         if kept is not None and self.first is not None:  # the first is predicted, for the report
             depth = DepthMap(kept, self._pipeline.card.output.kind)
