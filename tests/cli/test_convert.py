@@ -77,9 +77,7 @@ def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> N
     assert read is not None
     np.testing.assert_array_equal(colours, read[..., ::-1].reshape(-1, 3))
     write_picture(files / "other.png", pixels[:5])
-    done = inside("convert", "d.png", "b.ply", "--picture", "other.png")
-    assert done.returncode == 1
-    assert "8×5 pixels and the depth 8×6" in done.stderr.decode()
+    assert inside("convert", "d.png", "b.ply", "--picture", "other.png").returncode == 1
     assert inside("convert", "d.png", "room.png", "--picture", "room.png").returncode == 1
 
 
@@ -94,9 +92,7 @@ def test_a_preview_of_stored_depth_is_that_of_predict(inside: Cli) -> None:
         cv2.imread(str(inside.folder / f"{name}.preview.png")) for name in ("p", "c")
     )
     np.testing.assert_array_equal(converted, predicted)
-    done = inside(*command)
-    assert done.returncode == 2
-    assert "--side-by-side and --picture" in done.stderr.decode()
+    assert inside(*command).returncode == 2
 
 
 @pytest.mark.parametrize("target", ["b.png", "b.exr"])
@@ -167,18 +163,15 @@ def test_a_cloud_has_the_given_camera(
 
 def test_a_calibration_warns_and_is_not_replaced(inside: Cli, files: Path) -> None:
     (files / "camera.yaml").write_text(CALIBRATION)
-    warning = b"warning: the camera has lens distortion"
     command = ("convert", "d.png", "b.exr", "--calibration", "camera.yaml")
-    assert warning in inside(*command).stderr
-    assert inside(*command, "--rectified").stderr == inside(*command, "--quiet").stderr == b""
+    assert inside(*command).stderr.startswith(b"depthcli: warning: ")
+    assert not inside(*command, "--rectified").stderr + inside(*command, "--quiet").stderr
     (files / "camera.json").write_text(CALIBRATION)
     done = inside("convert", "d.png", "camera.json", "--calibration", "camera.json")
     assert done.returncode == 1
     assert (files / "camera.json").read_text() == CALIBRATION
     ExrWriter().write(DepthMap(np.ones((6, 12), np.float32)), files / "wide.exr")
-    done = inside("convert", "wide.exr", "b.ply", "--calibration", "camera.yaml")
-    assert done.returncode == 1
-    assert "12×6 has another aspect ratio" in done.stderr.decode()
+    assert inside("convert", "wide.exr", "b.ply", *command[-2:]).returncode == 1
 
 
 def test_the_sidecar_of_a_png_states_its_scale(inside: Cli) -> None:

@@ -117,10 +117,8 @@ def test_convert_between_scales(inside: Cli) -> None:
 )
 def test_an_assumed_scale_is_a_warning(inside: Cli, words: tuple[str, ...], option: str) -> None:
     cv2.imwrite(str(inside.folder / "d.png"), np.full((4, 4), 512, np.uint16))
-    assert inside(*words).stderr.decode() == (
-        "depthcli: warning: d.png states no scale, so millimetres are assumed; "
-        f"{option} states another\n"
-    )
+    warning = inside(*words).stderr.decode()
+    assert all(fact in warning for fact in ("d.png", "millimetres", option))
     assert inside(*words, option, "1000").stderr == b""
     assert inside("info", "d.png").stderr == b""  # which prints the scale
 

@@ -127,7 +127,7 @@ def test_npz_keeps_kind_and_model(tmp_path: Path) -> None:
 )
 def test_file_without_depth_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError, match=name):
+    with pytest.raises(InputError):
         read_stored_depth(tmp_path / name)
 
 

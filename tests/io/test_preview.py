@@ -62,7 +62,7 @@ def test_nearer_is_never_colder(kind: DepthKind, vmin: float | None, vmax: float
 
 
 def test_limits_the_wrong_way_round_are_refused() -> None:
-    with pytest.raises(UsageError, match="vmin 5 is above vmax 2"):
+    with pytest.raises(UsageError):
         PreviewWriter(vmin=5, vmax=2)
     for limits in ({"vmin": math.nan}, {"vmax": math.nan}):
         with pytest.raises(UsageError):
