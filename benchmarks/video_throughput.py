@@ -25,7 +25,7 @@ from depthcli.core.options import Detail
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_destination
 from depthcli.jobs.video.stages import FrameStages, open_output
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource
@@ -64,7 +64,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     pipeline = Pipeline(SessionLoader(threads=1).load(), Detail())
     settings = VideoSettings()
     work, stages = FrameStages(pipeline, settings), Stages()
-    plan = plan_video(VideoRequest(str(video), f"{folder}/", FORMATS))
+    plan = plan_video(VideoRequest(str(video), video_destination(f"{folder}/", FORMATS)))
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
             which: stack.enter_context(

@@ -16,7 +16,7 @@ from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 
@@ -42,7 +42,9 @@ def test_a_file_in_a_batch_becomes_what_it_becomes_alone(
     list(predict(PredictRequest((picture,), picture_destination(alone, formats), **words)))
     settings = VideoSettings(writing=WRITING, camera=camera, detail=DETAIL)
     of_video = (VideoFormat.MKV, VideoFormat.EXR, VideoFormat.MP4, VideoFormat.JSON)
-    done = video(VideoRequest(str(clip), alone, of_video, model=loader, settings=settings))
+    done = video(
+        VideoRequest(str(clip), video_destination(alone, of_video), model=loader, settings=settings)
+    )
     wanted, found = outputs(tmp_path / "alone"), outputs(tmp_path / "out")
     assert len(wanted) == 4 + 3 + 3
     assert {name: found.get(name) for name in wanted} == wanted

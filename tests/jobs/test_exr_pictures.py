@@ -39,7 +39,7 @@ from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.output_names import output_bases
 from depthcli.jobs.outputs import plan_outputs
 from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest
+from depthcli.jobs.video.plan import VideoRequest, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.jobs.write import FailedInput
 from depthcli.video.formats import VideoFormat
@@ -71,7 +71,13 @@ def predicted(path: Path, loader: SessionLoader, *formats: Format, **more: Any) 
 def test_its_depth_is_that_of_a_frame(data: Box, tmp_path: Path, loader: SessionLoader) -> None:
     plate = write_plate(tmp_path / "in", 1, data, aspect=2)
     frames = (VideoFormat.EXR, VideoFormat.NPY)
-    video(VideoRequest(f"{plate.parent}/plate.%d.exr", f"{tmp_path}/v/", frames, model=loader))
+    video(
+        VideoRequest(
+            f"{plate.parent}/plate.%d.exr",
+            video_destination(f"{tmp_path}/v/", frames),
+            model=loader,
+        )
+    )
     done = predicted(plate, loader, Format.EXR, Format.NPY)
     *expected, values = written(tmp_path / "v" / "plate.depth.000001.exr")
     *found, stored = written(plate.parent / "out" / "plate.1.depth.exr")

@@ -17,7 +17,7 @@ from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
@@ -56,7 +56,11 @@ def test_depth_of_a_sequence(tmp_path: Path, loader: SessionLoader) -> None:
         write_plate(tmp_path / "in", number, DISPLAY)
     settings = VideoSettings(span=Span(every=Point(Fraction(2), in_frames=True)))
     pattern, out = f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out.%d.exr"
-    video(VideoRequest(pattern, out, (VideoFormat.EXR,), model=loader, settings=settings))
+    video(
+        VideoRequest(
+            pattern, video_destination(out, (VideoFormat.EXR,)), model=loader, settings=settings
+        )
+    )
     assert stated(tmp_path / "out.1.exr") == (FILM / 2, time_code_of(1))
     assert stated(tmp_path / "out.3.exr") == (FILM / 2, time_code_of(3))
 
@@ -87,7 +91,7 @@ def test_of_several_parts_the_first_may_state_them(tmp_path: Path, loader: Sessi
     )
     convert(ConvertRequest(str(plate), f"{tmp_path}/b.exr"))
     pattern, out = f"{tmp_path}/in/p.%d.exr", f"{tmp_path}/out.%d.exr"
-    video(VideoRequest(pattern, out, (VideoFormat.EXR,), model=loader))
+    video(VideoRequest(pattern, video_destination(out, (VideoFormat.EXR,)), model=loader))
     for name in ("a.exr", "b.exr", "out.7.exr"):
         assert stated(tmp_path / name) == (FILM, time_code_of(7))
 

@@ -29,7 +29,7 @@ from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
@@ -56,7 +56,9 @@ def depth_of(tmp_path: Path, loader: SessionLoader) -> Callable[..., VideoResult
     def predicted(*formats: VideoFormat, **settings: Any) -> VideoResult:
         chosen = VideoSettings(**settings)
         request = VideoRequest(
-            f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out/", formats, model=loader
+            f"{tmp_path}/in/plate.%d.exr",
+            video_destination(f"{tmp_path}/out/", formats),
+            model=loader,
         )
         return video(dataclasses.replace(request, settings=chosen))
 
@@ -168,12 +170,18 @@ def test_a_run_with_overscan_that_was_stopped_goes_on_to_the_same_bytes(
     for number in range(8):
         write_plate(tmp_path / "in", number, data)
     request = VideoRequest(
-        f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out/", formats, sidecar=True, model=loader
+        f"{tmp_path}/in/plate.%d.exr",
+        video_destination(f"{tmp_path}/out/", formats, sidecar=True),
+        model=loader,
     )
     with pytest.raises(KeyboardInterrupt):
         video(request, Watched(last=3))
     video(request)
-    video(dataclasses.replace(request, output=f"{tmp_path}/whole/"))
+    video(
+        dataclasses.replace(
+            request, destination=video_destination(f"{tmp_path}/whole/", formats, sidecar=True)
+        )
+    )
     resumed, whole = (
         {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
         for name in ("out", "whole")
@@ -240,7 +248,7 @@ def test_depth_of_an_anamorphic_video_has_its_pixels(
         output.mux(stream.encode(None))
     films = (VideoFormat.MP4, VideoFormat.MOV)
     formats = (VideoFormat.EXR, *films)
-    video(VideoRequest(str(path), f"{tmp_path}/out/", formats, model=loader))
+    video(VideoRequest(str(path), video_destination(f"{tmp_path}/out/", formats), model=loader))
     data, display, aspect, stored = written(tmp_path / "out" / "a.depth.000001.exr")
     assert aspect == pytest.approx(expected)
     assert data == display == (0, 0, stored.shape[1] - 1, stored.shape[0] - 1)

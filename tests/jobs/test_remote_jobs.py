@@ -36,7 +36,7 @@ from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
 from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest
+from depthcli.jobs.video.plan import VideoRequest, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.jobs.write import FailedInput
 from depthcli.models.catalog import find_model
@@ -121,7 +121,9 @@ def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
         assert bad.error.message.problem == f"{names[0]} {problem}"
         assert isinstance(good, PictureResult)
     frames = VideoRequest(
-        bucket.uri("p/p.%04d.png"), f"{bucket.uri('p/d.%04d')}{suffix}", model=loader
+        bucket.uri("p/p.%04d.png"),
+        video_destination(f"{bucket.uri('p/d.%04d')}{suffix}"),
+        model=loader,
     )
     with pytest.raises(OutputError, match=problem):
         video(frames)
@@ -151,23 +153,31 @@ def test_videos_and_numbered_pictures_go_from_bucket_to_bucket(
 ) -> None:
     clip = write_video(tmp_path / "clip.avi", flat_frames([40, 120, 200]))
     formats = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16, VideoFormat.JSON)
-    here = video(VideoRequest(str(clip), f"{tmp_path}/here/", formats, model=loader))
+    here = video(
+        VideoRequest(str(clip), video_destination(f"{tmp_path}/here/", formats), model=loader)
+    )
     uri = bucket.put("in/clip.avi", clip.read_bytes())
     once_each()
-    there = video(VideoRequest(uri, bucket.uri("out/"), formats, model=loader))
+    there = video(VideoRequest(uri, video_destination(bucket.uri("out/"), formats), model=loader))
     assert (there.name, there.problem) == (uri, None)
     assert [name.rpartition("/")[2] for name in there.outputs] == [
         Path(name).name for name in here.outputs
     ]
     assert results_in(bucket) == outputs(tmp_path / "here")
     with pytest.raises(InputError):
-        video(VideoRequest(bucket.uri("none.avi"), f"{tmp_path}/", formats, model=loader))
+        video(
+            VideoRequest(
+                bucket.uri("none.avi"), video_destination(f"{tmp_path}/", formats), model=loader
+            )
+        )
     damaged = bucket.put("in/bad.avi", b"no video")
     with pytest.raises(InputError):
-        video(VideoRequest(damaged, bucket.uri("out/"), formats, model=loader))
+        video(VideoRequest(damaged, video_destination(bucket.uri("out/"), formats), model=loader))
     # The frames that were written are numbered pictures themselves.
     plates = VideoRequest(
-        bucket.uri("plates/p.%04d.png"), bucket.uri("p/"), (VideoFormat.NPY,), model=loader
+        bucket.uri("plates/p.%04d.png"),
+        video_destination(bucket.uri("p/"), (VideoFormat.NPY,)),
+        model=loader,
     )
     for number in (1, 2):
         bucket.put(f"plates/p.{number:04}.png", write_picture(tmp_path / "p.png").read_bytes())
@@ -197,7 +207,7 @@ def test_a_video_from_a_bucket_goes_on_where_it_was_stopped(
     uri = bucket.put("in/clip.avi", clip.read_bytes())
     out = tmp_path / "out"
     formats = (VideoFormat.NPY, VideoFormat.MP4)
-    request = VideoRequest(uri, f"{out}/", formats, model=loader, workers=2)
+    request = VideoRequest(uri, video_destination(f"{out}/", formats), model=loader, workers=2)
     with pytest.raises(KeyboardInterrupt):
         video(request, Stop(9))
     # Not the first frames, which are predicted while the report waits for one.
@@ -209,7 +219,8 @@ def test_a_video_from_a_bucket_goes_on_where_it_was_stopped(
     # Other content is another video.
     bucket.put("in/clip.avi", write_video(clip, flat_frames(range(9, 33))).read_bytes())
     assert video(request).frames == 24
-    assert video(dataclasses.replace(request, output=f"{tmp_path}/whole/")).frames == 24
+    whole = video_destination(f"{tmp_path}/whole/", formats)
+    assert video(dataclasses.replace(request, destination=whole)).frames == 24
     assert outputs(out) == outputs(tmp_path / "whole")
 
 

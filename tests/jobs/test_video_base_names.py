@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from depthcli.jobs.video.plan import VideoRequest, plan_video, video_base
+from depthcli.jobs.video.plan import VideoRequest, plan_video, video_base, video_destination
 from depthcli.video.formats import VideoFormat
 
 if TYPE_CHECKING:
@@ -60,5 +60,7 @@ def test_own_outputs_do_not_count(inside: Cli) -> None:
 def test_every_output_has_the_name(tmp_path: Path) -> None:
     write_names(tmp_path, "p.1001.exr p.mov")
     formats = (VideoFormat.MKV, VideoFormat.PNG16)
-    plan = plan_video(VideoRequest(str(tmp_path / "p.####.exr"), "out/", formats))
+    plan = plan_video(
+        VideoRequest(str(tmp_path / "p.####.exr"), video_destination("out/", formats))
+    )
     assert list(plan.names.values()) == ["p.exr.depth.mkv", "p.exr.depth.%06d.png"]

@@ -51,7 +51,12 @@ def clip(tmp_path: Path) -> Path:
 
 def run(path: Path, output: Path | str, loader: SessionLoader, **settings: Any) -> VideoResult:
     return video(
-        VideoRequest(str(path), str(output), model=loader, settings=VideoSettings(**settings))
+        VideoRequest(
+            str(path),
+            video_destination(str(output)),
+            model=loader,
+            settings=VideoSettings(**settings),
+        )
     )
 
 
@@ -71,7 +76,10 @@ def test_the_sidecar_says_what_the_outputs_mean(
     settings = VideoSettings(span=span, smooth_s=smooth_s, camera=Intrinsics(hfov_deg=60))
     write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
     request = VideoRequest(
-        str(clip), f"{tmp_path}/out/", sidecar=True, model=loader, settings=settings
+        str(clip),
+        video_destination(f"{tmp_path}/out/", sidecar=True),
+        model=loader,
+        settings=settings,
     )
     done = video(request)
     assert done.outputs == tuple(
@@ -143,13 +151,17 @@ def test_outputs_that_do_not_fit(
     (tmp_path / "clip.mp4").write_bytes(b"never read")
     (tmp_path / "link.mp4").symlink_to("clip.mp4")
     with pytest.raises(UsageError):
-        video(VideoRequest("clip.mp4", output, formats))
+        video(VideoRequest("clip.mp4", video_destination(output, formats)))
     assert files(tmp_path) == {"clip.mp4", "link.mp4"}
 
 
 def test_a_codec_is_for_its_containers() -> None:
     with pytest.raises(UsageError):
-        video(VideoRequest("a.mp4", None, (VideoFormat.WEBM,), codec=PreviewCodec.H264))
+        video(
+            VideoRequest(
+                "a.mp4", video_destination(None, (VideoFormat.WEBM,)), codec=PreviewCodec.H264
+            )
+        )
 
 
 class Stream(io.BytesIO):
@@ -172,7 +184,9 @@ def test_standard_input_gives_the_bytes_of_a_file(
     path = tmp_path / f"a.{suffix}"
     encode(path, flat_frames(range(24)), NTSC, codec, "yuv420p")
     piped = Stream(path.read_bytes())
-    done = video(VideoRequest("-", f"{tmp_path}/piped.mkv", model=loader, stdin=piped))
+    done = video(
+        VideoRequest("-", video_destination(f"{tmp_path}/piped.mkv"), model=loader, stdin=piped)
+    )
     run(path, tmp_path / "file.mkv", loader)
     assert (done.name, done.frames, done.rate, done.problem) == ("-", 24, NTSC, None)
     assert (tmp_path / "piped.mkv").read_bytes() == (tmp_path / "file.mkv").read_bytes()
@@ -182,7 +196,9 @@ def test_outputs_of_standard_input_are_named_so(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
     with clip.open("rb") as stream:  # it seeks, so that MP4 with its header at the end does
-        request = VideoRequest("-", f"{tmp_path}/out/", model=loader, stdin=stream, sidecar=True)
+        request = VideoRequest(
+            "-", video_destination(f"{tmp_path}/out/", sidecar=True), model=loader, stdin=stream
+        )
         assert video(request).frames == 24
     suffixes = ("depth.mkv", "preview.mp4", "depth.json")
     assert files(tmp_path / "out") == {f"stdin.{suffix}" for suffix in suffixes}
@@ -193,7 +209,7 @@ def test_standard_output_takes_the_frames_of_a_file(
     clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat
 ) -> None:
     stream = Stream()
-    request = VideoRequest(str(clip), "-", (which,), model=loader, stdout=stream)
+    request = VideoRequest(str(clip), video_destination("-", (which,)), model=loader, stdout=stream)
     if which in SEQUENCES:
         with pytest.raises(UsageError):
             video(request)
@@ -230,9 +246,9 @@ def test_an_exception_of_a_pipe_passes_through_ffmpeg(
     encode(tmp_path / "in.mkv", flat_frames(range(9)), NTSC, "mpeg4", "yuv420p")
     piped = Stopped((tmp_path / "in.mkv").read_bytes())
     with pytest.raises(type(reason)):
-        video(VideoRequest("-", f"{tmp_path}/a.mkv", model=loader, stdin=piped))
+        video(VideoRequest("-", video_destination(f"{tmp_path}/a.mkv"), model=loader, stdin=piped))
     with pytest.raises(type(reason)):
-        video(VideoRequest(str(clip), "-", model=loader, stdout=Stopped()))
+        video(VideoRequest(str(clip), video_destination("-"), model=loader, stdout=Stopped()))
     assert files(tmp_path) == {"model", "clip.mp4", "in.mkv"}
 
 
@@ -243,7 +259,11 @@ def test_a_pipe_without_a_video_says_what_to_send(
     if data == b"mp4":  # its header is behind more than FFmpeg looks at
         data = clip.read_bytes().replace(b"mdat", b"mdat" + bytes(6_000_000), 1)
     with pytest.raises(InputError):
-        video(VideoRequest("-", f"{tmp_path}/a.mkv", model=loader, stdin=Stream(data)))
+        video(
+            VideoRequest(
+                "-", video_destination(f"{tmp_path}/a.mkv"), model=loader, stdin=Stream(data)
+            )
+        )
 
 
 @pytest.mark.parametrize("name", ["clip.depth.mkv", "clip.preview.mp4"])
@@ -265,7 +285,7 @@ def test_empty_names_are_not_the_working_directory(
         video(VideoRequest("", model=loader))
     for formats in ((), (VideoFormat.MKV,), (VideoFormat.PNG16,)):
         with pytest.raises(UsageError):
-            video(VideoRequest(str(clip), "", formats, model=loader))
+            video(VideoRequest(str(clip), video_destination("", formats), model=loader))
     assert files(tmp_path / "shot") == {"0000.png", "0001.png", "0002.png"}
 
 
@@ -274,14 +294,16 @@ def test_a_file_in_the_place_of_the_folder_is_an_error(
     clip: Path, loader: SessionLoader, which: VideoFormat
 ) -> None:
     with pytest.raises(OutputError):
-        video(VideoRequest(str(clip), f"{clip}/out/", (which,), model=loader))
+        video(VideoRequest(str(clip), video_destination(f"{clip}/out/", (which,)), model=loader))
 
 
 def test_numbered_files_of_a_run_that_was_stopped_are_kept(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
     request = VideoRequest(
-        str(clip), f"{tmp_path}/out/", (VideoFormat.PNG16,), sidecar=True, model=loader
+        str(clip),
+        video_destination(f"{tmp_path}/out/", (VideoFormat.PNG16,), sidecar=True),
+        model=loader,
     )
     with pytest.raises(KeyboardInterrupt):
         video(request, Watched(last=9))
@@ -294,7 +316,8 @@ def test_numbered_files_of_a_run_that_was_stopped_are_kept(
     assert (video(request, watch).frames, watch.done) == (24, 24)
     for name, at_ns in written_ns.items():
         assert (out / name).stat().st_mtime_ns == at_ns
-    other = dataclasses.replace(request, output=f"{tmp_path}/whole/")
+    whole = video_destination(f"{tmp_path}/whole/", (VideoFormat.PNG16,), sidecar=True)
+    other = dataclasses.replace(request, destination=whole)
     video(other)
     assert files(out) == files(tmp_path / "whole")
     for path in (tmp_path / "whole").glob("*.png"):
@@ -316,14 +339,17 @@ def hidden(folder: Path) -> list[Path]:
 def test_a_video_that_was_stopped_twice_goes_on_to_the_same_bytes(
     clip: Path, tmp_path: Path, loader: SessionLoader, formats: tuple[VideoFormat, ...]
 ) -> None:
-    request = VideoRequest(str(clip), f"{tmp_path}/out/", formats, sidecar=True, model=loader)
+    request = VideoRequest(
+        str(clip), video_destination(f"{tmp_path}/out/", formats, sidecar=True), model=loader
+    )
     for last in (15, 6):
         with pytest.raises(KeyboardInterrupt):
             video(request, Watched(last=last))
     assert not list((tmp_path / "out").glob("clip.*.m*"))
     assert len(hidden(tmp_path / "out")) == 1
     done = video(request)
-    whole = video(dataclasses.replace(request, output=f"{tmp_path}/whole/"))
+    there = video_destination(f"{tmp_path}/whole/", formats, sidecar=True)
+    whole = video(dataclasses.replace(request, destination=there))
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
     assert (done.frames, done.flicker, done.warnings) == (24, whole.flicker, whole.warnings)
 
@@ -339,10 +365,12 @@ def test_frames_that_keep_less_than_their_depth_tell_no_other_figures(
     clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat, writing: WriterOptions
 ) -> None:
     settings = VideoSettings(writing=writing, span=Span(end=frame_number(9)))
-    asked = VideoRequest(str(clip), f"{tmp_path}/whole/", (which,), model=loader, settings=settings)
-    whole = video(dataclasses.replace(asked, sidecar=True))
+    asked = VideoRequest(str(clip), model=loader, settings=settings)
+    there = video_destination(f"{tmp_path}/whole/", (which,), sidecar=True)
+    whole = video(dataclasses.replace(asked, destination=there))
     for folder, sidecar in (("alone", False), ("described", True)):
-        again = dataclasses.replace(asked, output=f"{tmp_path}/{folder}/", sidecar=sidecar)
+        there = video_destination(f"{tmp_path}/{folder}/", (which,), sidecar=sidecar)
+        again = dataclasses.replace(asked, destination=there)
         with pytest.raises(KeyboardInterrupt):
             video(again, Watched(last=5))
         assert video(again).flicker == pytest.approx(whole.flicker, rel=1e-2)
@@ -361,12 +389,14 @@ def test_frames_that_keep_less_than_their_depth_tell_no_other_figures(
 def test_frames_of_another_request_are_done_again(
     clip: Path, tmp_path: Path, loader: SessionLoader, settings: VideoSettings
 ) -> None:
-    request = VideoRequest(str(clip), f"{tmp_path}/out/", (VideoFormat.PNG16,), model=loader)
+    request = VideoRequest(
+        str(clip), video_destination(f"{tmp_path}/out/", (VideoFormat.PNG16,)), model=loader
+    )
     with pytest.raises(KeyboardInterrupt):
         video(request, Watched(last=9))
     for folder in ("out", "whole"):
-        output = f"{tmp_path}/{folder}/"
-        video(dataclasses.replace(request, output=output, settings=settings))
+        there = video_destination(f"{tmp_path}/{folder}/", (VideoFormat.PNG16,))
+        video(dataclasses.replace(request, destination=there, settings=settings))
     for path in (tmp_path / "whole").iterdir():
         assert (tmp_path / "out" / path.name).read_bytes() == path.read_bytes()
 
@@ -374,28 +404,34 @@ def test_frames_of_another_request_are_done_again(
 def test_a_run_that_cannot_be_resumed_ends_the_record_of_an_earlier_one(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
-    request = VideoRequest(str(clip), f"{tmp_path}/out/", (VideoFormat.NPY,), model=loader)
+    request = VideoRequest(
+        str(clip), video_destination(f"{tmp_path}/out/", (VideoFormat.NPY,)), model=loader
+    )
     with pytest.raises(KeyboardInterrupt):
         video(request, Watched(last=12))
     assert hidden(tmp_path / "out")
     video(dataclasses.replace(request, settings=VideoSettings(smooth_s=0.2)))
     assert not hidden(tmp_path / "out")
     for folder in ("out", "whole"):
-        video(dataclasses.replace(request, output=f"{tmp_path}/{folder}/"))
+        there = video_destination(f"{tmp_path}/{folder}/", (VideoFormat.NPY,))
+        video(dataclasses.replace(request, destination=there))
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
 def test_names_of_outputs(tmp_path: Path) -> None:
     formats = (VideoFormat.MKV, VideoFormat.PNG16)
-    beside = plan_video(VideoRequest("in/a.mov", None, formats))
+    beside = plan_video(VideoRequest("in/a.mov", video_destination(None, formats)))
     assert beside.path(VideoFormat.MKV).as_posix() == "in/a.depth.mkv"
-    assert plan_video(VideoRequest("a.mov", "x/b.mkv", formats)).names == {
+    assert plan_video(VideoRequest("a.mov", video_destination("x/b.mkv", formats))).names == {
         VideoFormat.MKV: "b.depth.mkv",
         VideoFormat.PNG16: "b.depth.%06d.png",
     }
-    described = plan_video(VideoRequest("a.mov", "x/b.webm", sidecar=True))
+    described = plan_video(VideoRequest("a.mov", video_destination("x/b.webm", sidecar=True)))
     assert described.names == {VideoFormat.WEBM: "b.webm", VideoFormat.JSON: "b.json"}
-    assert plan_video(VideoRequest("a.mov", str(tmp_path), formats)).folder == tmp_path
+    assert (
+        plan_video(VideoRequest("a.mov", video_destination(str(tmp_path), formats))).folder
+        == tmp_path
+    )
     assert video_destination("frames", ()).formats == (VideoFormat.MKV, VideoFormat.MP4)
 
 
@@ -414,8 +450,13 @@ def test_names_of_outputs(tmp_path: Path) -> None:
 )
 def test_only_the_suffix_of_a_format_is_one(output: str, formats: str, names: str) -> None:
     asked = tuple(VideoFormat(word) for word in formats.split())
-    assert " ".join(plan_video(VideoRequest("a.mov", output, asked)).names.values()) == names
-    described = plan_video(VideoRequest("a.mov", "d.v1", (VideoFormat.NPY,), sidecar=True))
+    assert (
+        " ".join(plan_video(VideoRequest("a.mov", video_destination(output, asked))).names.values())
+        == names
+    )
+    described = plan_video(
+        VideoRequest("a.mov", video_destination("d.v1", (VideoFormat.NPY,), sidecar=True))
+    )
     assert described.names[VideoFormat.JSON] == "d.v1.depth.json"
 
 
@@ -423,9 +464,11 @@ def test_every_output_holds_the_same_millimetres(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
     out = tmp_path / "out"
-    done = video(VideoRequest(str(clip), str(out), tuple(VideoFormat), model=loader))
+    done = video(
+        VideoRequest(str(clip), video_destination(str(out), tuple(VideoFormat)), model=loader)
+    )
     names = [f"clip{name.facts.suffix}" for name in VideoFormat]
-    assert done.outputs == tuple(str(out / name) for name in names)
+    assert sorted(done.outputs) == sorted(str(out / name) for name in names)
     pipeline = load(tmp_path / "model", detail=Detail())
     with VideoSource(clip) as source:
         expected = [np.rint(pipeline.predict(f).depth.values * 1000) for f in source.frames()]
@@ -446,7 +489,11 @@ def test_one_worker_and_several_write_the_same(
     for workers in (1, 4):
         settings = VideoSettings(smooth_s=0.1)
         request = VideoRequest(
-            str(clip), f"{tmp_path}/w{workers}/", model=loader, settings=settings, workers=workers
+            str(clip),
+            video_destination(f"{tmp_path}/w{workers}/"),
+            model=loader,
+            settings=settings,
+            workers=workers,
         )
         video(request)
     for name in ("clip.depth.mkv", "clip.preview.mp4"):
@@ -470,7 +517,9 @@ def test_a_part_of_a_video(clip: Path, tmp_path: Path, loader: SessionLoader) ->
     formats = (VideoFormat.PNG16, VideoFormat.MKV)
     settings = VideoSettings(span=span)
     done = video(
-        VideoRequest(str(clip), f"{tmp_path}/p/", formats, model=loader, settings=settings)
+        VideoRequest(
+            str(clip), video_destination(f"{tmp_path}/p/", formats), model=loader, settings=settings
+        )
     )
     indices = [6, 9, 12, 15, 18]
     assert (done.frames, done.first.index, done.rate) == (5, 6, NTSC / 3)
@@ -531,7 +580,11 @@ def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smoot
     path = write_mp4(tmp_path / "a.mp4", flat_frames([9, 50, 99, 200]), Fraction(25), times_s)
     formats = VideoFormat.MKV, VideoFormat.PNG16, VideoFormat.EXR, VideoFormat.NPY, VideoFormat.JSON
     settings = VideoSettings(span=Span(frame_number(1)), smooth_s=smooth_s)
-    video(VideoRequest(str(path), f"{tmp_path}/o/", formats, model=loader, settings=settings))
+    video(
+        VideoRequest(
+            str(path), video_destination(f"{tmp_path}/o/", formats), model=loader, settings=settings
+        )
+    )
     for i in (1, 2, 3):
         for suffix in ("png", "exr", "npy"):
             file = tmp_path / "o" / f"a.depth.{i:06}.{suffix}"
@@ -567,7 +620,12 @@ def test_numbered_arrays_find_their_time_and_kind_in_the_sidecar(
     clip = write_video(tmp_path / "a.avi", flat_frames(range(3)))
     settings = VideoSettings(start_number=1001)
     video(
-        VideoRequest(str(clip), f"{tmp_path}/{pattern}", (), True, model=loader, settings=settings)
+        VideoRequest(
+            str(clip),
+            video_destination(f"{tmp_path}/{pattern}", sidecar=True),
+            model=loader,
+            settings=settings,
+        )
     )
     assert (tmp_path / sidecar).exists()
     for number in range(3):

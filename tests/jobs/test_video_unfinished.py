@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import Background
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import WriterOptions
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
@@ -36,7 +35,7 @@ def clip(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def request_(clip: Path, tmp_path: Path, loader: SessionLoader) -> VideoRequest:
-    return VideoRequest(str(clip), f"{tmp_path}/out/", (MKV,), model=loader)
+    return VideoRequest(str(clip), video_destination(f"{tmp_path}/out/", (MKV,)), model=loader)
 
 
 class Configured(SessionLoader):
@@ -57,7 +56,12 @@ def test_a_run_with_other_provider_options_is_not_resumed(
     for options in ({"precision": "FP32"}, {"precision": precision}):
         model = Configured(loader.model, "cpu", threads=1, provider_options=options)
         with pytest.raises(KeyboardInterrupt):
-            video(VideoRequest(str(clip), f"{tmp_path}/out/", (PNG16,), model=model), Watched(9))
+            video(
+                VideoRequest(
+                    str(clip), video_destination(f"{tmp_path}/out/", (PNG16,)), model=model
+                ),
+                Watched(9),
+            )
         written_ns.append(frame.stat().st_mtime_ns)
     assert (written_ns[0] == written_ns[1]) == (precision == "FP32")
 
@@ -70,8 +74,8 @@ def test_the_sidecar_of_an_earlier_run_does_not_describe_new_arrays(
     out = tmp_path / "out"
     for with_sidecar, hfov_deg in ((True, 40.0), (sidecar, 60.0)):
         settings = VideoSettings(camera=Intrinsics(hfov_deg=hfov_deg))
-        request = VideoRequest(str(clip), f"{out}/", (NPY,), model=loader, settings=settings)
-        video(dataclasses.replace(request, sidecar=with_sidecar))
+        there = video_destination(f"{out}/", (NPY,), sidecar=with_sidecar)
+        video(VideoRequest(str(clip), there, model=loader, settings=settings))
     written = out / "clip.depth.json"
     assert written.exists() == sidecar
     if sidecar:
@@ -86,7 +90,7 @@ def test_a_foreign_json_beside_arrays_stays(
     place = tmp_path / "out" / "clip.depth.json"
     for text in ('{"focal_px": 9}', "no json"):
         place.write_text(text)
-        video(VideoRequest(str(clip), f"{tmp_path}/out/", (NPY,), model=loader))
+        video(VideoRequest(str(clip), video_destination(f"{tmp_path}/out/", (NPY,)), model=loader))
         assert place.read_text() == text
 
 
@@ -98,7 +102,14 @@ def test_the_ends_of_a_normalized_video_are_those_that_were_asked_for(
     loader = SessionLoader(write_model(tmp_path / "relative", **relative), "cpu", threads=1)
     settings = VideoSettings(writing=WriterOptions(vmin=vmin, vmax=vmax))
     formats = (MKV, NPY)
-    video(VideoRequest(str(clip), f"{tmp_path}/out/", formats, model=loader, settings=settings))
+    video(
+        VideoRequest(
+            str(clip),
+            video_destination(f"{tmp_path}/out/", formats),
+            model=loader,
+            settings=settings,
+        )
+    )
     steps = np.stack(list(DepthVideo(tmp_path / "out" / "clip.depth.mkv").steps()))[:, 9, 9]
     values = np.stack([np.load(p)[9, 9] for p in sorted((tmp_path / "out").glob("*.npy"))])
     assert (np.diff(steps.astype(int)) >= 0).all()

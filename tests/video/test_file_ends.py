@@ -12,7 +12,7 @@ from helpers.videos import flat_frames, write_video
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.video.plan import VideoRequest
+from depthcli.jobs.video.plan import VideoRequest, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
@@ -106,7 +106,9 @@ class Removal:
 def test_a_source_that_is_removed_during_the_run_costs_no_output(tmp_path: Path) -> None:
     clip = write_video(tmp_path / "clip.avi", flat_frames(range(40)))
     model = SessionLoader(write_model(tmp_path / "model"), "cpu")
-    done = video(VideoRequest(str(clip), f"{tmp_path}/out/", model=model), Removal(clip))
+    done = video(
+        VideoRequest(str(clip), video_destination(f"{tmp_path}/out/"), model=model), Removal(clip)
+    )
     assert done.frames == 40
     assert done.problem is not None
     assert done.problem

@@ -188,9 +188,7 @@ def video(
     )
     request = VideoRequest(
         video=file,
-        output=output.out,
-        formats=destination.formats,
-        sidecar=destination.sidecar is not None,
+        destination=destination,
         overwrite=output.overwrite,
         codec=preview.codec,
         has_audio=preview.audio,

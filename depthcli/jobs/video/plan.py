@@ -69,19 +69,57 @@ class VideoSettings:
     start_number: int | None = None
 
 
+def _of_name(name: str) -> VideoFormat | None:
+    """The format of a video, or of numbered files, that a file's suffix chooses."""
+    found = video_format_of(name) or _of_pattern(name)
+    return None if found is VideoFormat.JSON else found
+
+
+def _of_pattern(name: str) -> VideoFormat | None:
+    """The format of numbered files that a name's suffix chooses; previews of a video are videos."""
+    return None if format_of(name) is Format.PREVIEW else sequence_of(name)
+
+
+_RULES = FormatRules(
+    (VideoFormat.MKV, VideoFormat.MP4),
+    _of_name,
+    video_stem_of,
+    (".mkv", ".mp4", ".webm", ".mov"),
+    stdout=VideoFormat.MKV,
+    of_pattern=_of_pattern,
+    is_bare_folder=True,
+)
+
+
+def video_destination(
+    output: str | None = None, asked: Sequence[VideoFormat] = (), *, sidecar: bool = False
+) -> Destination[VideoFormat]:
+    """Where the outputs of a video go, and their formats.
+
+    Args:
+        output: a file for one format; a stem, if there are several or the suffix is of no format; a
+            folder, which exists, ends in ``/`` or has no suffix; a pattern for numbered files;
+            ``-``; None for the video's own folder.
+        asked: the formats; empty for that of the output's suffix, else depth and a preview.
+        sidecar: whether to write the JSON as well.
+
+    Raises:
+        UsageError: as :meth:`Destination.parse` does, or JSON is the only format.
+    """
+    formats = [which for which in asked if which is not VideoFormat.JSON]
+    if asked and not formats:
+        raise UsageError("json only describes other outputs", "give another {format} with it")
+    is_described = sidecar or VideoFormat.JSON in asked
+    return Destination.parse(output, formats, _RULES, VideoFormat.JSON if is_described else None)
+
+
 @dataclass(frozen=True, slots=True)
 class VideoRequest:
     """A video, and how to process it."""
 
     #: a file, a folder of numbered images, a pattern such as ``plate.%04d.exr``, or ``-``
     video: str
-    #: a file for one format; a stem, if there are several or the suffix is of no format; a folder,
-    #: which exists, ends in ``/`` or has no suffix; a pattern for numbered files; ``-``; None for
-    #: the video's own folder
-    output: str | None = None
-    #: formats to write; empty for that of the output's suffix, else depth and a preview
-    formats: tuple[VideoFormat, ...] = ()
-    sidecar: bool = False  #: write the JSON as well
+    destination: Destination[VideoFormat] = field(default_factory=video_destination)
     codec: PreviewCodec | None = None  #: of the preview; None for the usual one of its container
     has_audio: bool = True  #: include the video's audio in the preview
     #: model, provider and threads; by default, threads per worker are cores / workers
@@ -210,43 +248,6 @@ class VideoResult:
         return json.dumps(metadata, indent=2, allow_nan=False) + "\n"
 
 
-def _of_name(name: str) -> VideoFormat | None:
-    """The format of a video, or of numbered files, that a file's suffix chooses."""
-    found = video_format_of(name) or _of_pattern(name)
-    return None if found is VideoFormat.JSON else found
-
-
-def _of_pattern(name: str) -> VideoFormat | None:
-    """The format of numbered files that a name's suffix chooses; previews of a video are videos."""
-    return None if format_of(name) is Format.PREVIEW else sequence_of(name)
-
-
-_RULES = FormatRules(
-    (VideoFormat.MKV, VideoFormat.MP4),
-    _of_name,
-    video_stem_of,
-    (".mkv", ".mp4", ".webm", ".mov"),
-    stdout=VideoFormat.MKV,
-    of_pattern=_of_pattern,
-    is_bare_folder=True,
-)
-
-
-def video_destination(
-    output: str | None, asked: Sequence[VideoFormat], *, sidecar: bool = False
-) -> Destination[VideoFormat]:
-    """Where the outputs of a video go, and their formats.
-
-    Raises:
-        UsageError: as :meth:`Destination.parse` does, or JSON is the only format.
-    """
-    formats = [which for which in asked if which is not VideoFormat.JSON]
-    if asked and not formats:
-        raise UsageError("json only describes other outputs", "give another {format} with it")
-    is_described = sidecar or VideoFormat.JSON in asked
-    return Destination.parse(output, formats, _RULES, VideoFormat.JSON if is_described else None)
-
-
 def video_base(source: Path | None) -> str:
     """The name of a video's outputs, without suffix; ``source`` is None for standard input.
 
@@ -308,13 +309,12 @@ def plan_video(request: VideoRequest) -> VideoPlan:
 
     Raises:
         InputError: the video's name is empty.
-        UsageError: the output is empty, its suffix is of no format, a sequence is to go into one
-            file or a pipe, an output is the video itself, or a codec is for another container.
+        UsageError: a sequence is to go into a pipe, an output is the video itself, or a codec is
+            for another container.
     """
-    name, output = request.video, request.output
+    name, destination = request.video, request.destination
     if not name:  # as a path, it would be the working directory
         raise InputError("the input's name is empty; is a variable of the command not set?")
-    destination = video_destination(output, request.formats, sidecar=request.sidecar)
     source, file = _source(name, request.stdin), None if name == STDIO else path_of(name)
     if destination.kind is Kind.STDOUT:
         folder, names = Path(), _stdout_name(destination.wanted, request.stdout)
@@ -335,7 +335,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
             if which.facts.is_preview
         },
         has_audio=request.has_audio,
-        stdout=request.stdout if output == STDIO else None,
+        stdout=request.stdout if destination.kind is Kind.STDOUT else None,
         overwrite=request.overwrite,
     )
     for path in map(plan.path, names):
