@@ -6,19 +6,8 @@ from dataclasses import fields
 
 import typer
 
+from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, Given, group, grouped
-from depthcli.cli.options import (
-    CameraOptions,
-    DepthFileOptions,
-    FrameOption,
-    OverwriteOption,
-    ReadOptions,
-    ScreenOptions,
-    StatedCameraOptions,
-    WorkersOption,
-    WritingOptions,
-    option,
-)
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import FORMATS, Format
 
@@ -29,19 +18,19 @@ app = typer.Typer(rich_markup_mode=None)
 class InputOptions:
     """Input."""
 
-    frame: FrameOption = None
-    picture: str | None = option(
+    frame: groups.FrameOption = None
+    picture: str | None = groups.option(
         "Image of the same size, for the colours of a point cloud or --side-by-side.", metavar="IMG"
     )
-    include: list[str] | None = option(
+    include: list[str] | None = groups.option(
         "Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.", metavar="GLOB"
     )
-    exclude: list[str] | None = option(
+    exclude: list[str] | None = groups.option(
         "Of a folder, skip matching files and folders; repeatable.", metavar="GLOB"
     )
 
 
-_CAMERA = tuple(field.name for field in fields(CameraOptions))
+_CAMERA = tuple(field.name for field in fields(groups.CameraOptions))
 
 
 def _options_of(name: Format) -> tuple[str, ...]:
@@ -85,14 +74,14 @@ def convert(
         help="Output format; required for a folder, else if the suffix does not determine it.",
     ),
     *,
-    overwrite: OverwriteOption = False,
-    depth_file: DepthFileOptions,
+    overwrite: groups.OverwriteOption = False,
+    depth_file: groups.DepthFileOptions,
     inputs: InputOptions,
-    workers: WorkersOption = None,
-    camera: StatedCameraOptions,
-    read: ReadOptions,
-    writing: WritingOptions,
-    screen: ScreenOptions,
+    workers: groups.WorkersOption = None,
+    camera: groups.StatedCameraOptions,
+    read: groups.ReadOptions,
+    writing: groups.WritingOptions,
+    screen: groups.ScreenOptions,
     given: Given,
 ) -> int:
     """Convert a depth file, depth video or folder of them, and report the round-trip error.

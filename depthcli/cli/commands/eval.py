@@ -7,29 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from depthcli.cli import completion
+from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, group, grouped
-from depthcli.cli.options import (
-    DetailOptions,
-    RuntimeOptions,
-    ScreenOptions,
-    WeightsOption,
-    WorkersOption,
-    option,
-    png_scale_range,
-    positive,
-    usual,
-)
 from depthcli.cli.screen import console
-from depthcli.core.options import (
-    INSTALL_TRAIN,
-    Alignment,
-    Averaging,
-    Crop,
-    DepthEncoding,
-    Mask,
-    Upsampling,
-    Weights,
-)
+from depthcli.core import options as choices
 from depthcli.datasets.base import SplitName
 from depthcli.errors import DepthcliError, ExitCode, UsageError
 
@@ -49,12 +30,12 @@ def _eval_group() -> None:
 
 
 @group
-class ProtocolDetail(DetailOptions):
+class ProtocolDetail(groups.DetailOptions):
     """Metrics."""
 
-    upsample: Upsampling = option(
+    upsample: choices.Upsampling = groups.option(
         "Upsampling of the models' depth: bilinear as in the protocol, or guided as in predict.",
-        default=Upsampling.BILINEAR,
+        default=choices.Upsampling.BILINEAR,
     )
 
 
@@ -62,64 +43,68 @@ class ProtocolDetail(DetailOptions):
 class ModelOptions:
     """Metrics."""
 
-    model: list[str] | None = usual(
+    model: list[str] | None = groups.usual(
         "Name or path of a model; repeatable. Default: the bundled model.",
         "--model",
         metavar="MODEL",
         autocompletion=completion.models,
     )
-    predictions: list[Path] | None = usual(
+    predictions: list[Path] | None = groups.usual(
         "Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable.",
         metavar="DIR",
     )
-    predictions_kind: DepthEncoding | None = option(
+    predictions_kind: choices.DepthEncoding | None = groups.option(
         "Meaning of the numbers in --predictions, if the files do not state it: metric (default), "
         "distance (along the ray), relative, or inverse.",
     )
-    predictions_scale: float | None = option(
+    predictions_scale: float | None = groups.option(
         "Units per metre of --predictions in PNG and in NPY of integers, if the files do "
         "not state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
-        callback=png_scale_range,
+        callback=groups.png_scale_range,
     )
     detail: ProtocolDetail
-    workers: WorkersOption = None
-    average: Averaging = option("Average over images, or over all pixels.", default=Averaging.IMAGE)
-    compare_at: int | None = option(
+    workers: groups.WorkersOption = None
+    average: choices.Averaging = groups.option(
+        "Average over images, or over all pixels.", default=choices.Averaging.IMAGE
+    )
+    compare_at: int | None = groups.option(
         "Resize prediction and ground truth to N×N first (for example 256).",
         metavar="N",
         min=1,
         max=20_000,
     )
-    boundary: bool = option(
+    boundary: bool = groups.option(
         "Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1.", default=False
     )
-    per_image: bool = option("With --json, also print the scores of each image.", default=False)
+    per_image: bool = groups.option(
+        "With --json, also print the scores of each image.", default=False
+    )
 
 
 @group
 class TableOptions:
     """Table and figures."""
 
-    align: list[Alignment] | None = usual(
+    align: list[choices.Alignment] | None = groups.usual(
         "Alignment to ground truth per image: none, median (scale), depth or disparity "
         "(least-squares scale and shift); repeatable, one row each. Default: none."
     )
-    limit: int | None = option(
+    limit: int | None = groups.option(
         "Evaluate only N images, spread evenly over the split.", metavar="N", min=1
     )
-    runtime: RuntimeOptions
-    csv: Path | None = option("Also write the table as CSV.", metavar="FILE")
-    figures: Path | None = option(
+    runtime: groups.RuntimeOptions
+    csv: Path | None = groups.option("Also write the table as CSV.", metavar="FILE")
+    figures: Path | None = groups.option(
         "Write figures of sample images, in gray and in colour.", metavar="DIR"
     )
-    ids: str | None = option("Image ids to show in the figures.", metavar="A,B")
-    html: Path | None = option("Write table and figures to one HTML file.", metavar="FILE")
-    screen: ScreenOptions
+    ids: str | None = groups.option("Image ids to show in the figures.", metavar="A,B")
+    html: Path | None = groups.option("Write table and figures to one HTML file.", metavar="FILE")
+    screen: groups.ScreenOptions
 
     @property
-    def alignments(self) -> tuple[Alignment, ...]:
+    def alignments(self) -> tuple[choices.Alignment, ...]:
         """The alignments, a row for each."""
-        return tuple(self.align or (Alignment.NONE,))
+        return tuple(self.align or (choices.Alignment.NONE,))
 
     @property
     def shown_ids(self) -> tuple[str, ...] | None:
@@ -154,8 +139,12 @@ def nyu(
         help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
         "of the first 1000.",
     ),
-    crop: Crop = typer.Option(Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."),
-    mask: Mask = typer.Option(Mask.FILLED, help="raw: only where the sensor measured depth."),
+    crop: choices.Crop = typer.Option(
+        choices.Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."
+    ),
+    mask: choices.Mask = typer.Option(
+        choices.Mask.FILLED, help="raw: only where the sensor measured depth."
+    ),
     trivial: _TrivialOption = True,
     against: str | None = typer.Option(None, metavar="ROW", help=f"{_AGAINST}."),
     table: TableOptions,
@@ -195,26 +184,30 @@ def pairs(
     models: ModelOptions,
     png_scale: float | None = typer.Option(
         None,
-        callback=png_scale_range,
+        callback=groups.png_scale_range,
         help="Units per metre of the depth files: 1000 for millimetres, 256 (KITTI), 5000 (TUM), "
         "4000 (Matterport). Default: what the files state or the layout implies, else 1000 for "
         "integers and 1 for floats.",
     ),
-    depth_kind: DepthEncoding = typer.Option(
-        DepthEncoding.METRIC,
+    depth_kind: choices.DepthEncoding = typer.Option(
+        choices.DepthEncoding.METRIC,
         help="Meaning of the depth files: metric (along the axis) or distance (along the ray).",
     ),
     min_depth: float = typer.Option(
         0.001,
         metavar="METRES",
-        callback=positive,
+        callback=groups.positive,
         help="Nearest depth that counts; predictions are clamped to it.",
     ),
     max_depth: float = typer.Option(
-        10.0, metavar="METRES", callback=positive, help="Farthest depth that counts, as well."
+        10.0,
+        metavar="METRES",
+        callback=groups.positive,
+        help="Farthest depth that counts, as well.",
     ),
-    crop: Crop = typer.Option(
-        Crop.NONE, help="garg: the part of KITTI's images that is compared; eigen: of NYU's."
+    crop: choices.Crop = typer.Option(
+        choices.Crop.NONE,
+        help="garg: the part of KITTI's images that is compared; eigen: of NYU's.",
     ),
     against: str | None = typer.Option(
         None,
@@ -261,7 +254,7 @@ def runs(
         help="val: scenes held out by the runs. paper, official: test part of the split, if "
         "no run was trained on it.",
     ),
-    weights: WeightsOption = Weights.AVERAGED,
+    weights: groups.WeightsOption = choices.Weights.AVERAGED,
     trivial: _TrivialOption = True,
     published: bool = typer.Option(True, help="Include the paper's rows."),
     against: str | None = typer.Option(None, metavar="ROW", help=f"{_AGAINST}."),
@@ -345,14 +338,16 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
     """Convention of the depth files of another tool."""
     from depthcli.io.depth.read import DepthReadOptions
 
-    if models.predictions_kind is DepthEncoding.DISPARITY:
+    if models.predictions_kind is choices.DepthEncoding.DISPARITY:
         raise UsageError(
             "it needs a baseline", "disparity up to a factor is inverse", option="predictions_kind"
         )
     stated = DepthReadOptions(kind=models.predictions_kind, unstated_scale=models.predictions_scale)
     if stated != DepthReadOptions() and not models.predictions:
-        option = "predictions_kind" if models.predictions_kind else "predictions_scale"
-        raise UsageError("it is about depth files", "give {predictions} as well", option=option)
+        groups.option = "predictions_kind" if models.predictions_kind else "predictions_scale"
+        raise UsageError(
+            "it is about depth files", "give {predictions} as well", option=groups.option
+        )
     return stated
 
 
@@ -372,7 +367,7 @@ def _run(request: "EvalRequest", table: TableOptions) -> int:
             if request.runs is None:
                 raise
             raise DepthcliError(
-                f"reading checkpoints needs {error.name}: {INSTALL_TRAIN}"
+                f"reading checkpoints needs {error.name}: {choices.INSTALL_TRAIN}"
             ) from error
     page = report_page(done.report)
     console.out(done.report.to_json() if table.screen.as_json else page.to_text())

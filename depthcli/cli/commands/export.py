@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, group, grouped
-from depthcli.cli.options import (
-    ScreenOptions,
-    WeightsOption,
-    field_of_view,
-    not_negative,
-    option,
-    usual,
-)
 from depthcli.cli.screen import console
 from depthcli.core.options import Weights
 from depthcli.errors import ExitCode, UsageError
@@ -31,20 +24,20 @@ app = typer.Typer(rich_markup_mode=None)
 class NetworkOptions:
     """Network."""
 
-    weights: WeightsOption = Weights.AVERAGED
-    fp16: bool = option("Store weights as float16; computes in float32.", default=False)
-    int8: Path | None = option(
+    weights: groups.WeightsOption = Weights.AVERAGED
+    fp16: bool = groups.option("Store weights as float16; computes in float32.", default=False)
+    int8: Path | None = groups.option(
         "Quantize weights and activations to int8, calibrated and checked on the images in DIR.",
         metavar="DIR",
     )
-    mirror: bool = option(
+    mirror: bool = groups.option(
         "Average with the prediction for the mirrored image; doubles the cost.", default=False
     )
-    opset: int = option("ONNX opset version.", default=17, min=16, max=20)
-    tolerance: float | None = option(
+    opset: int = groups.option("ONNX opset version.", default=17, min=16, max=20)
+    tolerance: float | None = groups.option(
         "Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
         "0.02, with --int8 0.2.",
-        callback=not_negative,
+        callback=groups.not_negative,
     )
 
 
@@ -52,17 +45,19 @@ class NetworkOptions:
 class CardOptions:
     """Model card."""
 
-    name: str = usual("Model name in the card.", "--name", default="custom", metavar="NAME")
-    model_version: str = option("Model version in the card.", default="1.0.0", metavar="VERSION")
-    license_name: str = option(
+    name: str = groups.usual("Model name in the card.", "--name", default="custom", metavar="NAME")
+    model_version: str = groups.option(
+        "Model version in the card.", default="1.0.0", metavar="VERSION"
+    )
+    license_name: str = groups.option(
         "SPDX license identifier of the weights, for the card.", "--license", default="NOASSERTION"
     )
-    hfov: float | None = option(
+    hfov: float | None = groups.option(
         "Horizontal field of view of the training images in degrees, for the card. "
         "Only if the run does not know its camera: NYU's and that of cameras.csv are known.",
-        callback=field_of_view,
+        callback=groups.field_of_view,
     )
-    float_model: str | None = option(
+    float_model: str | None = groups.option(
         "With --int8: name of the same model in floats, for the card; it is used in "
         "place of this one on GPUs and OpenVINO.",
         metavar="NAME",
@@ -85,7 +80,7 @@ def export_onnx(
     *,
     network: NetworkOptions,
     card: CardOptions,
-    screen: ScreenOptions,
+    screen: groups.ScreenOptions,
 ) -> int:
     """Export a checkpoint to ONNX, verify it against torch, and write its model card.
 

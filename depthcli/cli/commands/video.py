@@ -8,21 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, Given, group, grouped
-from depthcli.cli.options import (
-    CameraOptions,
-    DetailOptions,
-    ImageOptions,
-    ModelOptions,
-    OverwriteOption,
-    ScreenOptions,
-    SidecarOption,
-    WorkersOption,
-    WritingOptions,
-    not_negative,
-    option,
-    usual,
-)
 from depthcli.core.options import short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.facts import Eye
@@ -48,7 +35,7 @@ FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 class OutputOptions:
     """Output."""
 
-    out: str | None = usual(
+    out: str | None = groups.usual(
         "Output .mkv, .mp4, .webm or .mov file, numbered files (d.%04d.exr), folder "
         "(existing, ending in '/', or without suffix), or '-' for stdout. Default: next to the "
         "video.",
@@ -56,15 +43,15 @@ class OutputOptions:
         "--out",
         metavar="OUT",
     )
-    formats: list[VideoFormat] | None = usual(
+    formats: list[VideoFormat] | None = groups.usual(
         "Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
         "(previews), png16, exr, npy (one file per frame), json. Default: from the suffix of "
         "OUT, else mkv and mp4, or mkv alone to stdout.",
         "--format",
     )
-    sidecar: SidecarOption = False
-    overwrite: OverwriteOption = False
-    start_number: int | None = option(
+    sidecar: groups.SidecarOption = False
+    overwrite: groups.OverwriteOption = False
+    start_number: int | None = groups.option(
         "Number of the first frame in names of files. Default: its number in the input.",
         min=0,
         max=1_000_000_000,
@@ -75,24 +62,24 @@ class OutputOptions:
 class FrameOptions:
     """Choosing frames."""
 
-    start: str | None = option(
+    start: str | None = groups.option(
         "First frame: seconds (12.5, 1:02.5) or a frame number (300f).", metavar="TIME"
     )
-    end: str | None = option(
+    end: str | None = groups.option(
         "End frame (exclusive), in the same notation as --start.", metavar="TIME"
     )
-    every: str | None = option(
+    every: str | None = groups.option(
         "Process every STEP-th frame (2), or one frame per interval (0.5s).", metavar="STEP"
     )
-    fps: str | None = option(
+    fps: str | None = groups.option(
         "Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
         "its EXR headers state, else 25.",
         metavar="RATE",
     )
-    stream: int | None = option(
+    stream: int | None = groups.option(
         "Number of the video stream, from 0. Default: the one with most frames.", min=0
     )
-    eye: Eye | None = option(
+    eye: Eye | None = groups.option(
         "View of a stereo video whose frames hold two, side by side or one above the other. "
         "Default: whole frames."
     )
@@ -102,27 +89,27 @@ class FrameOptions:
 class PreviewVideoOptions:
     """Preview."""
 
-    lock: float = option(
+    lock: float = groups.option(
         "Time constant in seconds for stabilizing the preview's range. 0: range of each frame.",
         default=1.0,
-        callback=not_negative,
+        callback=groups.not_negative,
     )
-    codec: PreviewCodec | None = option(
+    codec: PreviewCodec | None = groups.option(
         "Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
         "Default: h264 in mp4, vp9 in webm, prores in mov."
     )
-    audio: bool = option("Include the audio of the video in previews.", default=True)
+    audio: bool = groups.option("Include the audio of the video in previews.", default=True)
 
 
 @group
-class SmoothOptions(DetailOptions):
+class SmoothOptions(groups.DetailOptions):
     """Detail."""
 
-    smooth: float = option(
+    smooth: float = groups.option(
         "Time constant of temporal smoothing in static regions, in seconds (for example "
         "0.2). 0 disables it.",
         default=0.0,
-        callback=not_negative,
+        callback=groups.not_negative,
     )
 
 
@@ -138,14 +125,14 @@ def video(
     *,
     output: OutputOptions,
     frames: FrameOptions,
-    model: ModelOptions,
-    workers: WorkersOption = None,
-    camera: CameraOptions,
-    read: ImageOptions,
+    model: groups.ModelOptions,
+    workers: groups.WorkersOption = None,
+    camera: groups.CameraOptions,
+    read: groups.ImageOptions,
     detail: SmoothOptions,
-    writing: WritingOptions,
+    writing: groups.WritingOptions,
     preview: PreviewVideoOptions,
-    screen: ScreenOptions,
+    screen: groups.ScreenOptions,
     given: Given,
 ) -> int:
     """Estimate depth for every frame of a video.
@@ -267,7 +254,7 @@ def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
         raise UsageError(
             f"{short_repr(word)} is not a time or frame number",
             "give seconds (12.5s), minutes (1:02.5) or a frame number (300f)",
-            option=option,
+            option=groups.option,
         )
     value = Fraction(number.removesuffix("."))
     for power, part in enumerate(reversed(parts), start=1):

@@ -38,6 +38,7 @@ _OPTIONS = {
     "settings": "set",
     "init_weights": "init",
     "hfov_deg": "hfov",
+    "provider_options": "provider-option",
 }
 """Names of options that differ from those of their parameters."""
 _printed: set[str] = set()
