@@ -184,3 +184,28 @@ def test_panorama_by_its_xmp_is_told(xmp: bytes, kind: str) -> None:
         options = {"tiffinfo": {700: xmp}}
     Image.fromarray(np.zeros((8, 16, 3), np.uint8)).save(file, kind, **options)
     assert read_image(None, file.getvalue()).warnings == (PANORAMA,)
+
+
+def icc(gamma: float | None) -> bytes:
+    """An ICC profile with the tone curve of a gamma, or that of sRGB."""
+    curve = b"curv" + struct.pack(">II", 0, 1) + struct.pack(">H", round((gamma or 1) * 256))
+    if gamma is None:
+        numbers = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
+        curve = b"para" + bytes(4) + struct.pack(">HH", 3, 0)
+        curve += b"".join(struct.pack(">i", round(number * 65536)) for number in numbers)
+    tags = struct.pack(">I4sII", 1, b"gTRC", 144, len(curve))
+    head = struct.pack(">I", 144 + len(curve)).ljust(36, b"\0") + b"acsp"
+    return head.ljust(128, b"\0") + tags + curve
+
+
+@pytest.mark.parametrize(
+    ("gamma", "is_told"), [(None, False), (2.2, False), (1.8, True), (1.0, True)]
+)
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF", "WEBP"])
+def test_profile_with_another_tone_curve_is_told(
+    gamma: float | None, is_told: bool, kind: str
+) -> None:
+    """As of ProPhoto (1.8) and of linear TIFF."""
+    image = Image.fromarray(np.zeros((8, 16, 3), np.uint8))
+    image.save(file := BytesIO(), kind, icc_profile=icc(gamma))
+    assert len(read_image(None, file.getvalue()).warnings) == is_told

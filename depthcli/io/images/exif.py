@@ -1,4 +1,4 @@
-"""Directories of TIFF 6.0 and BigTIFF; orientation and focal length of the EXIF in them."""
+"""Facts in images: directories of TIFF 6.0, EXIF in them, tone curves of ICC profiles."""
 
 import math
 import struct
@@ -8,6 +8,7 @@ from numbers import Real
 from typing import Any, NamedTuple
 
 from depthcli.core.camera import FILM_DIAGONAL_MM
+from depthcli.errors import Message
 
 _FIELD_TYPES = {1: "B", 3: "H", 4: "I", 5: "II", 7: "B", 8: "h", 9: "i", 13: "I", 16: "Q"}
 """Formats of `struct` by the number of a type; a rational is two numbers."""
@@ -143,3 +144,49 @@ def _first_values(tiff: bytes, at: int | None = None) -> dict[int, float]:
             elif values:
                 found[tag] = values[0]
     return found
+
+
+_ICC_SIGN, _ICC_SIGN_AT, _ICC_TAGS_AT = b"acsp", 36, 128
+_TONE_CURVES = (b"gTRC", b"kTRC")  # of green, and of gray
+_SRGB_MIDDLE, _OTHER = 0.214, 0.05  # light at half the signal, and a difference that matters
+
+
+def profile_warning(data: bytes) -> str | None:
+    """A warning about an ICC profile (ICC.1:2022) with another tone curve than sRGB's.
+
+    Those of ProPhoto (gamma 1.8) and of linear light change depth by 8 % and more; other primaries
+    hardly do. ``data`` is a profile, or a file that holds one.
+    """
+    at = data.find(_ICC_SIGN) - _ICC_SIGN_AT
+    light = None
+    with suppress(struct.error, ValueError):
+        light = _light_at_half(data[at:]) if at >= 0 else None
+    if light is None or abs(light - _SRGB_MIDDLE) < _OTHER:
+        return None
+    return Message(
+        f"its colour profile is not used, and has half the signal for {light:.0%} of the light, "
+        f"not {_SRGB_MIDDLE:.0%} as sRGB",
+        "convert it to sRGB for better depth",
+    )
+
+
+def _light_at_half(profile: bytes) -> float | None:
+    """Light, from 0 to 1, at half the signal; None if the profile has no such curve."""
+    (count,) = struct.unpack_from(">I", profile, _ICC_TAGS_AT)
+    tags = struct.iter_unpack(">4sII", profile[_ICC_TAGS_AT + 4 :][: 12 * min(count, 100)])
+    start = next((at for name, at, _ in tags if name in _TONE_CURVES), None)
+    if start is None:
+        return None
+    if profile[start : start + 4] == b"curv":
+        (count,) = struct.unpack_from(">I", profile, start + 8)
+        if count < 2:  # noqa: PLR2004 - no curve, or its gamma
+            gamma = struct.unpack_from(">H", profile, start + 12)[0] / 256 if count else 1.0
+            return float(0.5**gamma)
+        values = struct.unpack_from(">2H", profile, start + 12 + 2 * ((count - 1) // 2))
+        return float(values[0] if count % 2 else sum(values) / 2) / 0xFFFF
+    if profile[start : start + 4] == b"para":
+        (form,) = struct.unpack_from(">H", profile, start + 8)
+        words = struct.unpack_from(">3i" if form else ">i", profile, start + 12)
+        gamma, a, b = (word / 65536 for word in (words if form else (*words, 65536, 0)))
+        return float((0.5 * a + b) ** gamma)
+    return None

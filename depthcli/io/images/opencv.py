@@ -31,6 +31,7 @@ class Header(NamedTuple):
     white: int | None = None  #: value of white, if the file states one
     orientation: int | None = None  #: 1-8; None for that of its EXIF
     is_upright: bool = False  #: whether its decoder turns it by this orientation
+    profile: bytes = b""  #: its ICC profile, if that is compressed in the file
     transfer: int = 0  #: code of the transfer function in ITU-T H.273; 0 for none
 
 

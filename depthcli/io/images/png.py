@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_LENGTH = 2**31 - 1
 """Most bytes of a chunk, and most columns or rows of an image."""
+_MAX_PROFILE_BYTES = 2**22
 _STILL = frozenset((b"IHDR", b"PLTE", b"tRNS", b"eXIf", b"IDAT", b"IEND"))
 
 
@@ -53,8 +54,15 @@ def read_chunks(png: bytes) -> Iterator[tuple[bytes, memoryview, int]]:
 def png_header(png: bytes) -> Header:
     """Size of a PNG, and whether it is animated."""
     width, height = struct.unpack_from(">II", png, 16)
-    before_pixels = takewhile(lambda kind: kind != b"IDAT", (kind for kind, *_ in read_chunks(png)))
-    return Header(width, height, ANIMATED if b"acTL" in before_pixels else None)
+    before = {kind: body for kind, body, _ in takewhile(_is_before_pixels, read_chunks(png))}
+    profile = bytes(before.get(b"iCCP", b"")).partition(b"\0")[2][1:]  # after a name and a method
+    with suppress(zlib.error):
+        profile = zlib.decompressobj().decompress(profile, _MAX_PROFILE_BYTES)
+    return Header(width, height, ANIMATED if b"acTL" in before else None, profile=profile)
+
+
+def _is_before_pixels(chunk: tuple[bytes, memoryview, int]) -> bool:
+    return chunk[0] != b"IDAT"
 
 
 def still_image(png: bytes) -> bytes:

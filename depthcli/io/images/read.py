@@ -21,7 +21,7 @@ from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import EXPOSURE, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
-from depthcli.io.images.exif import EXIF_IFD, TIFF_STARTS, Exif, parse_exif
+from depthcli.io.images.exif import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
 from depthcli.io.images.opencv import (
     Decoded,
     Header,
@@ -276,13 +276,14 @@ def read_image(
         pixels = upright(pixels, orientation)
     is_panorama = _GPANO.search(data, 0, _XMP_END) and projection is None
     panorama = PANORAMA if is_panorama else None
+    profile = profile_warning(header.profile or data)
     frame = Frame(
         np.ascontiguousarray(pixels),
         path,
         orientation=orientation,
         focal_35mm=exif.focal_35mm,
         focal_mm=exif.focal_mm,
-        warnings=tuple(filter(None, (header.warning, *warnings, panorama))),
+        warnings=tuple(filter(None, (header.warning, *warnings, panorama, profile))),
         projection=projection or Projection.PINHOLE,
     )
     if decoded.alpha is None or ignore_alpha:
