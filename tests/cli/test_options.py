@@ -96,7 +96,7 @@ def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> No
         (("batch", "in", "-o", "out", "--cpus-per-worker", "1"), "--cpus-per-worker", "ray"),
         (("video", "clip.avi", "-o", "d.mkv", "--no-audio"), "--no-audio", "mp4, webm, mov"),
         (("video", "clip.avi", "-o", "d.mkv", "--fps", "24"), "--fps", "image sequences"),
-        (("convert", "a.npy", "b.exr", "--png-scale", "256"), "--png-scale", "png16, json"),
+        (("convert", "a.npy", "b.exr", "--png-scale", "256"), "--png-scale", "png16, pgm, json"),
         (("convert", "a.npy", "b.exr", "--include", "*.exr"), "--include", "a folder"),
     ],
 )

@@ -344,10 +344,8 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
         )
     stated = DepthReadOptions(kind=models.predictions_kind, unstated_scale=models.predictions_scale)
     if stated != DepthReadOptions() and not models.predictions:
-        groups.option = "predictions_kind" if models.predictions_kind else "predictions_scale"
-        raise UsageError(
-            "it is about depth files", "give {predictions} as well", option=groups.option
-        )
+        option = "predictions_kind" if models.predictions_kind else "predictions_scale"
+        raise UsageError("it is about depth files", "give {predictions} as well", option=option)
     return stated
 
 

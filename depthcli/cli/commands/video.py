@@ -254,7 +254,7 @@ def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
         raise UsageError(
             f"{short_repr(word)} is not a time or frame number",
             "give seconds (12.5s), minutes (1:02.5) or a frame number (300f)",
-            option=groups.option,
+            option=option,
         )
     value = Fraction(number.removesuffix("."))
     for power, part in enumerate(reversed(parts), start=1):
