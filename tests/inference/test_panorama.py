@@ -107,3 +107,13 @@ def test_panorama_that_is_read_as_a_pinhole_image_is_a_warning(tmp_path: Path, n
     for projection in Projection:
         frame = read_image(path, projection=projection)
         assert (frame.warnings, frame.projection) == ((), projection)
+
+
+def test_panorama_that_was_cropped_is_refused(tmp_path: Path) -> None:
+    of = (b"FullPanoWidthPixels", b"64"), (b"CroppedAreaImageWidthPixels", b"32")
+    facts = b" ".join(b'GPano:%s="%s"' % pair for pair in of)
+    xmp = XMP.replace(b"/>", b" " + facts + b"/>")
+    Image.new("L", (32, 16)).save(tmp_path / "a.webp", xmp=xmp)
+    assert read_image(tmp_path / "a.webp").warnings
+    with pytest.raises(InputError, match=r"a\.webp"):
+        read_image(tmp_path / "a.webp", projection=EQUIRECTANGULAR)

@@ -50,8 +50,8 @@ OPENCV_MAX_PIXELS = 2**30
 _MAX_SIDE = 1_000_000  # libpng and OpenCV decode no longer ones
 
 
-_XMP_END = 2**20  # bytes in which the XMP of an image is looked for
-_GPANO = re.compile(rb"GPano:ProjectionType\W{1,4}equirectangular")
+_XMP_BYTES = 2**20  # at both ends of a file, in which its XMP is looked for
+_GPANO = re.compile(rb"GPano:(\w+)\W{1,4}(\w+)")
 
 
 class _Container(NamedTuple):
@@ -274,8 +274,15 @@ def read_image(
     pixels, warnings = _frame_pixels(decoded, image, levels, exposure)
     if not header.is_upright:
         pixels = upright(pixels, orientation)
-    is_panorama = _GPANO.search(data, 0, _XMP_END) and projection is None
-    panorama = PANORAMA if is_panorama else None
+    facts = _GPANO.findall(data[:_XMP_BYTES]) or _GPANO.findall(data[-_XMP_BYTES:])
+    xmp = dict(reversed(facts))  # an element's end follows its value
+    is_panorama = xmp.get(b"ProjectionType") == b"equirectangular"
+    whole = xmp.get(b"FullPanoWidthPixels", b"")
+    shown = xmp.get(b"CroppedAreaImageWidthPixels", whole)
+    if projection is Projection.EQUIRECTANGULAR and shown != whole:
+        told = f"{name} shows {shown.decode()} of the {whole.decode()} columns of a panorama"
+        raise InputError(told, "give a whole one")
+    panorama = PANORAMA if is_panorama and projection is None else None
     profile = profile_warning(header.profile or data)
     frame = Frame(
         np.ascontiguousarray(pixels),
