@@ -13,6 +13,8 @@ PAGES = sorted(
     for place in ("*.md", "docs/**/*.md", "models/*.md")
     for page in ROOT.glob(place)
 )
+WORDS = 29_000
+"""Most words of docs/*.md; for a new passage, shorten another."""
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
 
 
@@ -35,3 +37,8 @@ def test_the_index_has_every_page() -> None:
     linked = {(index.parent / path).resolve() for path, _ in LINK.findall(index.read_text("utf-8"))}
     pages = {(ROOT / page).resolve() for page in PAGES}
     assert pages - linked == {index, ROOT / "README.md"}
+
+
+def test_pages_stay_within_their_budget_of_words() -> None:
+    pages = (ROOT / page for page in PAGES if page.parent == Path("docs"))
+    assert sum(len(page.read_text("utf-8").split()) for page in pages) <= WORDS
