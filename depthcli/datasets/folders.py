@@ -294,7 +294,8 @@ def open_paired_folder(
         DatasetError: the folder is missing or empty, a file has no partner or cannot be read, or
             the depth is in another unit or of another view.
     """
-    listing = layouts.list_pairs(path, patterns)
+    with as_dataset_error():
+        listing = layouts.list_pairs(path, patterns)
     units = listing.units_per_metre
     if reading.scale is not None or reading.unstated_scale is not None:
         units = None

@@ -16,6 +16,7 @@ import numpy as np
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.datasets.base import Pair
 from depthcli.errors import DatasetError, UsageError
+from depthcli.io.calibration import read_calibration
 from depthcli.io.formats.table import READABLE_SUFFIXES
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
@@ -182,12 +183,15 @@ def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
 
 
 def _pair(root: Path, name: str, image: Path, depth: Path) -> Pair:
+    own = image.parent.with_name("intrinsics") / f"{image.stem}.txt"  # in KITTI's selection
     return Pair(
         name,
         name.rpartition("/")[0],
         image=image,
         depth=depth,
-        camera=_kitti_camera(image) or _camera_near(image.parent, root, _COLOUR_CAMERAS),
+        camera=read_calibration(own)
+        if own.is_file()
+        else _camera_near(image.parent, root, _COLOUR_CAMERAS),
         depth_camera=_camera_near(depth.parent, root, _DEPTH_CAMERAS),
     )
 
@@ -225,31 +229,8 @@ def _associated(root: Path) -> tuple[Pair, ...]:
 
 @lru_cache
 def _camera_near(folder: Path, root: Path, names: tuple[str, ...]) -> Intrinsics:
-    """The camera of a text file with its matrix in a folder or one above it, up to ``root``."""
+    """The camera of a file in a folder or one above it, up to ``root``."""
     for name in names:
         if (folder / name).is_file():
-            return _camera(folder / name)
+            return read_calibration(folder / name)
     return UNKNOWN_CAMERA if folder == root else _camera_near(folder.parent, root, names)
-
-
-def _kitti_camera(image: Path) -> Intrinsics | None:
-    """The camera of an image of KITTI's selection, which has a text file of its own."""
-    path = image.parent.with_name("intrinsics") / f"{image.stem}.txt"
-    return _camera(path) if path.is_file() else None
-
-
-def _camera(path: Path) -> Intrinsics:
-    """The camera of a 3×3 or 4×4 matrix as text.
-
-    Raises:
-        DatasetError: it is no such matrix.
-    """
-    try:
-        numbers = np.array(path.read_text("utf-8").split(), np.float64)
-    except ValueError as error:
-        raise DatasetError(f"{path} holds other than numbers") from error
-    side = {9: 3, 16: 4}.get(numbers.size)
-    if side is None or not (numbers[[0, side + 1]] > 0).all():
-        raise DatasetError(f"{path} is not the 3×3 or 4×4 matrix of a camera")
-    (fx, _, cx), (_, fy, cy) = numbers.reshape(side, side)[:2, :3].tolist()
-    return Intrinsics(fx, centre_px=(cx, cy), pixel_aspect=fy / fx)

@@ -1,6 +1,5 @@
 """Figures of predictions beside input and ground truth, as in the paper's Fig. 2 and 3."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,7 +23,6 @@ PICTURES = 6
 _CELL_WIDTH_PX = 240
 _CLIPPED_PERCENT = 2
 _COLORMAP = Colormap.INFERNO
-_NUMBER = re.compile(r"_\d+[a-z]*$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,48 +37,24 @@ class Figure:
 def choose_pictures(
     task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES
 ) -> tuple[int, ...]:
-    """Positions of the pictures to show: the given ids, or ``count`` over all scene types.
+    """Positions of the images to show: the given ids, or ``count``, evenly over the scenes.
 
     Raises:
-        UsageError: an id is not among the pictures that are compared.
+        UsageError: an id is not among the images that are compared.
     """
     places = dict(zip(task.ids, task.test, strict=True))
     unknown = [name for name in ids if name not in places]
     if unknown:
         raise UsageError(
-            f"{unknown[0]} is not among the {len(places)} pictures that are compared: "
-            "take ids of the split's test part"
+            f"{unknown[0]} is not among the {len(places)} images that are compared",
+            "take ids of the split's test part",
         )
     if ids:
         return tuple(places[name] for name in ids)
-    return _sample_scene_types(task.dataset, task.test, count)
-
-
-def scene_type(scene: str) -> str:
-    """A scene's name without its number.
-
-    >>> scene_type("living_room_0012b")
-    'living_room'
-    """
-    return _NUMBER.sub("", scene)
-
-
-def _sample_scene_types(dataset: DepthDataset, test: Sequence[int], count: int) -> tuple[int, ...]:
-    """The middle picture of each scene type, evenly over the sorted types; then further ones."""
-    types: dict[str, list[int]] = {}
-    for i in test:
-        types.setdefault(scene_type(dataset.scenes[i]), []).append(i)
-    queues = [_middle_first(types[name]) for name in sorted(types)]
-    chosen = np.linspace(0, len(queues) - 1, min(count, len(queues))).round().astype(int)
-    queues = [queues[k] for k in chosen]
-    turns = max(map(len, queues))
-    in_turn = [queue[turn] for turn in range(turns) for queue in queues if turn < len(queue)]
-    return tuple(sorted(in_turn[:count]))
-
-
-def _middle_first(members: Sequence[int]) -> list[int]:
-    places = sorted(range(len(members)), key=lambda place: abs(2 * place - len(members) + 1))
-    return [members[place] for place in places]
+    by_scene = sorted(task.test, key=lambda i: task.dataset.scenes[i])
+    count = min(count, len(by_scene))
+    chosen = np.linspace(0, len(by_scene) - 1, 2 * count + 1)[1::2].round().astype(int)
+    return tuple(sorted(by_scene[k] for k in chosen))
 
 
 @dataclass(frozen=True, slots=True)

@@ -181,8 +181,8 @@ class EvalReport:
 
     def to_csv(self) -> str:
         """One line per row, each with split, number of images and protocol."""
-        text, cells = io.StringIO(), self._run_cells if self.has_training else self._cells
-        lines = [dict(cells(row)) for row in self.rows]
+        text = io.StringIO()
+        lines = [dict(self._cells(row)) for row in self.rows]
         writer = csv.DictWriter(text, list(lines[0]) if lines else [], lineterminator="\n")
         writer.writeheader()
         writer.writerows(lines)
@@ -190,24 +190,18 @@ class EvalReport:
 
     def _cells(self, row: ReportRow) -> Iterator[tuple[str, object]]:
         """(column, value) of a row in CSV."""
-        yield from (("name", row.name), ("source", row.source), ("align", row.alignment))
-        yield from (("dataset", self.dataset), ("split", self.split), ("images", row.image_count))
-        yield from (("depth", row.stated), ("pixels", row.pixel_count or ""))
-        yield from (("trained_on", row.train_overlap), ("protocol", self.protocol.name))
-        for name, value in row.items(boundary=self.protocol.boundary):
-            yield name, _csv_number(value)
-
-    def _run_cells(self, row: ReportRow) -> Iterator[tuple[str, object]]:
-        """(column, value) of a row in the CSV of training runs."""
         split = SplitName.PAPER if row.source is Source.PUBLISHED else self.split
         yield from (("name", row.name), ("source", row.source), ("align", row.alignment))
-        yield from (("split", split), ("images", row.image_count))
-        yield "protocol", self.protocol.name
-        yield from zip(_TRAINING, _training_cells(row.training), strict=True)
-        for name, value in row.scores.items():
+        yield from (("dataset", self.dataset), ("split", split), ("images", row.image_count))
+        yield from (("depth", row.stated), ("pixels", row.pixel_count or ""))
+        yield from (("trained_on", row.train_overlap), ("protocol", self.protocol.name))
+        if self.has_training:
+            yield from zip(_TRAINING, _training_cells(row.training), strict=True)
+        for name, value in row.items(boundary=self.protocol.boundary):
             yield name, _csv_number(value)
-        for name in METRICS:
-            yield f"{name}_sd", _csv_number(row.std[name]) if row.std else ""
+        if self.has_training:
+            for name in METRICS:
+                yield f"{name}_sd", _csv_number(row.std[name]) if row.std else ""
 
 
 def _csv_number(value: float) -> str:

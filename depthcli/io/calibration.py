@@ -115,6 +115,8 @@ def _camera_in(path: Path, *, rectified: bool) -> _Camera:
     if lines and all(map(_COLMAP_LINE.fullmatch, lines)):
         return _of_colmap([line.split() for line in lines], path)
     rows = [_numbers(line.replace(",", " ").split()) for line in lines]
+    if [len(row) for row in rows] == [9]:  # as beside each image of KITTI
+        rows = _rows(rows[0], 3)
     is_matrix = len(rows) in {3, 4} and all(len(row) == len(rows) for row in rows)
     if is_matrix and all(math.isfinite(number) for row in rows for number in row):
         return _Camera(_of_rows([row[:3] for row in rows[:3]], path))

@@ -166,15 +166,17 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[ModelP
     assert "training" not in rows["constant mean"]
     assert "differences" not in document
     records = {r["name"]: list(r.values()) for r in csv.DictReader(io.StringIO(report.to_csv()))}
-    known = ["model", "none", "val", "2", PROTOCOL.name]
     costs = ["yes", "1 0", "3 4", "4", "60 80", "2.50 1.23", "1234567", "10.500"]
     (proposed,) = (line for line in report.rows if line.name == "proposed")
     assert proposed.std is not None
+    known = ["model", "none", "NYU Depth v2", "val", "2", "metric, m", str(proposed.pixel_count)]
+    known += ["", PROTOCOL.name]
     numbers = [*proposed.scores.values, *proposed.std.values]
     assert records["proposed"] == ["proposed", *known, *costs, *map(repr, numbers)]
     assert records["cut"][-9:] == [""] * 9
-    assert records["CUT (paper)"][:14] == [
-        *("CUT (paper)", "published", "", "paper", "449", PROTOCOL.name),
+    assert records["CUT (paper)"][:18] == [
+        *("CUT (paper)", "published", "", "NYU Depth v2", "paper", "449", "-", "", ""),
+        PROTOCOL.name,
         *[""] * 8,
     ]
 
