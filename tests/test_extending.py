@@ -162,12 +162,7 @@ def test_a_training_method(extended: Extended) -> None:
 def test_a_data_set(extended: Extended) -> None:
     made, folder = rooms(), extended.folder / "desk"
     folder.mkdir()
-    lines = ["# a comment"]
-    for i in range(len(made)):
-        cv2.imwrite(str(folder / f"{i}.png"), made.image(i)[..., ::-1])
-        cv2.imwrite(str(folder / f"{i}d.png"), (made.depth_m(i) * 5000).astype(np.uint16))
-        lines.append(f"{i}.5 {i}.png {i}.6 {i}d.png")
-    (folder / "associations.txt").write_text("\n".join(lines))
+    np.savez(folder / "scene.npz", images=made.images, depths_m=made.depths_m)
     assert extended.train("proposed", "desk", "--preset", "default")
     code = "from depthcli.training.checkpoint import Checkpoint; from pathlib import Path; "
     code += "print(Checkpoint.load(Path('desk-run/last.ckpt')).provenance.hfov_deg)"

@@ -116,11 +116,11 @@ def _footnotes(report: EvalReport, metrics: Sequence[str]) -> list[str]:
     for row in report.rows:
         if row.source is not Source.PUBLISHED:
             depths.setdefault(row.stated, []).append(one_line(row.name))
-    kinds = (f"{stated} of {', '.join(dict.fromkeys(rows))}" for stated, rows in depths.items())
+    kinds = (f"{stated} ({', '.join(dict.fromkeys(rows))})" for stated, rows in depths.items())
     empty = sorted({row.empty_count for row in report.rows} - {0})
     return [
         f"higher is better for {higher}, lower for the others{stated}",
-        *([f"predicted depth: {'; '.join(kinds)}"] if depths else []),
+        *([f"predictions: {'; '.join(kinds)}"] if depths else []),
         *marked,
         *report.notes,
         *(f"{count} images have no valid pixel and are excluded" for count in empty),

@@ -54,7 +54,7 @@ CUT (paper)  -          449       -   0.3450       -       -        -       -   
 a\\nb*        median       2     900   0.1250  0.0625  0.5000   0.2500  0.1000  0.7500  0.8750  1.0000  12.35     1.50      2.25   0.5000
 
 higher is better for d1, d2, d3, edge_f1, lower for the others; sq_rel and rmse in metres
-predicted depth: metric, m of a\\nb
+predictions: metric, m (a\\nb)
 * a\\nb was trained on 1
 a note
 1 images have no valid pixel and are excluded"""  # noqa: E501
