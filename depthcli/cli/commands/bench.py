@@ -69,7 +69,7 @@ def _print_bench(done: BenchResult) -> None:
     console.out(f"{done.model} on {done.provider}")
     console.out(f"network        {_latency(done.network)}")
     console.out(f"end-to-end     {_latency(done.end_to_end)}")
-    console.out(f"throughput     {done.pictures_per_s:8.1f} pictures/s, {done.workers} at a time")
+    console.out(f"throughput     {done.pictures_per_s:8.1f} images/s, {done.workers} at a time")
     if done.peak_memory_mb is not None:
         console.out(f"peak memory    {done.peak_memory_mb:8.0f} MB")
 

@@ -217,9 +217,9 @@ def pairs(
     ),
     table: TableOptions,
 ) -> int:
-    """Evaluate depth metrics on pictures and depth of your own.
+    """Evaluate depth metrics on images and depth of your own.
 
-    Metric models are rescaled to the focal length of each picture, where it is known.
+    Metric models are rescaled to the focal length of each image, where it is known.
     """
     from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.io.depth.read import DepthReadOptions
