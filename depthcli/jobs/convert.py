@@ -17,6 +17,7 @@ from depthcli.core.types import DepthMap, Frame, displayed_frame, with_camera
 from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.depth.read import StoredDepth
+from depthcli.io.depth.scale import NORMALIZED
 from depthcli.io.formats.table import (
     FILE_SUFFIXES,
     MILLIMETRES,
@@ -75,9 +76,8 @@ class ConvertRequest:
     #: pattern for all frames of a video; or a folder
     target: str
     format: Format | None = None  #: of the target; None to take it from the suffix
-    stated: depth_files.DepthReadOptions = (
-        depth_files.AS_STATED
-    )  #: what the user states about the source
+    #: what the user states about the source
+    stated: depth_files.DepthReadOptions = depth_files.AS_STATED
     frame: int | None = None  #: of a depth video, from 0
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
     reading: ReadOptions = AS_STATED  #: how the picture is read
@@ -127,14 +127,15 @@ def convert(request: ConvertRequest) -> ConvertResult:
             source is none, or the request does not fit the source.
     """
     is_plain = is_pattern(path_of(request.source).name)
-    target_destination(request.target, request.format, is_plain=is_plain)
+    destination = target_destination(request.target, request.format, is_plain=is_plain)
     stored = read_map(path_of(request.source), request.stated, request.frame)
-    return _write_converted(stored, request)
+    return _write_converted(stored, request, destination)
 
 
-def _write_converted(stored: StoredDepth, request: ConvertRequest) -> ConvertResult:
+def _write_converted(
+    stored: StoredDepth, request: ConvertRequest, destination: Destination[Format]
+) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
-    destination = target_destination(request.target, request.format, is_plain=True)
     ((wanted, path),) = destination.outputs(path_of(request.target)).items()
     shown = with_camera(stored.displayed, request.camera)
     given = None if request.picture is None else _colours(request, request.picture, shown)
@@ -189,8 +190,9 @@ def target_destination(
 def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOptions:
     """The options; by default, the sidecar of a 16-bit PNG states the scale of that PNG."""
     writing = request.writing
-    if stored.metadata.get("scale") == "normalized":
-        return replace(writing, png_normalize=True)
+    if stored.metadata.get("scale") in NORMALIZED:
+        is_inverse = stored.metadata["scale"] == "inverse"
+        return replace(writing, png_normalize=not is_inverse, png_inverse=is_inverse)
     if not stored.is_integer or stored.scale is None or writing.png_scale != MILLIMETRES:
         return writing
     return replace(writing, png_scale=stored.scale.units_per_metre)
@@ -335,7 +337,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
             suffix is of no format.
     """
     _check_sequence(request)
-    target_destination(request.target, request.format, is_plain=True)
+    destination = target_destination(request.target, request.format, is_plain=True)
     problem: InputError | None = None
 
     def readable(video: DepthVideo) -> Generator[StoredDepth, None, None]:
@@ -347,8 +349,8 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
             problem = error
 
     def convert_frame(stored: StoredDepth) -> ConvertResult:
-        target = numbered_name(request.target, stored.frame.index)
-        return _write_converted(stored, replace(request, target=target))
+        place = path_of(numbered_name(request.target, stored.frame.index))
+        return _write_converted(stored, request, replace(destination, path=place))
 
     with local_copy(path_of(request.source)) as path, one_thread_each(workers):
         frames = readable(open_depth_video(path, request.stated))

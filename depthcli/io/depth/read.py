@@ -1,5 +1,6 @@
 """Depth files of depthcli and of other tools: what their numbers mean, in one description."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +15,20 @@ from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame, displayed_depth
 from depthcli.errors import InputError, Message
 from depthcli.io.depth.metadata import provenance_of
-from depthcli.io.depth.scale import DepthScale, depth_scale, dequantized
-from depthcli.io.formats.sidecar import FileMetadata
-from depthcli.io.formats.table import READABLE_SUFFIXES, readable_format, reader_of
+from depthcli.io.depth.scale import (
+    NORMALIZED,
+    DepthScale,
+    denormalized,
+    depth_scale,
+    dequantized,
+)
+from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
+from depthcli.io.formats.table import MILLIMETRES, READABLE_SUFFIXES, readable_format, reader_of
 from depthcli.io.storage.paths import path_of
 
 _PLAUSIBLE_M = 0.05, 100.0
 """Medians of depth in files of floats that are taken for metres without a word."""
+_FARTHEST = 1e12  # no depth is larger, in any unit
 _BACKGROUND = 1e9
 """Least number that stands for the sky: Blender writes 1e10, others up to float's largest."""
 _HALF_BACKGROUND = 65504.0
@@ -109,7 +117,9 @@ class StoredDepth:
         )
         units = scale.units_per_metre if scale else 1.0
         warnings = metadata.warnings
-        if is_integer:
+        if is_integer and scale is None and texts.get("scale") in NORMALIZED:
+            values = _unnormalized(stored, texts)
+        elif is_integer:
             values = dequantized(stored, units)
         else:
             with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 there is no depth
@@ -156,11 +166,56 @@ class StoredDepth:
         return (*self.warnings, Message(problem, f"{{{option}}} states another"))
 
 
+def stored_depth(
+    path: Path,
+    stored: npt.NDArray[Any],
+    own: Mapping[str, str],
+    options: DepthReadOptions,
+    frame: Frame | None = None,
+) -> StoredDepth:
+    """Depth of a file from its numbers, its own metadata and the sidecar beside it.
+
+    Args:
+        path: the file.
+        stored: (H, W), integers, of which 0 is no depth, or floats.
+        own: texts by name of :func:`~depthcli.io.depth.metadata.metadata_texts`, as far as the
+            file states them.
+        options: what the user states.
+        frame: with the windows of an EXR.
+
+    Raises:
+        InputError: there is no pixel, or distance or disparity without a camera.
+    """
+    height, width = stored.shape
+    size_px = frame.display_size_px if frame else (width, height)
+    known = None
+    if not own and frame is None and stored.dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            units = options.scale or options.unstated_scale or 1
+            known = np.asarray(stored / units, np.float32)
+    return StoredDepth.of(path, stored, with_sidecar(path, own, size_px, known), options, frame)
+
+
 def stated_encoding(texts: Mapping[str, str], options: DepthReadOptions) -> DepthEncoding:
     """Meaning of the numbers that the file states, else the user; else metres."""
     if texts.get("kind") in set(DepthKind):
         return DepthEncoding(texts["kind"])
     return options.kind or DepthEncoding.METRIC
+
+
+def _unnormalized(steps: npt.NDArray[Any], texts: Mapping[str, str]) -> npt.NDArray[np.float32]:
+    """Depth of integers that span its range, or that of 1/depth; (H, W) float32.
+
+    Without a valid range they are taken for millimetres.
+    """
+    try:
+        low, high = (float(word) for word in texts.get("range", "").split())
+    except ValueError:
+        low = high = math.nan
+    if not -_FARTHEST < low <= high < _FARTHEST:
+        return dequantized(steps, MILLIMETRES)
+    values = denormalized(steps, low, high)
+    return reciprocal(values) if texts["scale"] == "inverse" else values
 
 
 def _without_background(

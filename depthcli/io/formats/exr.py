@@ -12,7 +12,7 @@ from depthcli.core.options import one_line
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, over_window
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.exr.file import (
     StoredChannel,
     choose_depth,
@@ -20,7 +20,6 @@ from depthcli.io.exr.file import (
     read_exr_channels,
     write_exr,
 )
-from depthcli.io.formats.sidecar import with_sidecar
 
 _COLOURS = ("G", "B", "RY", "BY")
 _UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")
@@ -95,7 +94,6 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         own["pixel_aspect"] = str(part.pixel_aspect)
     if _UNREAL.search(name):
         own["scale"] = "100"
-    metadata = with_sidecar(path, own, (part.display.width, part.display.height))
     frame = Frame(
         np.zeros((1, 1), np.uint8),
         rate=part.rate,
@@ -104,7 +102,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         time_code=part.time_code,
         view=part.view,
     )
-    found = StoredDepth.of(path, stored.over(part.data), metadata, options, frame)
+    found = stored_depth(path, stored.over(part.data), own, options, frame)
     warnings = (*found.warnings, doubt) if doubt else found.warnings
     return replace(found, channel=name, warnings=warnings)
 

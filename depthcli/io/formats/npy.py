@@ -13,8 +13,7 @@ import numpy.typing as npt
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
 from depthcli.io.depth.metadata import metadata_texts
-from depthcli.io.depth.read import METRIC, DepthReadOptions, StoredDepth, stated_encoding
-from depthcli.io.formats.sidecar import with_sidecar
+from depthcli.io.depth.read import METRIC, DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.images.read import OPENCV_MAX_PIXELS
 from depthcli.io.storage.paths import read_bytes
 
@@ -70,14 +69,10 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     except Exception as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
     values = _map_of(values, path)
-    height, width = values.shape
-    with np.errstate(over="ignore"):  # a double beyond float32 is no depth
-        known = np.asarray(values / (options.scale or options.unstated_scale or 1), np.float32)
-    metadata = with_sidecar(path, own, (width, height), None if own else known)
     is_bare = options.scale is None and options.unstated_scale is None
-    if is_bare and stated_encoding(metadata.texts, options) not in METRIC:
+    if is_bare and options.kind not in {None, *METRIC}:
         values = np.asarray(values, np.float32)  # 0 is a value if there is no unit
-    found = StoredDepth.of(path, values, metadata, options)
+    found = stored_depth(path, values, own, options)
     if found.is_integer and found.scale and found.scale.source == "assumed":
         raise InputError(
             f"{path} holds {values.dtype}, not float metres",

@@ -15,15 +15,14 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
 from depthcli.io.depth import scale as steps_of
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts, step_unit
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal
-from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal, stored_depth
+from depthcli.io.formats.sidecar import with_sidecar
 from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, decode, image_size
 from depthcli.io.storage.paths import read_bytes
 
 _GRAY_RANK = 2
-_FARTHEST = 1e12  # no depth is larger, in any unit
 _PGM_TEXT = re.compile(rb"^# (%s\w+) (.*)$" % KEY_PREFIX.encode(), re.MULTILINE)
 _PGM_HEAD_BYTES = 4096
 
@@ -113,17 +112,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         raise InputError(
             f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or a picture"
         )
-    metadata = _metadata(path, data)
-    stated = metadata.texts.get("scale")
-    if options.scale is not None or stated not in steps_of.NORMALIZED:
-        return StoredDepth.of(path, steps, metadata, options)
-    span = _normalized_range(metadata.texts)
-    if span is None:
-        values = steps_of.dequantized(steps, MILLIMETRES)
-    else:
-        values = steps_of.denormalized(steps, *span)
-    values = reciprocal(values) if stated == "inverse" else values
-    return StoredDepth.of(path, values, metadata, options)
+    return stored_depth(path, steps, _own_texts(data), options)
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:
@@ -132,22 +121,13 @@ def read_metadata(path: Path) -> Mapping[str, str]:
     Raises:
         InputError: it cannot be read.
     """
-    return _metadata(path, read_bytes(path)).texts
+    data = read_bytes(path)
+    return with_sidecar(path, _own_texts(data), image_size(data) or (0, 0)).texts
 
 
-def _metadata(path: Path, data: bytes) -> FileMetadata:
+def _own_texts(data: bytes) -> dict[str, str]:
+    """The metadata of depthcli in a PNG, or in the comments of a PGM."""
     if data.startswith(SIGNATURE):
-        texts = read_text(data)
-    else:
-        found = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])
-        texts = {name.decode(): text.decode("ascii", "replace") for name, text in found}
-    return with_sidecar(path, own_metadata(texts), image_size(data) or (0, 0))
-
-
-def _normalized_range(metadata: Mapping[str, str]) -> tuple[float, float] | None:
-    """The values of 1 and 65535 in a normalized file of depthcli; None if it states none."""
-    try:
-        low, high = (float(word) for word in metadata.get("range", "").split())
-    except ValueError:
-        return None
-    return (low, high) if -_FARTHEST < low <= high < _FARTHEST else None
+        return own_metadata(read_text(data))
+    found = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])
+    return own_metadata({name.decode(): text.decode("ascii", "replace") for name, text in found})

@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth
-from depthcli.io.formats.sidecar import with_sidecar
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, decode
 from depthcli.io.storage.paths import read_bytes
 
@@ -81,9 +80,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         values = decode(data, str(path), max_pixels=OPENCV_MAX_PIXELS)
     if values.ndim != 2 or values.dtype == np.uint8:  # noqa: PLR2004
         raise InputError(f"{path} is a picture, not gray of 16 bits or more, so it holds no depth")
-    height, width = values.shape
-    stated = np.asarray(values / (options.scale or options.unstated_scale or 1), np.float32)
-    found = StoredDepth.of(path, values, with_sidecar(path, {}, (width, height), stated), options)
+    found = stored_depth(path, values, {}, options)
     if suffix != ".bin" or found.scale is None or found.scale.source != "assumed":
         return found
     unit = Message("COLMAP's unit is arbitrary, and it is taken for metres", "state its scale")
