@@ -99,3 +99,16 @@ def test_several_columns_of_images_need_a_name(inside: Cli) -> None:
     pq.write_table(table, inside.folder / "p.parquet")
     assert inside("batch", "p.parquet", "--out", "out").returncode == 2
     assert inside("batch", "p.parquet", "--out", "out", "--column", "left").returncode == 0
+
+
+def test_folder_of_shards_alone_is_read_and_its_tree_is_kept(inside: Cli) -> None:
+    (inside.folder / "in" / "train").mkdir(parents=True)
+    write_tar(inside.folder / "in" / "train" / "0.tar", {"1.png": png(1)})
+    write_tar(inside.folder / "in" / "1.tar", {"2.png": png(2)})
+    (inside.folder / "in" / "notes.txt").touch()
+    assert inside("batch", "in", "-o", "out").returncode == 0
+    assert rows(inside, "out").keys() == {"train/0.tar", "1.tar"}
+    assert (inside.folder / "out" / "train" / "0.depth.tar").exists()
+    (inside.folder / "in" / "a.png").write_bytes(png(3))
+    assert inside("batch", "in", "-o", "other").returncode == 0
+    assert rows(inside, "other").keys() == {"a.png"}

@@ -250,7 +250,7 @@ def plan_folder(
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
 ) -> BatchPlan:
-    """Plan all pictures and videos in a folder tree.
+    """Plan all images and videos in a folder tree, or its archives if it holds no other.
 
     Raises:
         UsageError: there is no such folder, outputs would become inputs, the patterns exclude
@@ -273,9 +273,13 @@ def plan_folder(
         )
     collector = InputCollector(out, wanted, shard, cameras)
     tree = listing.list_folder(root, leave_out=out, skip=wanted.excludes)
+    media = list(tree.media)
     for file in tree.skipped:
-        collector.skip(file)
-    plan = collector.plan(tree.media, paths.safe_name(root), loops=tuple(tree.loops))
+        if tree.media or file.reason not in listing.ARCHIVE_SUFFIXES:
+            collector.skip(file)
+        else:  # a data set in archives alone
+            media.append(listing.InputFile(file.name, paths.join(root, file.name)))
+    plan = collector.plan(media, paths.safe_name(root), loops=tuple(tree.loops))
     _check_outside(plan, root)
     return plan
 
