@@ -36,13 +36,6 @@ _REASONS = {
         errno.EINVAL,
         "it is in another region; set AWS_DEFAULT_REGION",
     ),
-    "SlowDown": (errno.EBUSY, "the store is overloaded (SlowDown); try again, with less at once"),
-    "InvalidAccessKeyId": (
-        errno.EACCES,
-        "access denied: the store does not know these credentials",
-    ),
-    "SignatureDoesNotMatch": (errno.EACCES, "access denied: the secret key is wrong"),
-    "ExpiredToken": (errno.EACCES, "access denied: the credentials have expired"),
     "Account must be specified": (
         errno.EACCES,
         "no Azure storage account is given; set AZURE_STORAGE_ACCOUNT_NAME",
