@@ -338,6 +338,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
     """
     _check_sequence(request)
     destination = target_destination(request.target, request.format, is_plain=True)
+    pattern = destination.path or path_of(request.target)
     problem: InputError | None = None
 
     def readable(video: DepthVideo) -> Generator[StoredDepth, None, None]:
@@ -349,8 +350,9 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
             problem = error
 
     def convert_frame(stored: StoredDepth) -> ConvertResult:
-        place = path_of(numbered_name(request.target, stored.frame.index))
-        return _write_converted(stored, request, replace(destination, path=place))
+        name = numbered_name(pattern.name, stored.frame.index)
+        found = replace(destination, path=pattern.with_name(name))
+        return _write_converted(stored, request, found)
 
     with local_copy(path_of(request.source)) as path, one_thread_each(workers):
         frames = readable(open_depth_video(path, request.stated))
