@@ -175,11 +175,15 @@ def pairs(
     rgb: str | None = typer.Option(
         None,
         metavar="PATTERN",
+        rich_help_panel="Layout",
         help="Names of the images in another layout, with * for what they share with their depth: "
         "'*.color.png', 'left/*.png'.",
     ),
     depth: str | None = typer.Option(
-        None, metavar="PATTERN", help="Names of the depth files, as --rgb: '*.depth.png'."
+        None,
+        metavar="PATTERN",
+        rich_help_panel="Layout",
+        help="Names of the depth files, as --rgb: '*.depth.png'.",
     ),
     models: ModelOptions,
     png_scale: float | None = typer.Option(
