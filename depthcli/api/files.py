@@ -9,7 +9,7 @@ import numpy as np
 
 from depthcli.api.depth_map import DepthMap
 from depthcli.core import types
-from depthcli.core.options import MAX_PIXELS, Projection
+from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions
 from depthcli.core.types import Frame
 from depthcli.errors import DepthcliWarning, InputError
 from depthcli.io.depth import read as depth_files
@@ -39,12 +39,10 @@ class VideoSource(video_frames.VideoSource):
         max_pixels: int = MAX_PIXELS,
         stream: int | None = None,
         eye: Eye | None = None,
-        projection: Projection | None = None,
+        options: ReadOptions = AS_STATED,
     ) -> None:
         """As below, with a warning if colours or times are doubtful."""
-        super().__init__(
-            source, max_pixels=max_pixels, stream=stream, eye=eye, projection=projection
-        )
+        super().__init__(source, max_pixels=max_pixels, stream=stream, eye=eye, options=options)
         for text in self.warnings:
             warnings.warn(f"{source}: {text}", DepthcliWarning, stacklevel=2)
 

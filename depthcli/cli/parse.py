@@ -287,6 +287,7 @@ INPUT_OPTIONS: Mapping[str, Collection[str]] = {
     "EXR": ("exposure", "layer"),
     "PNG and TIFF": ("white_level", "black_level"),
     "image sequences": ("fps",),
+    "videos": ("stream", "eye"),
 }
 """The options that each kind of input uses, by parameter name."""
 _STDIN = "-"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # Playlists are excluded, because they name other files and addresses.
 _FORMATS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,asf,flv,live_flv,ogg,mxf,gxf,"
-    "nut,ivf,h264,hevc,av1,obu,m4v,mjpeg,jpeg_pipe,dv,rm,wtv,gif,apng,yuv4mpegpipe,nsv,swf,vc1,dnxhd,dirac"
+    "nut,ivf,h264,hevc,av1,obu,m4v,mjpeg,jpeg_pipe,mpjpeg,dv,rm,wtv,gif,apng,yuv4mpegpipe,nsv,swf,vc1,dnxhd,dirac"
 )
 _LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", re.ASCII)
 _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}

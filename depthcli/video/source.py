@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions
 from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
-from depthcli.io.images.pixels import upright
+from depthcli.io.images.pixels import full_range, upright
 from depthcli.video.container import InputPipe, open_video, pipe_advice, video_streams
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
 from depthcli.video.facts import Eye, camera_warnings, focal_lengths, side_data, view_of
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
 _RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "jpeg_pipe",
-                "m4v", "mjpeg", "mpegvideo", "obu", "vc1", "vvc"}  # fmt: skip
+                "m4v", "mjpeg", "mpegvideo", "mpjpeg", "obu", "vc1", "vvc"}  # fmt: skip
 
 # Containers without presentation times: FFmpeg numbers the packets, also those of B-frames.
 _NUMBERED_FORMATS = {"avi", "mxf"}
@@ -92,23 +93,24 @@ _EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
 
 
 def rgb_pixels(
-    frame: VideoFrame, reformatter: VideoReformatter
+    frame: VideoFrame, reformatter: VideoReformatter, *, has_alpha: bool = False
 ) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
     """A frame converted to RGB from its own colour space and range, not rotated.
 
     If it states no colour space, that is BT.601 up to 576 rows and BT.709 above, as in players.
 
     Returns:
-        (H, W, 3) RGB: uint8 of 8-bit video, else uint16, scaled to 0-65535.
+        (H, W, 3) RGB, or (H, W, 4) with alpha: uint8 of 8-bit video, else uint16 up to 65535.
 
     Raises:
         av.FFmpegError: the format cannot be converted.
     """
     is_deep = any(component.bits > _EIGHT_BIT for component in frame.format.components)
     guessed = Colorspace.ITU709 if frame.height > _SD_ROWS else Colorspace.ITU601
+    formats = ("rgba", "rgba64le") if has_alpha else ("rgb24", "rgb48le")
     rgb = reformatter.reformat(
         frame,
-        format="rgb48le" if is_deep else "rgb24",
+        format=formats[is_deep],
         src_colorspace=guessed if frame.colorspace == _UNSPECIFIED else None,
         dst_color_range=ColorRange.JPEG,
         interpolation=Interpolation.BICUBIC,
@@ -137,6 +139,7 @@ def _warnings_about(first: VideoFrame) -> Iterator[str]:
 
 
 _MISSING_SHARE = 200
+_RGB = 3
 _TRANSPOSED = 5
 """The first EXIF orientation that swaps rows and columns."""
 
@@ -156,7 +159,7 @@ class VideoSource(FrameSource):
         max_pixels: int = MAX_PIXELS,
         stream: int | None = None,
         eye: Eye | None = None,
-        projection: Projection | None = None,
+        options: ReadOptions = AS_STATED,
     ) -> None:
         """Open any video that FFmpeg reads, except playlists.
 
@@ -165,7 +168,7 @@ class VideoSource(FrameSource):
             max_pixels: larger frames are refused.
             stream: number of the video stream, from 0; None for the one with most frames.
             eye: the view of a stereo video; None for whole frames.
-            projection: how directions became pixels; None for a pinhole camera.
+            options: levels of 16-bit pixels, projection, and whether transparent pixels count.
 
         Raises:
             InputError: missing, empty, no video, no frame in it, or too large.
@@ -187,11 +190,12 @@ class VideoSource(FrameSource):
         if self.paths:  # in a pipe it is a guess
             self.frames_stated = _stated_frames(self._container, chosen, self.rate)
         streams = video_streams(self._container)
+        self._streams = len(streams)
         if stream is None and len(streams) > 1:
             problem = f"of its {len(streams)} video streams, number {streams.index(chosen)} is read"
             self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
         self._focal_mm = focal_lengths(self._path, self._container)
-        self._projection = projection
+        self._options = options
         self._time_code = header_time_code(self._container, chosen, self.rate)
         self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
         self._reformatter = VideoReformatter()
@@ -202,7 +206,7 @@ class VideoSource(FrameSource):
                 f"{source} holds no frame that can be decoded: it is damaged",
                 pipe_advice(self._source),
             )
-        self._current, self._is_read = first, False
+        self._current, self._is_read, self._is_begun = first, False, False
         self._inspect(first, chosen, max_pixels, eye)
         self._begin(first, chosen)
 
@@ -247,26 +251,48 @@ class VideoSource(FrameSource):
             if not wanted:
                 continue
             try:
-                pixels = rgb_pixels(self._current, self._reformatter)
+                frame = self._converted()
             except av.FFmpegError:
                 self.problem = "a frame cannot be converted; the frames before it are done"
                 return
-            pixels = upright(pixels[self._view], self._orientation)
-            if pixels.shape[:2] != (self.height, self.width):
+            if (frame.width, frame.height) != (self.width, self.height):
                 self.problem = "the frames change their size; those before are done"
                 return
-            yield Frame(
-                pixels if pixels.flags.c_contiguous else pixels.copy(),
-                self._path,
-                self._timeline.index,
-                float(self._timeline.time_s),
-                orientation=self._orientation,
-                focal_35mm=self._focal_mm[0],
-                focal_mm=self._focal_mm[1],
-                projection=self._projection or Projection.PINHOLE,
-                pixel_aspect=self._pixel_aspect,
-                time_code=self._current_time_code(),
-            )
+            yield frame
+
+    def _converted(self) -> Frame:
+        """The current frame, upright; where it is transparent, with the colours around that."""
+        options, components = self._options, self._current.format.components
+        has_alpha = any(one.is_alpha for one in components) and not options.ignore_alpha
+        pixels = rgb_pixels(self._current, self._reformatter, has_alpha=has_alpha)
+        pixels = upright(pixels[self._view], self._orientation)
+        rgb, warnings = pixels[..., :_RGB], tuple[str, ...]()
+        is_first, self._is_begun = not self._is_begun, True
+        if is_first or options.white_level is not None or options.black_level:
+            rgb, warnings = full_range(rgb, None, options.white_level, options.black_level)
+        frame = Frame(
+            rgb if rgb.flags.c_contiguous else rgb.copy(),
+            self._path,
+            self._timeline.index,
+            float(self._timeline.time_s),
+            orientation=self._orientation,
+            focal_35mm=self._focal_mm[0],
+            focal_mm=self._focal_mm[1],
+            warnings=warnings,
+            pixel_aspect=self._pixel_aspect,
+            projection=options.projection or Projection.PINHOLE,
+            time_code=self._current_time_code(),
+        )
+        if has_alpha:
+            from depthcli.io.images.read import masked  # noqa: PLC0415 - few videos need it
+
+            try:
+                frame = masked(frame, pixels[..., _RGB])
+            except InputError:  # nothing is seen, as before a fade
+                frame = replace(frame, transparent=np.ones(rgb.shape[:2], np.bool_))
+        if is_first:
+            self.warnings += frame.warnings
+        return frame
 
     def close(self) -> None:
         """Close the file."""
@@ -288,7 +314,10 @@ class VideoSource(FrameSource):
         self.width, self.height = size[::-1] if is_turned else size
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
-        self.warnings += (*_warnings_about(first), *camera_warnings(first, eye, self._projection))
+        self.warnings += (
+            *_warnings_about(first),
+            *camera_warnings(first, eye, self._options.projection),
+        )
 
     def _current_time_code(self) -> TimeCode | None:
         if self._time_code is None:
@@ -324,6 +353,8 @@ class VideoSource(FrameSource):
 
     def _check_end(self) -> None:
         """Compare the decoded frames with what the file states."""
+        if len(video_streams(self._container)) > self._streams:
+            self.warnings += ("another video stream begins later, and is left out",)
         self._timeline.end(self._decoder.pop_failed())
         self._report_lost()
         read = self._timeline.index + 1
@@ -363,7 +394,7 @@ def open_frames(
         source: a file, a folder, a pattern such as ``plate.%04d.exr``, or a pipe.
         rate: frames a second of a sequence; None for what it states.
         max_pixels: frames that claim more are refused.
-        options: for the images of a sequence; their projection is also that of a video.
+        options: for reading its frames.
         stream: number of the stream of a video; None for the one with most frames.
         eye: the view of a stereo video; None for whole frames.
 
@@ -377,9 +408,7 @@ def open_frames(
 
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
 
-    video = VideoSource(
-        source, max_pixels=max_pixels, stream=stream, eye=eye, projection=options.projection
-    )
+    video = VideoSource(source, max_pixels=max_pixels, stream=stream, eye=eye, options=options)
     if video.is_own_depth:
         video.close()
         raise InputError(

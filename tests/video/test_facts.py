@@ -7,11 +7,12 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 from helpers.videos import NTSC, box, encode, flat_frames, with_box, with_track_tag, write_mp4
 
-from depthcli.core.options import Projection
+from depthcli.core.options import Projection, ReadOptions
 from depthcli.errors import UsageError
 from depthcli.video.facts import Eye
 from depthcli.video.source import VideoSource
@@ -158,6 +159,61 @@ def test_a_panorama_is_read_as_one_on_request(
     )
     parents = b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stsd", b"mp4v"
     path.write_bytes(with_box(path.read_bytes(), box(b"sv3d", *facts), *parents))
-    source, frames = read(path, projection=projection)
+    source, frames = read(path, options=ReadOptions(projection=projection))
     assert frames[0].projection is (projection or Projection.PINHOLE)
     assert len(source.warnings) == (projection is None)
+
+
+@pytest.mark.parametrize("codec", ["png", "qtrle"])
+def test_transparent_pixels_of_a_video_have_no_depth(codec: str, tmp_path: Path) -> None:
+    frame = np.full((48, 64, 4), 90, np.uint8)
+    frame[..., 3] = 255
+    frame[:, 40:] = (255, 255, 255, 0)
+    path = write_rgba(tmp_path / "a.mov", codec, [frame, frame, frame * 0])
+    source, frames = read(path)
+    hidden = frames[0].transparent
+    assert hidden is not None
+    assert hidden[:, 40:].all()
+    assert not hidden[:, :40].any()
+    assert np.unique(frames[0].pixels).tolist() == [90]
+    assert len(source.warnings) == 1
+    assert np.asarray(frames[2].transparent).all()
+    source, frames = read(path, options=ReadOptions(ignore_alpha=True))
+    assert frames[0].transparent is None
+    assert frames[0].pixels[0, 50].tolist() == [255, 255, 255]
+
+
+def write_rgba(path: Path, codec: str, frames: Sequence[np.ndarray[Any, Any]]) -> Path:
+    with av.open(str(path), "w") as output:
+        stream = output.add_stream(codec, rate=25)
+        stream.width, stream.height = frames[0].shape[1::-1]
+        stream.pix_fmt = {"png": "rgba", "qtrle": "argb"}[codec]
+        for index, pixels in enumerate(frames):
+            frame = av.VideoFrame.from_ndarray(pixels, "rgba").reformat(format=stream.pix_fmt)
+            frame.pts, frame.time_base = index, Fraction(1, 25)
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode(None))
+    return path
+
+
+def test_levels_stretch_the_range_of_a_thermal_video(tmp_path: Path) -> None:
+    ramp = np.tile(np.linspace(29_000, 30_000, 64).astype(np.uint16), (48, 1))
+    path = encode(tmp_path / "a.mkv", [ramp] * 2, NTSC, "ffv1", "gray16le")
+    source, frames = read(path)
+    assert frames[0].pixels.max() <= 30_000
+    (warning,) = source.warnings
+    assert "black_level" in warning
+    source, frames = read(path, options=ReadOptions(white_level=30_000, black_level=29_000))
+    for frame in frames:
+        assert (frame.pixels.min(), frame.pixels.max()) == (0, 65535)
+    assert source.warnings == ()
+
+
+def test_multipart_jpeg_of_network_cameras_is_read(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (240, 320, 3), np.uint8)
+    ok, jpeg = cv2.imencode(".jpg", noise)
+    assert ok
+    part = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n"
+    (tmp_path / "a.mjpeg").write_bytes(part % (jpeg.size, jpeg.tobytes()) * 5)
+    _, frames = read(tmp_path / "a.mjpeg")
+    assert len(frames) == 5

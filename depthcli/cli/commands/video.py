@@ -186,7 +186,8 @@ def video(
         stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
     if not screen.quiet:
-        kinds = INPUT_OPTIONS if is_sequence(file) else ()
+        of_images = set(INPUT_OPTIONS) - {"videos"}
+        kinds = of_images if is_sequence(file) else {"videos", "PNG and TIFF"}
         console.warn_all(settings.camera.warnings)
         console.warn_all(without_effect(given, FORMAT_OPTIONS, destination.wanted))
         console.warn_all(without_effect(given, INPUT_OPTIONS, kinds))

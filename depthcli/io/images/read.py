@@ -297,11 +297,15 @@ def read_image(
         return frame
     alpha = decoded.alpha if header.is_upright else upright(decoded.alpha, orientation)
     with _errors_about(name):
-        return _masked(frame, alpha)
+        return masked(frame, alpha)
 
 
-def _masked(frame: Frame, alpha: npt.NDArray[Any]) -> Frame:
-    """The frame without what is transparent in it."""
+def masked(frame: Frame, alpha: npt.NDArray[Any]) -> Frame:
+    """The frame without what is transparent in it.
+
+    Raises:
+        InputError: all of it is.
+    """
     found = fill_transparent(frame.pixels, alpha)
     if found is None:
         return frame
@@ -393,7 +397,7 @@ def frame_of(image: Picture, white_level: int | None = None) -> Frame:
     frame, alpha = _of_pil(image) if hasattr(image, "getexif") else _of_array(image)
     pixels, warnings = full_range(frame.pixels, None, white_level)
     frame = replace(frame, pixels=pixels, warnings=warnings)
-    return frame if alpha is None else _masked(frame, alpha)
+    return frame if alpha is None else masked(frame, alpha)
 
 
 def _of_array(image: ArrayLike) -> tuple[Frame, npt.NDArray[Any] | None]:
