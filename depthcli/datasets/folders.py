@@ -17,7 +17,7 @@ import numpy.typing as npt
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.datasets import layouts
 from depthcli.datasets.base import DepthDataset, Pair
-from depthcli.errors import DatasetError, InputError
+from depthcli.errors import DatasetError, InputError, Message
 from depthcli.io.depth.metadata import positive_number, step_unit
 from depthcli.io.depth.read import (
     AS_STATED,
@@ -209,6 +209,27 @@ class FolderDataset(DepthDataset):
         pairs = zip(self.pairs, found, strict=True)
         return replace(self, pairs=tuple(replace(p, camera=Intrinsics(f)) for p, f in pairs))
 
+    def without_unfit_cameras(self) -> tuple[Self, tuple[str, ...]]:
+        """The pairs without cameras of images of another size, and a warning about them."""
+        fits: dict[Intrinsics, bool] = {}
+        pairs = []
+        for i, pair in enumerate(self.pairs):
+            if pair.camera.centre_px is None:
+                pairs.append(pair)
+                continue
+            if pair.camera not in fits:
+                height, width = self._image_shape(i)
+                fits[pair.camera] = _is_of(pair.camera, width, height)
+            kept = pair if fits[pair.camera] else replace(pair, camera=UNKNOWN_CAMERA)
+            pairs.append(kept)
+        if all(fits.values()):
+            return self, ()
+        warning = Message(
+            f"{self.root} has cameras of images of another size, which are not used",
+            f"state focal_px in {CAMERAS_NAME}",
+        )
+        return replace(self, pairs=tuple(pairs)), (warning,)
+
     def _image_shape(self, i: int, expected: tuple[int, ...] = ()) -> tuple[int, int]:
         """(rows, columns) of image ``i``, upright; its header is enough if it is as expected."""
         path = _file(self.pairs[i].image)
@@ -301,7 +322,8 @@ def open_paired_folder(
         units = None
     elif units is not None:
         reading = replace(reading, unstated_scale=units)
-    dataset = FolderDataset(_with_cameras(path, listing.pairs), path, reading)
+    dataset, unfit = FolderDataset(listing.pairs, path, reading).without_unfit_cameras()
+    dataset = replace(dataset, pairs=_with_cameras(path, dataset.pairs))
     first = dataset.stored(0)
     unit = first.unit_text if units is None else f"{step_unit(units)}, by the layout"
     notes = [f"truth: {listing.layout}, depth in {unit}"]
@@ -310,8 +332,10 @@ def open_paired_folder(
     shape = first.displayed.values.shape
     if dataset.depth_m(0).shape != shape:
         notes.append(f"depth of {shape[1]}×{shape[0]} is compared in the view of the images")
+    if not dataset.focal_px:
+        notes.append("the focal length is not known: that of each model is assumed")
     _check_unit(dataset, plausible_m)
-    warnings = first.warnings_with_scale("png_scale")
+    warnings = (*first.warnings_with_scale("png_scale"), *unfit)
     return replace(dataset, notes=tuple(notes), warnings=warnings)
 
 

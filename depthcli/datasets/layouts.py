@@ -22,14 +22,15 @@ from depthcli.io.formats.table import READABLE_SUFFIXES
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 _IMAGE = rf"(?:{'|'.join(map(re.escape, IMAGE_SUFFIXES))})"
 _DEPTH = rf"(?:\.depth)?(?:{'|'.join(map(re.escape, READABLE_SUFFIXES))})"  # as predict names it
-_ASSOCIATIONS = "associations.txt"
-_TUM_LISTS = (_ASSOCIATIONS, "rgb.txt", "depth.txt")
+_TUM_LISTS = ("rgb.txt", "depth.txt", "groundtruth.txt")
 _TUM_UNITS = 5000.0
 _TIME = re.compile(r"\d+\.\d+")
 _MOST_APART_S = 0.02
 """Difference of time stamps up to which TUM's tools pair image and depth."""
-_COLOUR_CAMERAS = ("intrinsic/intrinsic_color.txt", "intrinsic_color.txt", "camera-intrinsics.txt")
-_DEPTH_CAMERAS = ("intrinsic/intrinsic_depth.txt", "intrinsic_depth.txt", "camera-intrinsics.txt")
+_CAMERAS = ("intrinsic/intrinsic_{}.txt", "intrinsic_{}.txt", "intrinsics_{}.txt")
+_ONE_CAMERA = ("camera-intrinsics.txt", "camera_intrinsics.txt")
+_COLOUR_CAMERAS = (*(name.format("color") for name in _CAMERAS), *_ONE_CAMERA)
+_DEPTH_CAMERAS = (*(name.format("depth") for name in _CAMERAS), *_ONE_CAMERA)
 
 
 class Layout(NamedTuple):
@@ -53,11 +54,20 @@ class Listing(NamedTuple):
 _PLAIN = Layout("rgb/ and depth/", rf"rgb/(.+){_IMAGE}", rf"depth/(.+?){_DEPTH}")
 _LAYOUTS = (
     _PLAIN,
-    Layout("color/ and depth/", rf"(.+/)?color/(.+){_IMAGE}", rf"(.+/)?depth/(.+?){_DEPTH}"),
+    Layout(
+        "color/ and depth/",
+        rf"(.+/)?(?:color|rgb|images?)/(.+){_IMAGE}",
+        rf"(.+/)?depths?/(.+?){_DEPTH}",
+    ),
     Layout(
         "*.color.* and *.depth.*",
         rf"(.+)[._-](?:color|rgb){_IMAGE}",
         rf"(.+)[._-]depth(?:{'|'.join(map(re.escape, READABLE_SUFFIXES))})",
+    ),
+    Layout(
+        "color_* and depth_*",
+        rf"(.*/)?(?:color|rgb)[._-](.+){_IMAGE}",
+        rf"(.*/)?depth[._-](.+?){_DEPTH}",
     ),
     Layout(
         "KITTI's validation selection",
@@ -94,8 +104,8 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
         if not found.pairs:
             raise DatasetError(f"{root} has no files of one name by {layout.name}")
         return found
-    if (root / _ASSOCIATIONS).is_file():
-        return Listing(_associated(root), f"TUM RGB-D, by {_ASSOCIATIONS}", _TUM_UNITS)
+    if tables := sorted(root.glob("assoc*.txt")):
+        return Listing(_associated(tables[0]), f"TUM RGB-D, by {tables[0].name}", _TUM_UNITS)
     is_plain = (root / "rgb").is_dir() and (root / "depth").is_dir()
     files = list_files(root, ("rgb", "depth") if is_plain else ("",))
     layouts = (_PLAIN,) if is_plain else _LAYOUTS[1:]
@@ -176,7 +186,8 @@ def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
     if (layout is _PLAIN and not partner_of) or (is_complete and unpaired):
         raise DatasetError(
             f"{root} has {len(images)} images and {len(depths)} depth images, {len(unpaired)} "
-            f"without a partner{f' (first: {unpaired[0]})' if unpaired else ''}"
+            f"without a partner{f' (first: {unpaired[0]})' if unpaired else ''}",
+            "name the files with {rgb} and {depth} if their names differ",
         )
     pairs = [_pair(root, name, images[name], depths[partner_of[name]]) for name in partner_of]
     return Listing(tuple(pairs), layout.name, units, len(unpaired))
@@ -211,19 +222,19 @@ def _nearest_in_time(images: Mapping[str, Path], depths: Mapping[str, Path]) -> 
     }
 
 
-def _associated(root: Path) -> tuple[Pair, ...]:
+def _associated(table: Path) -> tuple[Pair, ...]:
     """Pairs of TUM's list: time and file of each image, time and file of its depth, or reversed."""
     pairs = []
-    for line in (root / _ASSOCIATIONS).read_text("utf-8", "replace").splitlines():
+    for line in table.read_text("utf-8", "replace").splitlines():
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
         if len(words) < 4:  # noqa: PLR2004
-            raise DatasetError(f"{root / _ASSOCIATIONS}: {line!r} is not TIME IMAGE TIME DEPTH")
-        image, depth = words[1], words[3]
-        if "depth" in image.lower():
-            image, depth = depth, image
-        pairs.append(Pair(Path(image).stem, image=root / image, depth=root / depth))
+            raise DatasetError(f"{table}: {line!r} is not TIME IMAGE TIME DEPTH")
+        files = [table.parent / words[1], table.parent / words[3]]
+        if "depth" in words[1].lower():
+            files.reverse()
+        pairs.append(_pair(table.parent, files[0].stem, *files))
     return tuple(pairs)
 
 

@@ -103,19 +103,24 @@ def test_depth_of_a_wider_camera_is_cut_to_the_view_of_the_image() -> None:
             assert abs(seen[y, x] // 16 - row) <= 0.5
 
 
-def test_a_camera_of_another_size_is_not_used() -> None:
+def test_a_camera_of_another_size_is_not_used(tmp_path: Path) -> None:
     """Preprocessed ScanNet: images of 640×480 beside the camera of 1296×968."""
-    pair = Pair(
-        "a",
-        Path("a.jpg"),
-        camera=Intrinsics(1170, centre_px=(648, 484), pixel_aspect=1),
-        depth_camera=Intrinsics(577, centre_px=(319, 239), pixel_aspect=1),
-    )
-    depth_m = np.ones((480, 640), np.float32)
-    assert in_view(depth_m, pair, (480, 640)) is depth_m
+    _image(tmp_path, "color/0.jpg", size=(48, 64))
+    _depth(tmp_path, "depth/0.png", size=(48, 64))
+    for name, focal_px, centre in (("color", 117, (64.8, 48.4)), ("depth", 57.7, (31.9, 23.9))):
+        matrix = np.diag([focal_px, focal_px, 1.0])
+        matrix[:2, 2] = centre
+        np.savetxt(tmp_path / f"intrinsics_{name}.txt", matrix)
+    dataset = open_paired_folder(tmp_path)
+    assert dataset.focal_px == ()
+    assert any("cameras.csv" in warning for warning in dataset.warnings)
+    assert (dataset.depth_m(0) == 2).all()
 
 
-@pytest.mark.parametrize("style", ["seq-01/frame-{}.{}.png", "{}-{}.png", "chess/{}_{}.png"])
+@pytest.mark.parametrize(
+    "style",
+    ["seq-01/frame-{0}.{1}.png", "{0}-{1}.png", "a/{0}_{1}.png", "{1}_{0}.png", "a/{1}/{0}.png"],
+)
 def test_images_and_depth_in_one_folder(tmp_path: Path, style: str) -> None:
     """7-Scenes and 3DMatch; RGB-D Scenes."""
     for number in ("000000", "000001"):
