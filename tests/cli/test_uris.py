@@ -133,7 +133,7 @@ def test_wrong_credentials_are_one_line(inside: Cli, bucket: Bucket) -> None:
         ):
             done = inside(*words, DEPTHCLI_RETRIES="0")
             assert (done.returncode, done.stderr.count(b"\n")) == (code, 1)
-            assert b"access denied: the store does not know these credentials" in done.stderr
+            assert b"access denied" in done.stderr
             assert not any(secret.encode() in done.stderr for secret in KEYS.values())
 
 

@@ -51,7 +51,7 @@ def test_pictures_that_end_at_a_sensor_s_white_name_the_option(folder: Path, ins
     pixels = np.minimum(SENSOR, 1023)
     for number in range(2):
         cv2.imwrite(str(folder / "low" / f"f{number}.png"), pixels)
-    advice = "as in data of 10 bits; if that is white, give --white-level 1023"
+    advice = "give --white-level 1023"
     done = inside("predict", "low/f0.png", "-o", "a.exr")
     assert done.stderr.decode().count(advice) == 1
     done = inside("video", "low/f%d.png", "--out", "b.mkv", "--fps", "25")
