@@ -275,7 +275,7 @@ def read_image(
     if not header.is_upright:
         pixels = upright(pixels, orientation)
     facts = _GPANO.findall(data[:_XMP_BYTES]) or _GPANO.findall(data[-_XMP_BYTES:])
-    xmp = dict(reversed(facts))  # an element's end follows its value
+    xmp: dict[bytes, bytes] = dict(reversed(facts))  # an element's end follows its value
     is_panorama = xmp.get(b"ProjectionType") == b"equirectangular"
     whole = xmp.get(b"FullPanoWidthPixels", b"")
     shown = xmp.get(b"CroppedAreaImageWidthPixels", whole)
