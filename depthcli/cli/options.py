@@ -174,6 +174,11 @@ class DepthFileOptions:
         "name, of the eye that its image is of."
     )
 
+    frame: int | None = option(
+        "The frame to read of a depth video (.mkv), or of several maps in NPY or NPZ, from 0.",
+        min=0,
+    )
+
     @property
     def needs_camera(self) -> bool:
         """Whether depth depends on the camera."""
@@ -344,9 +349,6 @@ FileArgument = Annotated[
         help="Depth file: 16-bit PNG or PGM, EXR, NPY, NPZ, PFM, TIFF, COLMAP's .bin, or depth "
         "video (.mkv).",
     ),
-]
-FrameOption = Annotated[
-    int | None, typer.Option(min=0, help="The frame of a depth video (.mkv) to read, from 0.")
 ]
 SidecarOption = Annotated[
     bool,

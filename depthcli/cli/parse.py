@@ -149,6 +149,7 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
         camera=camera,
         baseline_m=options.baseline,
         layer=options.from_layer,
+        frame=options.frame,
     )
 
 

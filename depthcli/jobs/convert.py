@@ -78,7 +78,6 @@ class ConvertRequest:
     format: Format | None = None  #: of the target; None to take it from the suffix
     #: what the user states about the source
     stated: depth_files.DepthReadOptions = depth_files.AS_STATED
-    frame: int | None = None  #: of a depth video, from 0
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
     reading: ReadOptions = AS_STATED  #: how the picture is read
     #: of the same size, for the colours of a point cloud, or beside a preview
@@ -128,7 +127,7 @@ def convert(request: ConvertRequest) -> ConvertResult:
     """
     is_plain = is_pattern(path_of(request.source).name)
     destination = target_destination(request.target, request.format, is_plain=is_plain)
-    stored = read_map(path_of(request.source), request.stated, request.frame)
+    stored = read_map(path_of(request.source), request.stated)
     return _write_converted(stored, request, destination)
 
 
@@ -370,6 +369,6 @@ def _check_sequence(request: ConvertRequest) -> None:
             f"{safe_name(request.source)} is not one",
             "name one file, or a folder with {out}",
         )
-    if request.frame is not None or request.picture is not None:
-        option = "picture" if request.frame is None else "frame"
+    if request.stated.frame is not None or request.picture is not None:
+        option = "picture" if request.stated.frame is None else "frame"
         raise UsageError(f"it is for one map, but {name} is all frames", "remove it", option=option)

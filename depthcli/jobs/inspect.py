@@ -12,6 +12,8 @@ from depthcli.io.storage.paths import local_copy, path_of, safe_name
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import FALLBACK_RATE, rate_text, time_code_text
 
+_STACKS = (".npy", ".npz")
+
 
 def is_depth_video(path: Path) -> bool:
     """Whether a file is a depth video, by its suffix."""
@@ -30,17 +32,15 @@ def open_depth_video(path: Path, options: DepthReadOptions) -> DepthVideo:
     return DepthVideo(path, scale=options.scale)
 
 
-def read_map(
-    path: Path, options: DepthReadOptions = AS_STATED, frame: int | None = None
-) -> StoredDepth:
-    """A depth map from any file that depthcli reads; for a video, that of frame number ``frame``.
+def read_map(path: Path, options: DepthReadOptions = AS_STATED) -> StoredDepth:
+    """A depth map from any file that depthcli reads; of a depth video, the frame of the options.
 
     Raises:
-        InputError: missing, damaged, without depth, or a video without this frame.
-        UsageError: a video without a frame number, or a frame number for another file.
+        InputError: missing, damaged, without depth, or without this frame.
+        UsageError: a video without a frame number, or a frame number for a file of one map.
     """
     if is_depth_video(path):
-        if frame is None:
+        if options.frame is None:
             raise UsageError(
                 f"{path} is a video",
                 "name one frame with {frame}, 0 for the first ('convert' writes all to a pattern "
@@ -49,11 +49,11 @@ def read_map(
         with local_copy(path) as video:
             count = 0
             for count, stored in enumerate(open_depth_video(video, options).frames(str(path)), 1):
-                if count > frame:
+                if count > options.frame:
                     return stored
-            raise InputError(f"{path} has no frame {frame}; its last one is {count - 1}")
-    if frame is not None:
-        raise UsageError(f"{path} is no depth video (.mkv)", "remove it", option="frame")
+            raise InputError(f"{path} has no frame {options.frame}; its last one is {count - 1}")
+    if options.frame is not None and path.suffix.lower() not in _STACKS:
+        raise UsageError(f"{path} is one map", "remove it", option="frame")
     return read_stored_depth(path, options)
 
 
@@ -67,10 +67,10 @@ def inspect_file(file: str, options: DepthReadOptions = AS_STATED) -> dict[str, 
         InputError: missing, damaged or without depth.
     """
     path = path_of(file)
-    if is_depth_video(path):
+    if is_depth_video(path) and options.frame is None:
         with local_copy(path) as video:
             return {"input": safe_name(file), **_video_facts(open_depth_video(video, options))}
-    stored = read_stored_depth(path, options)
+    stored = read_map(path, options)
     depth = stored.displayed
     scale, source = stored.scale or (None, None)
     return {

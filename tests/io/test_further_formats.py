@@ -104,6 +104,19 @@ def test_npz_of_other_programs(names: tuple[str, ...], tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.npz").depth.values, DEPTH_M)
 
 
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+def test_one_of_several_maps_is_read_by_its_number(name: str, tmp_path: Path) -> None:
+    """Video Depth Anything and Depth Anything 3 write (N, H, W)."""
+    several = np.stack([DEPTH_M, 2 * DEPTH_M])
+    np.save(tmp_path / "a.npy", several)
+    np.savez(tmp_path / "a.npz", depths=several)
+    found = read_stored_depth(tmp_path / name, DepthReadOptions(frame=1)).depth
+    np.testing.assert_array_equal(found.values, several[1])
+    for frame in (None, 2):
+        with pytest.raises(InputError):
+            read_stored_depth(tmp_path / name, DepthReadOptions(frame=frame))
+
+
 def test_npz_keeps_kind_and_model(tmp_path: Path) -> None:
     writer_class(Format.NPZ)().write(DepthMap(DEPTH_M, DepthKind.INVERSE), tmp_path / "a.npz")
     assert read_stored_depth(tmp_path / "a.npz").depth.kind is DepthKind.INVERSE

@@ -12,7 +12,7 @@ from helpers.videos import NTSC, damage_frames, encode, flat_frames
 
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
 from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert_video
 from depthcli.jobs.inspect import inspect_file
 from depthcli.video.depth_video import DepthVideo
@@ -120,10 +120,16 @@ def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [{"source": "d.png"}, {"frame": 1}, {"picture": "a.jpg"}, {"target": "a.#.mkv"}]
+    "words",
+    [
+        {"source": "d.png"},
+        {"stated": DepthReadOptions(frame=1)},
+        {"picture": "a.jpg"},
+        {"target": "a.#.mkv"},
+    ],
 )
 def test_patterns_that_do_not_fit_are_refused(
-    words: dict[str, str | int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_frames(tmp_path / "d.mkv", range(2))

@@ -101,17 +101,17 @@ def test_inspect_file_returns_the_facts_of_a_video(
         "max": pytest.approx(7 * unit_m),
     }
     for number, values in enumerate(FRAMES_M):
-        found = read_map(depth_mkv, DepthReadOptions(scale), number).displayed
+        found = read_map(depth_mkv, DepthReadOptions(scale, frame=number)).displayed
         np.testing.assert_allclose(found.values, values * unit_m, rtol=1e-6)
 
 
 def test_a_frame_belongs_to_a_video(depth_mkv: Path, depth_npy: Path) -> None:
     with pytest.raises(InputError):
-        read_map(depth_mkv, frame=3)
+        read_map(depth_mkv, DepthReadOptions(frame=3))
     with pytest.raises(UsageError):
         read_map(depth_mkv)
     with pytest.raises(UsageError):
-        read_map(depth_npy, frame=0)
+        read_map(depth_npy.with_suffix(".png"), DepthReadOptions(frame=0))
 
 
 def test_a_scale_is_of_integers_and_of_floats(tmp_path: Path, depth_npy: Path) -> None:

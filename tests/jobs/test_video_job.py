@@ -24,7 +24,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import Detail
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_metadata, read_stored_depth
+from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_destination
@@ -595,7 +595,9 @@ def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smoot
     read = depthcli.DepthVideo(tmp_path / "o" / "a.depth.mkv")
     assert "time_s" not in read.labels
     assert [depth.time_s for depth in read] == pytest.approx(times_s[1:], abs=0.0006)
-    frame = ConvertRequest(str(read.path), str(tmp_path / "c.png"), frame=1)
+    frame = ConvertRequest(
+        str(read.path), str(tmp_path / "c.png"), stated=DepthReadOptions(frame=1)
+    )
     assert (
         read_stored_depth(convert(frame).target).displayed.provenance
         == next(itertools.islice(read, 1, 2)).provenance

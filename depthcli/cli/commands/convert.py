@@ -18,7 +18,6 @@ app = typer.Typer(rich_markup_mode=None)
 class InputOptions:
     """Input."""
 
-    frame: groups.FrameOption = None
     picture: str | None = groups.option(
         "Image of the same size, for the colours of a point cloud or --side-by-side.", metavar="IMG"
     )
@@ -125,7 +124,6 @@ def convert(
         target=output,
         format=format_,
         stated=parse.depth_reading(depth_file, seen_by),
-        frame=inputs.frame,
         camera=seen_by,
         reading=parse.reading(read),
         picture=inputs.picture,

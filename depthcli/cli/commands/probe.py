@@ -6,7 +6,6 @@ from depthcli.cli.groups import Command, grouped
 from depthcli.cli.options import (
     DepthFileOptions,
     FileArgument,
-    FrameOption,
     JsonOption,
     StatedCameraOptions,
 )
@@ -25,7 +24,6 @@ def probe(
     ),
     *,
     depth_file: DepthFileOptions,
-    frame: FrameOption = None,
     camera: StatedCameraOptions,
     as_json: JsonOption = False,
 ) -> int:
@@ -36,7 +34,7 @@ def probe(
 
     places = [parse.pixel(word) for word in pixels]
     options = parse.depth_reading(depth_file, parse.camera(camera))
-    stored = read_map(path_of(file), options, frame)
+    stored = read_map(path_of(file), options)
     depth = stored.displayed
     values = [depth_at(depth, x, y) for x, y in places]
     for warning in stored.warnings_with_scale("from_scale"):

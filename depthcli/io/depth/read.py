@@ -52,6 +52,7 @@ class DepthReadOptions:
     camera: Intrinsics = UNKNOWN_CAMERA
     baseline_m: float | None = None  #: between the two cameras of disparity
     layer: str | None = None  #: of an EXR; None for the likeliest
+    frame: int | None = None  #: of several maps in NPY or NPZ, from 0
 
 
 AS_STATED = DepthReadOptions()

@@ -68,7 +68,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
                 values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     except Exception as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
-    values = _map_of(values, path)
+    values = _map_of(values, path, options.frame)
     is_bare = options.scale is None and options.unstated_scale is None
     if is_bare and options.kind not in {None, *METRIC}:
         values = np.asarray(values, np.float32)  # 0 is a value if there is no unit
@@ -92,11 +92,16 @@ def _named_array(data: bytes) -> tuple[npt.NDArray[Any], dict[str, str]]:
         return np.asarray(arrays[name]), {str(name): str(text) for name, text in own.items()}
 
 
-def _map_of(values: npt.NDArray[Any], path: Path) -> npt.NDArray[Any]:
-    """The (H, W) numbers of an array."""
+def _map_of(values: npt.NDArray[Any], path: Path, frame: int | None) -> npt.NDArray[Any]:
+    """The (H, W) numbers of an array, or of one of several maps in it."""
     while values.ndim > _DIMENSIONS and 1 in values.shape:
         # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
         values = values.squeeze(values.shape.index(1))
+    if values.ndim == _DIMENSIONS + 1:  # of a video, or of several views
+        if frame is None or frame >= len(values):
+            problem = f"{path} holds {len(values)} maps"
+            raise InputError(problem, "name one with {frame}, 0 for the first")
+        values = values[frame]
     if values.ndim != _DIMENSIONS or values.dtype.kind not in "fiu" or not values.size:
         raise InputError(
             f"{path} holds {values.shape} {values.dtype}; depth is one (H, W) array of numbers"
