@@ -21,6 +21,7 @@ from depthcli.core.options import (
     Upsampling,
     Weights,
 )
+from depthcli.errors import UsageError
 
 _LARGEST_M = 1e9
 MAX_THREADS = 1024
@@ -183,6 +184,31 @@ class DepthFileOptions:
     def needs_camera(self) -> bool:
         """Whether depth depends on the camera."""
         return self.from_kind in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}
+
+
+@group
+class PatternOptions:
+    """Names of pairs."""
+
+    rgb: str | None = option(
+        "Names of the images in a layout that is not known, with * for what they share with their "
+        "depth: '*.color.png', '*/left/*.png'.",
+        metavar="PATTERN",
+    )
+    depth: str | None = option(
+        "Names of the depth files, as --rgb: '*.depth.png', '*/gt/*.png'.", metavar="PATTERN"
+    )
+
+    @property
+    def patterns(self) -> tuple[str, str] | None:
+        """Patterns of images and depth; None for a known layout.
+
+        Raises:
+            UsageError: only one is given.
+        """
+        if (self.rgb is None) != (self.depth is None):
+            raise UsageError("", "give both {rgb} and {depth}")
+        return (self.rgb, self.depth) if self.rgb and self.depth else None
 
 
 @group

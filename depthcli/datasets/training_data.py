@@ -65,6 +65,7 @@ def open_training_data(
     paired: bool,
     split: Literal["paper", "official"] = "paper",
     units_per_metre: float = MILLIMETRES,
+    patterns: tuple[str, str] | None = None,
 ) -> TrainingData:
     """Open a data set to train on.
 
@@ -78,13 +79,18 @@ def open_training_data(
         split: of NYU Depth v2, whose training part is used. Of other data, ``official`` is what the
             data itself names "train", and ``paper`` is all of it.
         units_per_metre: value of one metre in the depth images of a folder of your own.
+        patterns: of the names of images and depth in it; None for a known layout.
 
     Raises:
         DatasetError: the data is missing, incomplete, damaged, or in another unit.
     """
     opener = opener_of(path) if path.is_dir() else nyu.open_nyu
-    if opener is None or (opener is nyu.open_nyu and nyu.has_own_index(path)):
-        data = _own_folder(path, paired, units_per_metre, indexed=opener is not None)
+    reading = DepthReadOptions(scale=None if units_per_metre == MILLIMETRES else units_per_metre)
+    if patterns:
+        named = folders.open_paired_folder(path, reading, patterns=patterns)
+        data = TrainingData(named, own_pairs_title(path), None)
+    elif opener is None or (opener is nyu.open_nyu and nyu.has_own_index(path)):
+        data = _own_folder(path, paired, reading, indexed=opener is not None)
     elif units_per_metre != MILLIMETRES:
         raise DatasetError(f"{path} is a data set whose unit is known: remove data.units_per_metre")
     elif opener is nyu.open_nyu:
@@ -106,10 +112,11 @@ def open_training_data(
     return data
 
 
-def _own_folder(path: Path, paired: bool, units_per_metre: float, *, indexed: bool) -> TrainingData:
+def _own_folder(
+    path: Path, paired: bool, reading: DepthReadOptions, *, indexed: bool
+) -> TrainingData:
     """A folder of one's own; if it has an index, its pairs."""
     title = path.resolve().name
-    reading = DepthReadOptions(scale=None if units_per_metre == MILLIMETRES else units_per_metre)
     if not (paired or indexed or _are_pairs(path)):
         lists = folders.open_unpaired_folder(path, reading)
         return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)

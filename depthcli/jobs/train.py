@@ -25,6 +25,8 @@ class TrainRequest:
     #: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it
     data: Path
     out: Path  #: folder for checkpoint, log and samples; a run in it is continued
+    #: of the names of images and depth in it, with ``*``; None for a known layout
+    patterns: tuple[str, str] | None = None
     pseudo_labels: Path | None = None  #: folder of additional pairs with less reliable depth
     #: models or checkpoints, as :func:`~depthcli.training.init_weights.weights_file` takes them;
     #: a new run starts from the mean of their weights
@@ -67,6 +69,7 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
         paired=wanted.paired,
         split=wanted.split,
         units_per_metre=wanted.units_per_metre,
+        patterns=request.patterns,
     )
     if request.pseudo_labels is not None:
         data = data.with_pseudo_labels(open_paired_folder(request.pseudo_labels))

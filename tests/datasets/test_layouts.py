@@ -162,6 +162,8 @@ def test_patterns_name_the_files_of_any_layout(tmp_path: Path) -> None:
         "b/1": ("b/left/1.png", "b/gt/1_d.png"),
     }
     assert list_pairs(tmp_path, patterns).left_out == 1
+    trained = open_training_data(tmp_path, paired=False, patterns=patterns).dataset
+    assert trained.ids == ("a/1", "b/1")
     with pytest.raises(UsageError):
         list_pairs(tmp_path, ("left.png", "gt.png"))
     with pytest.raises(DatasetError):

@@ -172,19 +172,7 @@ def pairs(
         "are known.",
     ),
     *,
-    rgb: str | None = typer.Option(
-        None,
-        metavar="PATTERN",
-        rich_help_panel="Layout",
-        help="Names of the images in another layout, with * for what they share with their depth: "
-        "'*.color.png', 'left/*.png'.",
-    ),
-    depth: str | None = typer.Option(
-        None,
-        metavar="PATTERN",
-        rich_help_panel="Layout",
-        help="Names of the depth files, as --rgb: '*.depth.png'.",
-    ),
+    names: groups.PatternOptions,
     models: ModelOptions,
     png_scale: float | None = typer.Option(
         None,
@@ -228,8 +216,6 @@ def pairs(
     from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.io.depth.read import DepthReadOptions
 
-    if (rgb is None) != (depth is None):
-        raise UsageError("", "give both {rgb} and {depth}")
     if min_depth >= max_depth:
         raise UsageError(f"it is not below {max_depth:g} m", option="min_depth")
     protocol = EvalProtocol(full_size_px=None, crop=crop, min_m=min_depth, max_m=max_depth)
@@ -239,7 +225,7 @@ def pairs(
         request,
         split=None,
         truth=DepthReadOptions(png_scale, depth_kind),
-        patterns=(rgb, depth) if rgb and depth else None,
+        patterns=names.patterns,
         options=options,
     )
     return _run(request, table)

@@ -13,7 +13,14 @@ import typer
 
 from depthcli.cli import completion
 from depthcli.cli.groups import Command, group, grouped
-from depthcli.cli.options import MAX_THREADS, ScreenOptions, not_negative, option, usual
+from depthcli.cli.options import (
+    MAX_THREADS,
+    PatternOptions,
+    ScreenOptions,
+    not_negative,
+    option,
+    usual,
+)
 from depthcli.cli.process import ending_signals
 from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
@@ -50,9 +57,10 @@ class DataOptions:
     """Data and initial weights."""
 
     data: Path | None = usual(
-        "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or a custom "
-        "folder with rgb/ and depth/."
+        "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or another folder "
+        "with rgb/ and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, 3DMatch or KITTI."
     )
+    names: PatternOptions
     pseudo_labels: Path | None = option(
         "Additional pairs with less reliable depth, such as predictions of another model: "
         "rgb/ and depth/ in millimetres.",
@@ -186,6 +194,7 @@ def _train_runs(
             request = TrainRequest(
                 config=config,
                 data=data.data,
+                patterns=data.names.patterns,
                 out=folder,
                 pseudo_labels=data.pseudo_labels,
                 init_weights=tuple(data.init or ()),
