@@ -231,11 +231,13 @@ def parse(text: str) -> frozenset[int]:
 def data_fingerprint(dataset: DepthDataset) -> str:
     """Checksum of ids, focal lengths and file sizes in bytes; not of the folder's path.
 
+    Of a data set that is not made of image files, such as a .mat file, it has no sizes.
+
     Raises:
         OSError: a file is missing.
     """
     sizes = [[file.stat().st_size for file in dataset.files(i)] for i in range(len(dataset))]
-    return fingerprint(list(dataset.ids), list(dataset.focal_px), sizes)
+    return fingerprint(list(dataset.ids), list(dataset.focal_px), sizes if any(sizes) else [])
 
 
 Opener: TypeAlias = Callable[[Path], DepthDataset]
