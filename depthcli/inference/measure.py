@@ -4,7 +4,6 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -13,11 +12,8 @@ from depthcli.errors import ModelError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 
-_WARMUP_RUNS = 3
-_MIN_RUNS = 5
 _ROUNDS = 3
-_SECONDS_A_ROUND = 0.3
-_MAX_RUNS_A_ROUND = 10
+_MIN_RUNS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,37 +26,32 @@ class Latency:
     runs: int  #: how many were measured, after warm-up
 
 
-def measure_latency(action: Callable[[], object], seconds: float) -> Latency:
-    """Repeat an action for a number of seconds, and at least five times."""
-    for _ in range(_WARMUP_RUNS):
-        action()
-    runs_ms: list[float] = []
-    end_s = time.perf_counter() + seconds
-    while len(runs_ms) < _MIN_RUNS or time.perf_counter() < end_s:
-        runs_ms.append(1e3 * _elapsed_s(action))
-    low, median, high = statistics.quantiles(runs_ms, n=4)
-    return Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms))
+def measure_latencies(actions: Sequence[Callable[[], object]], seconds: float) -> list[Latency]:
+    """Repeat each action for a number of seconds, and at least five times.
 
-
-def measure_ms(pipelines: Sequence[Pipeline]) -> tuple[float, ...]:
-    """Median time of each network alone for one picture of its own size, milliseconds.
-
-    The models take turns, so that other load on the machine affects all of them alike. The first
-    run of a turn is not counted: threads of the previous model may still be spinning.
+    They take turns, so that other load on the machine affects all of them alike. The first run of a
+    turn is not counted: threads of the previous action may still be spinning.
     """
-    actions = [partial(pipeline.session.run, _batch(pipeline)) for pipeline in pipelines]
-    times_s: list[list[float]] = [[] for _ in pipelines]
-    for _ in range(_ROUNDS):
-        for times, action in zip(times_s, actions, strict=True):
-            count = int(np.clip(_SECONDS_A_ROUND / _elapsed_s(action), 1, _MAX_RUNS_A_ROUND))
-            times += [_elapsed_s(action) for _ in range(count)]
-    return tuple(1000 * float(np.median(times)) for times in times_s)
+    times_ms: list[list[float]] = [[] for _ in actions]
+    for turn in range(1, _ROUNDS + 1):
+        for runs_ms, action in zip(times_ms, actions, strict=True):
+            action()
+            end_s = time.perf_counter() + seconds / _ROUNDS
+            while len(runs_ms) < turn * _MIN_RUNS / _ROUNDS or time.perf_counter() < end_s:
+                runs_ms.append(1e3 * _elapsed_s(action))
+    found = []
+    for runs_ms in times_ms:
+        low, median, high = statistics.quantiles(runs_ms, n=4)
+        found.append(Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms)))
+    return found
 
 
-def _batch(pipeline: Pipeline) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+def network_run(pipeline: Pipeline) -> Callable[[], object]:
+    """An action that runs the network alone, for one image of its own size."""
     spec = pipeline.card.input
     shape = (1, spec.colour.channels, spec.height, spec.width)
-    return np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    batch = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    return lambda: pipeline.session.run(batch)
 
 
 def _elapsed_s(action: Callable[[], object]) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from depthcli.core.options import Detail, Upsampling
 from depthcli.core.parallel import one_thread_each, ordered_map, share_cores
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.measure import Latency, measure_latency
+from depthcli.inference.measure import Latency, measure_latencies
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import prepare
 from depthcli.io.formats.png16 import Png16Writer
@@ -75,9 +75,9 @@ def run_bench(
         warn(warning)
     batch, _ = prepare(card.input, frame)
     with temporary_folder() as folder:
-        network = measure_latency(lambda: session.run(batch), seconds)
-        end_to_end = measure_latency(
-            lambda: _predict_and_write(alone, picture, folder / "alone.png"), seconds
+        (network,) = measure_latencies([lambda: session.run(batch)], seconds)
+        (end_to_end,) = measure_latencies(
+            [lambda: _predict_and_write(alone, picture, folder / "alone.png")], seconds
         )
         rate = throughput(shared, picture, folder, workers, seconds)
     return BenchResult(

@@ -30,13 +30,14 @@ from depthcli.evaluation.predictors import (
 from depthcli.evaluation.report import EvalReport, missing_text
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.measure import measure_ms
+from depthcli.inference.measure import measure_latencies, network_run
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.training.provenance import TrainedRun
 
 _OWN_CSV, _OWN_HTML = b"name,source,align,", b"<footer>depthcli "
+_SECONDS_A_NETWORK = 0.9
 _RAW_WEIGHTS = "weights of the last step, not their moving average"
 
 
@@ -187,10 +188,11 @@ def _load_runs(
     opened = [run for run in runs if run.name in exported]
     loaders = [replace(request.runner, model=path) for path in exported.values()]
     models = [open_model(loader, request.detail) for loader in loaders]
-    times_ms = measure_ms([model.pipeline for model in models])
+    networks = [network_run(model.pipeline) for model in models]
+    times = measure_latencies(networks, _SECONDS_A_NETWORK)
     return [
-        replace(model, name=run.name, run=run, latency_ms=ms)
-        for run, model, ms in zip(opened, models, times_ms, strict=True)
+        replace(model, name=run.name, run=run, latency_ms=time.median_ms)
+        for run, model, time in zip(opened, models, times, strict=True)
     ]
 
 
