@@ -1,4 +1,4 @@
-"""docs/reliability.md names tests and commands that there are."""
+"""docs/reliability.md and reports.md name tests and commands that there are."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,8 @@ import pytest
 
 TESTS = Path(__file__).parent
 PAGE = (TESTS.parent / "docs" / "reliability.md").read_text("utf-8")
-NAMED = sorted(set(re.findall(r"`((?:\w+/)*test_\w+\.py)`", PAGE)))
+REPORTS = (TESTS / "reports.md").read_text("utf-8")
+NAMED = sorted(set(re.findall(r"`((?:\w+/)*test_\w+\.py)`", PAGE + REPORTS)))
 COMMANDS = re.findall(r"`(\w+\.py)`", PAGE.split("## Robustness tests")[1].split("\n## ")[0])
 
 
