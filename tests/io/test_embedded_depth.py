@@ -60,6 +60,22 @@ def test_gdepth_of_a_jpeg_is_read_upright(form: str, orientation: int, tmp_path:
     np.testing.assert_allclose(depth.values, expected_m, rtol=1e-5)
 
 
+def test_dynamic_depth_after_a_jpeg_is_read(tmp_path: Path) -> None:
+    Image.fromarray(SHADES).save(file := BytesIO(), "PNG")
+    depth, other = file.getvalue(), b"confidence"
+    facts = ('Format="RangeInverse"', 'Near="0.5"', 'Far="8"', 'Units="Meters"')
+    items = (("Primary", 0), ("Depth", len(depth)), ("Confidence", len(other)))
+    xmp = "".join(
+        f'<Container:Item Item:Semantic="{n}" Item:Length="{size}"/>' for n, size in items
+    )
+    xmp += "<x " + " ".join(f"DepthMap:{fact}" for fact in facts) + "/>"
+    head = segment(b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode())
+    (tmp_path / "a.jpg").write_bytes(EMPTY[:2] + head + EMPTY[2:] + depth + other)
+    stored = read_stored_depth(tmp_path / "a.jpg").depth
+    assert stored.kind is DepthKind.METRIC
+    assert (stored.values[0, 0], stored.values[-1, -1]) == (0.5, 8)
+
+
 def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     path.write_bytes(gdepth(Format="RangeLinear", Near="1", Far="2"))

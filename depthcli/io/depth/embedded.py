@@ -1,6 +1,7 @@
-"""Depth that phones store within their images: auxiliary images of HEIC, Google's GDepth in JPEG.
+"""Depth that phones store within their images: in HEIC, and in JPEG as Android's phones do.
 
-Sources: ISO/IEC 23008-2, depth representation information; Google's Depthmap Metadata.
+Sources: ISO/IEC 23008-2, depth representation information; Google's Depthmap Metadata (GDepth, in
+XMP) and Dynamic Depth 1.0 (DepthMap, a file after the image).
 """
 
 import base64
@@ -26,10 +27,12 @@ from depthcli.io.storage.paths import read_bytes
 
 _XMP, _MORE_XMP = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _MORE_HEAD_BYTES = len(_MORE_XMP) + 32 + 4  # and a digest and the length of all, before its place
-_GDEPTH = re.compile(rb"GDepth:(\w+)(?:\s*=\s*[\"']|>)([^\"'<]*)")
+_FACTS = re.compile(rb"(?:GDepth|DepthMap):(\w+)(?:\s*=\s*[\"']|>)([^\"'<]*)")
 _RELATIVE = re.compile(rb"depthData:Accuracy\W{1,3}relative")
 _INVERSE_Z, _DISPARITY, _Z = 0, 1, 2  # kinds of representation, each uniform in the numbers
-_UNITS_M = {"m": 1.0, "mm": 1e-3}
+_UNITS_M = {"m": 1.0, "meters": 1.0, "mm": 1e-3}
+_ITEM = re.compile(rb"<Container:Item\b[^>]*>")  # of the files after the image, in their order
+_LENGTH = re.compile(rb"Item:Length=[\"'](\d+)")
 Found: TypeAlias = tuple[npt.NDArray[np.float32], dict[str, str], tuple[str, ...]]
 """Depth, upright; facts as depth files state them; warnings."""
 
@@ -42,7 +45,7 @@ def read_embedded_depth(path: Path, options: DepthReadOptions) -> StoredDepth | 
     """
     data = read_bytes(path)
     if data.startswith(JPEG_START):
-        found = _gdepth(data, str(path))
+        found = _of_jpeg(data, str(path))
     elif heif.is_heif(data):
         found = _auxiliary(data, str(path))
     else:
@@ -80,20 +83,22 @@ def _auxiliary(data: bytes, name: str) -> Found | None:
     return values, {"kind": "metric", "scale": "1"}, (warning,) if is_rough else ()
 
 
-def _gdepth(data: bytes, name: str) -> Found | None:
+def _of_jpeg(data: bytes, name: str) -> Found | None:
     """Depth in the XMP of a JPEG."""
     bodies = [body for _, body in segments(data)]
     first = b"".join(body[len(_XMP) :] for body in bodies if body.startswith(_XMP))
     more = sorted(body[_MORE_HEAD_BYTES:] for body in bodies if body.startswith(_MORE_XMP))
     xmp = first + b"".join(body[4:] for body in more)  # after its place
-    facts = {word.decode(): value.decode("latin-1") for word, value in _GDEPTH.findall(xmp)}
-    if "Data" not in facts:
+    facts = {word.decode(): value.decode("latin-1") for word, value in _FACTS.findall(xmp)}
+    content = _item(data, xmp)
+    if content is None and "Data" not in facts:
         return None
     try:
         near, far = float(facts["Near"]), float(facts["Far"])
-        pixels = decode(base64.b64decode(facts["Data"]), f"{name}: its depth")
+        content = content or base64.b64decode(facts["Data"])
+        pixels = decode(content, f"{name}: its depth")
     except (KeyError, ValueError, binascii.Error) as error:
-        raise InputError(f"{name} has depth (GDepth) that is incomplete") from error
+        raise InputError(f"{name} has depth that is incomplete") from error
     gray: npt.NDArray[Any] = pixels if pixels.ndim == 2 else pixels[..., 0]  # noqa: PLR2004
     share = gray.astype(np.float64) / np.iinfo(gray.dtype).max
     is_linear = facts.get("Format") == "RangeLinear"
@@ -103,6 +108,17 @@ def _gdepth(data: bytes, name: str) -> Found | None:
     stated = {"kind": "relative"} if unit_m is None else {"kind": "metric", "scale": "1"}
     stated["measure"] = facts.get("MeasureType", "")
     return np.ascontiguousarray(values, np.float32), stated, ()
+
+
+def _item(data: bytes, xmp: bytes) -> bytes | None:
+    """The file of depth after an image; None if there is none."""
+    end = len(data)
+    for item in reversed(_ITEM.findall(xmp)):
+        length = int(found[1]) if (found := _LENGTH.search(item)) else 0
+        if re.search(rb"Semantic=[\"'](?:\w+/)?Depth[\"']", item):
+            return data[end - length : end]
+        end -= length
+    return None
 
 
 def _between(

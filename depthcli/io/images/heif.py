@@ -2,6 +2,7 @@
 
 import re
 import struct
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy.typing as npt
 
 from depthcli.core.options import INSTALL_HEIF
 from depthcli.errors import InputError
-from depthcli.io.images.opencv import ANIMATED, Decoded, Header
+from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
 from depthcli.io.listing.folder import is_installed
 
 _HEVC_BRANDS = frozenset((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"))
@@ -112,6 +113,9 @@ _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha
 _DAMAGE = (EOFError, LookupError, OSError, RuntimeError, SyntaxError, ValueError)
 """What pillow-heif raises about damaged files."""
+
+
+decode_avif = partial(decode_with_opencv, has_alpha=True)
 
 
 def heif_header(data: bytes) -> Header:

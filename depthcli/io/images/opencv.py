@@ -2,6 +2,7 @@
 
 import re
 import struct
+from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
@@ -42,6 +43,11 @@ class Decoded(NamedTuple):
     exif: bytes = b""  #: the TIFF structure that EXIF is; empty without one
     is_linear: bool = False  #: whether it is linear light and not encoded for display
     alpha: npt.NDArray[Any] | None = None  #: (H, W), opacity of the type of the pixels; None if all
+
+
+def is_webp(data: bytes) -> bool:
+    """Whether a file is a WebP."""
+    return data[:4] == b"RIFF" and data[8:12] == b"WEBP"
 
 
 def webp_header(data: bytes) -> Header:
@@ -108,9 +114,8 @@ def decode_with_opencv(data: bytes, *, has_alpha: bool = False) -> Decoded:
     return Decoded(_without_alpha(pixels), exif, alpha=pixels[..., -1] if is_more else None)
 
 
-def decode_with_alpha(data: bytes) -> Decoded:
-    """As :func:`decode_with_opencv`, with alpha."""
-    return decode_with_opencv(data, has_alpha=True)
+decode_gif = decode_bmp = decode_with_opencv
+decode_webp = partial(decode_with_opencv, has_alpha=True)
 
 
 def decode_netpbm(data: bytes) -> Decoded:

@@ -36,7 +36,7 @@ _TYPES = ("uint8", "uint16")  # that pixels keep; others become float
 _WHITE_IS_ZERO, _GRAY_ALPHA, _RGB = 0, 2, 3
 
 
-def is_for_openimageio(data: bytes) -> bool:
+def is_openimageio(data: bytes) -> bool:
     """Whether a file is of a format that only OpenImageIO reads."""
     return _format_of(data) is not None
 
@@ -59,7 +59,7 @@ def openimageio_header(data: bytes) -> Header:
         return Header(spec.width, spec.height, is_upright=True)
 
 
-def decode_with_openimageio(data: bytes) -> Decoded:
+def decode_openimageio(data: bytes) -> Decoded:
     """Pixels of the first image, upright and without alpha; white is the maximum of their type."""
     with _opened(data) as file:
         spec = file.spec()

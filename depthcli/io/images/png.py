@@ -13,7 +13,7 @@ from itertools import chain, takewhile
 from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.errors import InputError, OutputError
-from depthcli.io.images.opencv import ANIMATED, Header
+from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -81,6 +81,11 @@ def still_image(png: bytes) -> bytes:
         if kind == b"IEND":
             return b"".join(parts)
     raise InputError("is truncated (its end is missing)", "copy it again")
+
+
+def decode_png(png: bytes) -> Decoded:
+    """Pixels of its still image, and its EXIF."""
+    return decode_with_opencv(still_image(png), has_alpha=True)
 
 
 def text_chunk(keyword: str, text: str) -> tuple[bytes | memoryview, ...]:

@@ -6,7 +6,7 @@ Every container is a row of one table: how it is recognized, read and decoded.
 import os
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -22,18 +22,7 @@ from depthcli.core.options import EXPOSURE, MAX_PIXELS, Projection, ReadOptions,
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
 from depthcli.io.images.exif import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
-from depthcli.io.images.opencv import (
-    Decoded,
-    Header,
-    bmp_header,
-    decode_netpbm,
-    decode_with_alpha,
-    decode_with_opencv,
-    gif_header,
-    is_netpbm,
-    netpbm_header,
-    webp_header,
-)
+from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import (
     PANORAMA,
     as_frame_dtype,
@@ -42,7 +31,7 @@ from depthcli.io.images.pixels import (
     full_range,
     upright,
 )
-from depthcli.io.images.png import SIGNATURE, png_header, still_image
+from depthcli.io.images.png import SIGNATURE
 from depthcli.io.listing.folder import CAMERA_RAW, EXR_MAGIC, is_own_exr, is_video
 from depthcli.io.storage.paths import RemotePath, path_of, read_bytes
 
@@ -55,49 +44,46 @@ _GPANO = re.compile(rb"GPano:(\w+)\W{1,4}(\w+)")
 
 
 class _Container(NamedTuple):
-    """A kind of image files.
+    """A kind of image files, whose functions are imported when they are called.
 
-    The functions of its file raise InputError, without the name of the file, and what the decoder
-    raises about damaged ones.
+    They are called ``is_KIND``, ``KIND_header`` and ``decode_KIND``, and raise InputError, without
+    the name of the file, and what the decoder raises about damaged ones.
     """
 
-    recognizes: Callable[[bytes], bool]
-    header: Callable[[bytes], Header]
-    decode: Callable[[bytes], Decoded]
+    kind: str
+    module: str  #: of this folder
+    starts: tuple[bytes, ...] = ()  #: of its files; none for one that ``is_KIND`` recognizes
 
+    def recognizes(self, data: bytes) -> bool:
+        """Whether a file is of this kind."""
+        return data.startswith(self.starts) if self.starts else self._call("is_{}", data)
 
-def _starting(*starts: bytes) -> Callable[[bytes], bool]:
-    return lambda data: data.startswith(starts)
+    def header(self, data: bytes) -> Header:
+        """Facts about a file, before it is decoded."""
+        found: Header = self._call("{}_header", data)
+        return found
 
+    def decode(self, data: bytes) -> Decoded:
+        """Pixels of a file."""
+        found: Decoded = self._call("decode_{}", data)
+        return found
 
-def _lazy(module: str, function: str) -> Callable[[bytes], Any]:
-    """A function of a module of this folder, which is imported by the first call."""
-
-    def call(data: bytes) -> Any:  # noqa: ANN401 - as the function returns it
-        return getattr(import_module(f"depthcli.io.images.{module}"), function)(data)
-
-    return call
+    def _call(self, function: str, data: bytes) -> Any:  # noqa: ANN401 - as the function returns it
+        module = import_module(f"depthcli.io.images.{self.module}")
+        return getattr(module, function.format(self.kind))(data)
 
 
 _CONTAINERS = (
-    _Container(_starting(b"\xff\xd8"), _lazy("jpeg", "jpeg_header"), _lazy("jpeg", "decode_jpeg")),
-    _Container(_starting(SIGNATURE), png_header, lambda data: decode_with_alpha(still_image(data))),
-    _Container(_starting(*TIFF_STARTS), _lazy("tiff", "tiff_header"), _lazy("tiff", "decode_tiff")),
-    _Container(
-        lambda data: data[:4] == b"RIFF" and data[8:12] == b"WEBP", webp_header, decode_with_alpha
-    ),
-    _Container(_starting(b"GIF87a", b"GIF89a"), gif_header, decode_with_opencv),
-    _Container(_starting(b"BM"), bmp_header, decode_with_opencv),
-    _Container(is_netpbm, netpbm_header, decode_netpbm),
-    _Container(
-        _lazy("heif", "is_heif"), _lazy("heif", "heif_header"), _lazy("heif", "decode_heif")
-    ),
-    _Container(_lazy("heif", "is_avif"), _lazy("heif", "avif_header"), decode_with_alpha),
-    _Container(
-        _lazy("openimageio", "is_for_openimageio"),
-        _lazy("openimageio", "openimageio_header"),
-        _lazy("openimageio", "decode_with_openimageio"),
-    ),
+    _Container("jpeg", "jpeg", (b"\xff\xd8",)),
+    _Container("png", "png", (SIGNATURE,)),
+    _Container("tiff", "tiff", TIFF_STARTS),
+    _Container("webp", "opencv"),
+    _Container("gif", "opencv", (b"GIF87a", b"GIF89a")),
+    _Container("bmp", "opencv", (b"BM",)),
+    _Container("netpbm", "opencv"),
+    _Container("heif", "heif"),
+    _Container("avif", "heif"),
+    _Container("openimageio", "openimageio"),
 )
 
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 from depthcli.errors import InputError
 from depthcli.io.images.exif import LAYOUTS, read_tags, tag_entries, unpack_at
 from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
-from depthcli.io.images.openimageio import decode_with_openimageio, needs_openimageio
+from depthcli.io.images.openimageio import decode_openimageio, needs_openimageio
 
 _SUBFILE_TYPE, _REDUCED, _REDUCED_OR_MASK, _SUB_DIRECTORIES = 254, 0b1, 0b101, 330
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
@@ -53,7 +53,7 @@ def decode_tiff(data: bytes) -> Decoded:
     """Pixels of the first image, upright, because OpenCV's reader always turns it."""
     tags = _first_directory(data)
     if _not_for_opencv(tags):
-        return decode_with_openimageio(data)
+        return decode_openimageio(data)
     has_alpha = tags.get(_EXTRA_SAMPLES) in (_ASSOCIATED, _UNASSOCIATED)
     found = decode_with_opencv(_with_colours_as_stored(data), has_alpha=has_alpha)
     return found._replace(exif=data)
