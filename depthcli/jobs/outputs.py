@@ -203,6 +203,7 @@ class OutputPlan(NamedTuple, Generic[FormatT]):
 
     source: Path | None  #: the input; None for standard input
     outputs: dict[FormatT, Path]  #: path of each format
+    name: str = ""  #: the input as the user wrote it
 
 
 def plan_outputs(

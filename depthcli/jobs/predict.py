@@ -6,6 +6,7 @@ What needs numpy is in :mod:`depthcli.jobs.predict_images`, imported while the m
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,11 +17,17 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FILE_SUFFIXES, Format, WriterOptions, format_of, stem_of
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.paths import path_of, safe_name
-from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, plan_outputs
+from depthcli.jobs.outputs import (
+    STDIO,
+    Destination,
+    FormatRules,
+    Kind,
+    OutputPlan,
+    plan_outputs,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
     from typing import BinaryIO
 
     from depthcli.core.camera import Anchor
@@ -59,16 +66,8 @@ class PredictRequest:
     detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size picture
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     overwrite: bool = False  #: whether outputs may replace files of other programs
-    stdin: BinaryIO | None = None  #: where ``-`` is read
-    stdout: BinaryIO | None = None  #: where ``-`` is written
-
-
-class PicturePlan(NamedTuple):
-    """One input and its outputs."""
-
-    name: str  #: the input as the user wrote it
-    source: Path | None  #: the file; None for standard input
-    outputs: dict[Format, Path | None]  #: the file of each format; None for standard output
+    stdin: BinaryIO | None = None  #: where ``-`` is read; None for that of the process
+    stdout: BinaryIO | None = None  #: where ``-`` is written; None for that of the process
 
 
 class PictureResult(NamedTuple):
@@ -121,7 +120,7 @@ def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
 
 def plan_pictures(
     names: Sequence[str], destination: Destination[Format]
-) -> tuple[PicturePlan, ...]:
+) -> list[OutputPlan[Format]]:
     """Name every output before anything is read.
 
     Raises:
@@ -137,8 +136,7 @@ def plan_pictures(
                 "name a folder for more",
                 option="out",
             )
-        return (PicturePlan(safe_name(names[0]), sources[0], dict.fromkeys(destination.wanted)),)
-    return tuple(
-        PicturePlan(safe_name(name), plan.source, {**plan.outputs})
-        for name, plan in zip(names, plan_outputs(sources, destination), strict=True)
-    )
+        plans = [OutputPlan(sources[0], dict.fromkeys(destination.wanted, Path(STDIO)))]
+    else:
+        plans = plan_outputs(sources, destination)
+    return [plan._replace(name=safe_name(n)) for n, plan in zip(names, plans, strict=True)]

@@ -1,13 +1,13 @@
 """Processing pictures one after another, from the file to the outputs."""
 
 import errno
+import sys
 import time
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.parallel import Background
-from depthcli.core.types import DepthMap, Frame, displayed_depth
+from depthcli.core.types import Frame, displayed_depth
 from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
@@ -17,12 +17,12 @@ from depthcli.io.images.read import read_image
 from depthcli.io.storage.atomic import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs import write
-from depthcli.jobs.outputs import STDIO
-from depthcli.jobs.predict import PicturePlan, PictureResult, PredictRequest
+from depthcli.jobs.outputs import Kind, OutputPlan
+from depthcli.jobs.predict import PictureResult, PredictRequest
 
 
 def predict_pictures(
-    request: PredictRequest, plans: Sequence[PicturePlan], loading: Background[Session]
+    request: PredictRequest, plans: Sequence[OutputPlan[Format]], loading: Background[Session]
 ) -> Iterator[PictureResult | write.FailedInput]:
     """Process the pictures and yield their results, in order.
 
@@ -38,7 +38,8 @@ def predict_pictures(
     guard = write.output_guard(inputs, overwrite=request.overwrite)
     for plan in plans:
         try:
-            checked = guard.checked(filter(None, plan.outputs.values()))
+            to_files = request.destination.kind is not Kind.STDOUT
+            checked = guard.checked(plan.outputs.values() if to_files else ())
             yield _predict_picture(request, plan, loading, points, checked)
         except (InputError, OutputError) as error:
             yield write.FailedInput(plan.name, error)
@@ -56,7 +57,7 @@ def predict_pictures(
 
 def _predict_picture(
     request: PredictRequest,
-    plan: PicturePlan,
+    plan: OutputPlan[Format],
     loading: Background[Session],
     points: AnchorPoints | None,
     guard: Guard,
@@ -69,10 +70,14 @@ def _predict_picture(
     if not points:
         warnings += focal_warnings(session.model.card, request.camera)
     for name, path in plan.outputs.items():
-        warnings += _write_picture(request, name, depth, frame, path, guard)
+        if request.destination.kind is Kind.STDOUT:
+            stream = request.stdout or sys.stdout.buffer
+            warnings += write.write_stream(request.writing, name, depth, frame, stream)
+        else:
+            warnings += write.write_output(request.writing, name, depth, frame, path, guard)
     return PictureResult(
         name=plan.name,
-        outputs=tuple(str(path or STDIO) for path in plan.outputs.values()),
+        outputs=tuple(map(str, plan.outputs.values())),
         depth=displayed_depth(depth, frame.windows),
         provider=session.provider,
         seconds=time.perf_counter() - start,
@@ -89,31 +94,12 @@ def _known_points(request: PredictRequest) -> AnchorPoints | None:
         raise UsageError(error.message, option="anchors") from error
 
 
-def _read_picture(request: PredictRequest, plan: PicturePlan) -> Frame:
-    if not plan.name:
-        raise InputError("an input's name is empty", "is a variable of the command not set?")
+def _read_picture(request: PredictRequest, plan: OutputPlan[Format]) -> Frame:
     try:
-        data = request.stdin.read() if plan.source is None and request.stdin else None
+        data = None if plan.source else (request.stdin or sys.stdin.buffer).read()
         return read_image(
             plan.source, data, max_pixels=request.max_pixels, **request.reading._asdict()
         )
     except OSError as error:
         reason = "it is closed" if error.errno == errno.EBADF else error.strerror
         raise InputError(f"cannot read standard input: {reason}") from error
-    except MemoryError as error:
-        raise InputError("does not fit into memory", "make it smaller") from error
-
-
-def _write_picture(
-    request: PredictRequest,
-    name: Format,
-    depth: DepthMap,
-    frame: Frame,
-    path: Path | None,
-    guard: Guard,
-) -> tuple[str, ...]:
-    if path is not None:
-        return write.write_output(request.writing, name, depth, frame, path, guard)
-    if request.stdout is None:
-        raise UsageError("the output is '-' but there is no stdout", "name a file or a folder")
-    return write.write_stream(request.writing, name, depth, frame, request.stdout)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import typer
 
 from depthcli.cli import options
@@ -81,8 +79,6 @@ def predict(
         writing=parse.writer_options(writing),
         detail=parse.detail(detail),
         max_pixels=read.max_pixels,
-        stdin=sys.stdin.buffer if STDIO in pictures else None,
-        stdout=sys.stdout.buffer if to_stdout else None,
     )
     results = job.predict(request)
     if not screen.quiet:
