@@ -573,28 +573,6 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
         depth.colorize("gray", near="cold")  # type: ignore[arg-type]
 
 
-def test_plot_draws_metres(depth: depthcli.DepthMap) -> None:
-    matplotlib = pytest.importorskip("matplotlib")
-    matplotlib.use("agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415
-
-    axes = depth.plot(vmax=5)
-    (image,) = axes.images
-    np.testing.assert_array_equal(image.get_array(), depth.values)
-    assert image.get_clim()[1] == 5
-    assert axes.figure.axes[1].get_ylabel() == "depth (m)"
-    assert depth.plot(axes) is axes
-    plt.close("all")
-
-
-def test_plot_without_matplotlib_names_the_package(
-    depth: depthcli.DepthMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(depthcli.UsageError):
-        depth.plot()
-
-
 # Older names
 
 

@@ -4,7 +4,7 @@ import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
+from typing import Any, Literal, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from depthcli.core.options import Colormap, Near, short_repr
 from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
-from depthcli.io.formats.preview import PreviewWriter, percentiles
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import (
     FILE_SUFFIXES,
     format_of,
@@ -26,9 +26,6 @@ from depthcli.io.formats.table import (
 )
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import path_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | npt.NDArray[Any] | types.DepthMap
@@ -172,43 +169,6 @@ class DepthMap(types.DepthMap):
             raise UsageError(f"near is {' or '.join(Near)}, not {near!r}")
         writer = PreviewWriter(Colormap(colormap), Near(near), vmin, vmax, legend)
         return writer.render(self)
-
-    def plot(
-        self,
-        axes: "Axes | None" = None,
-        *,
-        colormap: str = "inferno",
-        vmin: float | None = None,
-        vmax: float | None = None,
-    ) -> "Axes":
-        """Draw the map with matplotlib, near is warm, with a colour bar in its unit.
-
-        Args:
-            axes: where to draw; None for new ones.
-            colormap: a name that matplotlib knows.
-            vmin: depth at one end of the bar; None for percentile 2.
-            vmax: depth at the other end; None for percentile 98.
-
-        Raises:
-            UsageError: matplotlib is not installed.
-        """
-        try:
-            from matplotlib import pyplot as plt  # noqa: PLC0415 - it need not be installed
-        except ModuleNotFoundError as error:
-            raise UsageError(
-                f"plot() needs matplotlib: pip install matplotlib ({error})"
-            ) from error
-        axes = plt.subplots()[1] if axes is None else axes
-        low, high = percentiles(self)
-        colours = plt.get_cmap(colormap)
-        drawn = axes.imshow(
-            self.values,
-            cmap=colours if self.kind is types.DepthKind.INVERSE else colours.reversed(),
-            vmin=low if vmin is None else vmin,
-            vmax=high if vmax is None else vmax,
-        )
-        axes.figure.colorbar(drawn, ax=axes, label="depth (m)" if self.is_metric else self.kind)
-        return axes
 
     def save(
         self,

@@ -33,7 +33,6 @@ assert_type(depth.colorize("turbo", near="black"), npt.NDArray[np.uint8])
 depth.save("depth.png", png_scale=256)
 depth.save(Path("depth.exr"), half=True)
 depth.save("depth.ply", centre_px=(319.5, 239.5))
-depth.plot(vmax=10.0)
 
 cloud = depth.to_points(centre_px=(319.5, 239.5))
 assert_type(cloud, depthcli.PointCloud)
