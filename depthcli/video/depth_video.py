@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from fractions import Fraction
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +25,6 @@ from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.video.container import open_video
 from depthcli.video.formats import DEPTH_PIXELS
 from depthcli.video.frames import (
-    TimeCode,
     Timing,
     exact_rate,
     header_time_code,
@@ -36,6 +34,8 @@ from depthcli.video.frames import (
     time_code_after,
     time_code_text,
 )
+
+_ORIGIN = re.compile(r"(-?\d{1,8}),(-?\d{1,8})", re.ASCII)
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -55,7 +55,6 @@ class DepthVideo:
             programs.
         scale: units per metre; None if the file is normalized and has no unit.
         kind: what the numbers mean.
-        frame_labels: numbers, time code and geometry of its frames.
         warnings: one line each.
     """
 
@@ -87,11 +86,22 @@ class DepthVideo:
         self.kind = kind_named(self.labels.get("kind"))
         self._stated = depth_scale(self.labels, scale)
         self.scale = self._stated and self._stated.units_per_metre
-        frames = FrameLabels.parse(self.labels)
-        if frames.source_rate is None and self.rate is not None:  # of another program
+        self._source_rate = parse_rate(self.labels.get("source_rate", ""))
+        step = number(self.labels.get("frame_step"))
+        self._step = None if self._source_rate and step is None else int(step or 1)
+        time_code = None
+        if self._source_rate is not None:
+            time_code = parse_time_code(self.labels.get("time_code", ""), self._source_rate)
+        elif self.rate is not None:  # of another program
+            self._source_rate = self.rate
             time_code = header_time_code(container, stream, self.rate)
-            frames = replace(frames, source_rate=self.rate, time_code=time_code)
-        self.frame_labels = frames
+        self._first = Frame(
+            np.zeros((1, 1), np.uint8),
+            index=int(number(self.labels.get("first_frame")) or 0),
+            rate=self.rate,
+            pixel_aspect=pixel_aspect_in(self.labels.get("pixel_aspect")),
+            time_code=time_code,
+        )
         container.close()
 
     def __iter__(self) -> Iterator[DepthMap]:
@@ -113,27 +123,24 @@ class DepthVideo:
         Raises:
             InputError: a frame is damaged or missing; those before it have been yielded.
         """
-        source, labels = provenance_of(self.labels) or Provenance(), self.frame_labels
-        first_s, number, scale = None, labels.first - 1, self.scale
-        for count, (stated_number, time_s, steps) in enumerate(self._timed_steps()):
+        source, scale = provenance_of(self.labels) or Provenance(), self.scale
+        first_s, last = None, self._first.index - 1
+        for count, (stated, time_s, steps) in enumerate(self._timed_steps()):
             values = denormalized(steps, 0, 1) if scale is None else dequantized(steps, scale)
             depth = DepthMap(values, self.kind, replace(source, time_s=time_s))
             first_s = time_s if first_s is None else first_s
-            found = (
-                labels.number(count, time_s - first_s) if stated_number is None else stated_number
-            )
+            since_first = round((time_s - first_s) * (self._source_rate or 0))
+            counted = self._first.index + (count * self._step if self._step else since_first)
             # No two frames have one number, even if their times are too coarse for it.
-            number = max(found, number + 1)
-            frame = Frame(
-                np.zeros((1, 1), np.uint8),
-                index=number,
+            last = max(counted if stated is None else stated, last + 1)
+            code, rate = self._first.time_code, self._source_rate
+            frame = replace(
+                self._first,
+                index=last,
                 timestamp_s=time_s,
-                rate=self.rate,
-                pixel_aspect=labels.pixel_aspect,
-                windows=labels.windows(depth.width, depth.height),
-                time_code=labels.time_code_at(time_s - first_s),
+                windows=self._windows(depth),
+                time_code=time_code_after(code, since_first, rate) if code and rate else None,
             )
-            warnings = self.warnings if count == 0 else ()
             yield StoredDepth(
                 name or str(self.path),
                 depth,
@@ -141,8 +148,16 @@ class DepthVideo:
                 self._stated,
                 is_integer=True,
                 frame=frame,
-                warnings=warnings,
+                warnings=self.warnings if count == 0 else (),
             )
+
+    def _windows(self, depth: DepthMap) -> Windows | None:
+        """The windows of a map whose display window does not begin at (0, 0)."""
+        origin = _ORIGIN.fullmatch(self.labels.get("display_origin", ""))
+        if origin is None:
+            return None
+        display = Window(0, 0, depth.width, depth.height).moved(int(origin[1]), int(origin[2]))
+        return Windows(display, display, display)
 
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
         """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.
@@ -187,93 +202,17 @@ class DepthVideo:
             raise InputError(f"{self.path} is damaged {where}", "write it again")
 
 
-@dataclass(frozen=True, slots=True)
-class FrameLabels:
-    """Facts about all frames of a depth video.
-
-    Attributes:
-        first: number of the first frame.
-        step: difference of consecutive numbers; None if numbers follow the times at the source's
-            rate.
-        source_rate: frames a second of the source; None if it is not known.
-        time_code: of the first frame, as a ``Frame`` has it; None if it has none.
-        pixel_aspect: width by height of a pixel.
-        origin_px: (x, y), first pixel of the display window.
-    """
-
-    first: int = 0
-    step: int | None = 1
-    source_rate: Fraction | None = None
-    time_code: TimeCode | None = None
-    pixel_aspect: float = 1.0
-    origin_px: tuple[int, int] = (0, 0)
-
-    @classmethod
-    def of_first(cls, frame: Frame, timing: Timing) -> Self:
-        """Make those of a video that begins with a frame."""
-        display = frame.windows.display if frame.windows else None
-        return cls(
-            first=frame.index,
-            step=timing.step,
-            source_rate=timing.source_rate,
-            time_code=frame.time_code,
-            pixel_aspect=frame.pixel_aspect,
-            origin_px=(display.left, display.top) if display else (0, 0),
-        )
-
-    @classmethod
-    def parse(cls, texts: Mapping[str, str]) -> Self:
-        """Read those that a file states; the default for what it does not state."""
-        rate = parse_rate(texts.get("source_rate", ""))
-        step = number(texts.get("frame_step"))
-        origin = re.fullmatch(r"(-?\d{1,8}),(-?\d{1,8})", texts.get("display_origin", ""), re.ASCII)
-        return cls(
-            first=int(number(texts.get("first_frame")) or 0),
-            step=None if rate and step is None else int(step or 1),
-            source_rate=rate,
-            time_code=parse_time_code(texts.get("time_code", ""), rate) if rate else None,
-            pixel_aspect=pixel_aspect_in(texts.get("pixel_aspect")),
-            origin_px=(int(origin[1]), int(origin[2])) if origin else (0, 0),
-        )
-
-    def texts(self) -> dict[str, str]:
-        """The metadata to write; without what is the default."""
-        texts = {"first_frame": str(self.first)}
-        if self.source_rate is not None:
-            texts["source_rate"] = rate_text(self.source_rate)
-            if self.step is not None:
-                texts["frame_step"] = str(self.step)
-            if self.time_code is not None:
-                texts["time_code"] = time_code_text(self.time_code, self.source_rate)
-        if self.pixel_aspect != 1:
-            texts["pixel_aspect"] = f"{self.pixel_aspect:.9g}"
-        if self.origin_px != (0, 0):
-            texts["display_origin"] = "{},{}".format(*self.origin_px)
-        return texts
-
-    def number(self, count: int, after_s: float) -> int:
-        """The number of a frame.
-
-        Args:
-            count: how many frames of the video precede it.
-            after_s: its time after the first one.
-        """
-        if self.step is not None:
-            return self.first + count * self.step
-        return self.first + self._source_frames(after_s)
-
-    def time_code_at(self, after_s: float) -> TimeCode | None:
-        """The time code of a frame by its time after the first one."""
-        if self.time_code is None or self.source_rate is None:
-            return None
-        return time_code_after(self.time_code, self._source_frames(after_s), self.source_rate)
-
-    def windows(self, width: int, height: int) -> Windows | None:
-        """The windows of frames of a size; None if their display window begins at (0, 0)."""
-        if self.origin_px == (0, 0):
-            return None
-        display = Window(0, 0, width, height).moved(*self.origin_px)
-        return Windows(display, display, display)
-
-    def _source_frames(self, after_s: float) -> int:
-        return round(after_s * (self.source_rate or 0))
+def frame_texts(first: Frame, timing: Timing) -> dict[str, str]:
+    """Labels that tell number, time code and geometry of all frames by those of the first one."""
+    texts = {"first_frame": str(first.index)}
+    if timing.source_rate is not None:
+        texts["source_rate"] = rate_text(timing.source_rate)
+        if timing.step is not None:
+            texts["frame_step"] = str(timing.step)
+        if first.time_code is not None:
+            texts["time_code"] = time_code_text(first.time_code, timing.source_rate)
+    if first.pixel_aspect != 1:
+        texts["pixel_aspect"] = f"{first.pixel_aspect:.9g}"
+    if first.windows is not None and first.windows.display[:2] != (0, 0):
+        texts["display_origin"] = "{},{}".format(*first.windows.display[:2])
+    return texts

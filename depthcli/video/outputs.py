@@ -27,7 +27,7 @@ from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
 from depthcli.video.decoder import state_number
-from depthcli.video.depth_video import FrameLabels
+from depthcli.video.depth_video import frame_texts
 from depthcli.video.formats import CONTAINERS, DEPTH_PIXELS, ENCODINGS, Codec, check_encoder
 from depthcli.video.frames import Timing, rate_text, time_code_label
 
@@ -288,7 +288,6 @@ class DepthVideoOutput(VideoFile):
         self._scale, self._colours = scale, colours
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
-        self._numbers = FrameLabels()
 
     def encode(self, frame: DepthFrame) -> tuple[DepthFrame, VideoFrame, int]:
         """Quantize depth; also returns how many pixels were saturated."""
@@ -306,11 +305,11 @@ class DepthVideoOutput(VideoFile):
         labels = {}
         if self._first is None:
             self._first = frame
-            self._numbers = FrameLabels.of_first(frame.image, self._timing)
             labels = self._labels(frame)
         number = frame.image.index
         # The container rounds times, so numbers do not follow from them.
-        follows = self._numbers.step is not None and number == self._numbers.number(self._count, 0)
+        first, step = self._first.image.index, self._timing.step
+        follows = step is not None and number == first + self._count * step
         stated = None if follows else number
         self._write(coded_frame, frame, labels, stated)
         self._saturated += saturated
@@ -330,7 +329,7 @@ class DepthVideoOutput(VideoFile):
     def _labels(self, frame: DepthFrame) -> dict[str, str]:
         labels = metadata_texts(frame.depth) | {
             "frame_rate": rate_text(self._timing.rate),
-            **self._numbers.texts(),
+            **frame_texts(frame.image, self._timing),
             "start_s": f"{frame.time_s:.12g}",
         }
         labels.pop("time_s", None)  # each frame has its own

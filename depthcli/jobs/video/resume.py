@@ -35,17 +35,20 @@ class FrameJournal:
         earlier: numbers of frames that it finished.
     """
 
-    def __init__(self, path: Path | None = None, fingerprint: str = "") -> None:
+    def __init__(
+        self, path: Path | None = None, fingerprint: str = "", plan: VideoPlan | None = None
+    ) -> None:
         """Read the journal of an earlier run, and begin to write.
 
         Args:
             path: of the journal; None to keep none.
             fingerprint: of input, model and options. Frames with another one do not count.
+            plan: of the numbered files.
 
         Raises:
             OSError: the folder cannot be written to.
         """
-        self._path, self._file = path, None
+        self._path, self._file, self._plan = path, None, plan
         self.is_resumed, self.earlier = False, frozenset[int]()
         if path is None:
             return
@@ -67,6 +70,21 @@ class FrameJournal:
             self._file.flush()
             self._count += 1
 
+    def depth(self, number: int) -> npt.NDArray[np.float32] | None:
+        """Depth of a frame in the files of an earlier run, (H, W); None if it is to be predicted.
+
+        All other outputs are made of it. Thread-safe.
+        """
+        if self._plan is None or number not in self.earlier:
+            return None
+        names = [self._plan.names.get(VideoFormat(which)) for which in READABLE]  # best first
+        paths = [self._plan.folder / numbered_name(name, number) for name in names if name]
+        try:
+            maps = [read_stored_depth(path).displayed for path in paths]
+        except InputError:
+            return None
+        return maps[0].values
+
     def __enter__(self) -> Self:
         return self
 
@@ -87,21 +105,6 @@ def _finished(path: Path, fingerprint: str) -> frozenset[int] | None:
     if head != json.dumps(fingerprint):
         return None
     return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
-
-
-def kept_depth(plan: VideoPlan, number: int) -> npt.NDArray[np.float32] | None:
-    """Depth of a frame in the numbered files of an earlier run, (H, W); None if it is damaged.
-
-    All other outputs are made of it.
-    """
-    best_first = map(VideoFormat, READABLE)
-    names = [plan.names[which] for which in best_first if which in plan.names]
-    paths = [plan.folder / numbered_name(name, number) for name in names]
-    try:
-        maps = [read_stored_depth(path).displayed for path in paths]
-    except InputError:
-        return None
-    return maps[0].values
 
 
 def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings) -> float | None:
@@ -149,7 +152,7 @@ def open_journal(
     can_resume = not settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     try:
         if can_resume:
-            return FrameJournal(path, _origin(plan, source, pipeline, settings))
+            return FrameJournal(path, _origin(plan, source, pipeline, settings), plan)
         path.unlink(missing_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)

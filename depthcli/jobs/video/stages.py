@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from array import array
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from fractions import Fraction
@@ -39,7 +39,7 @@ from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
-from depthcli.jobs.video.resume import kept_depth, open_journal, rounding_scale
+from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.jobs.write import output_guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.formats import SEQUENCES, VideoFormat, preview_codec
@@ -101,11 +101,7 @@ def write_video(
         ]
         sidecar = _sidecar(plan, guard, stack)
         scale = rounding_scale(plan, pipeline, settings)
-
-        def kept(number: int) -> npt.NDArray[np.float32] | None:
-            return kept_depth(plan, number) if number in journal.earlier else None
-
-        stages = FrameStages(pipeline, settings, kept, scale)
+        stages = FrameStages(pipeline, settings, journal, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
         frames = _renumbered(source, settings)
         # Closed before the outputs, so that no thread writes into a file that is being removed.
@@ -235,7 +231,7 @@ class FrameStages:
         self,
         pipeline: Pipeline,
         settings: VideoSettings,
-        kept: Callable[[int], npt.NDArray[np.float32] | None] = lambda _number: None,
+        journal: FrameJournal | None = None,
         scale: float | None = None,
     ) -> None:
         """Initialize the state.
@@ -243,10 +239,10 @@ class FrameStages:
         Args:
             pipeline: the model.
             settings: options.
-            kept: returns the depth of a frame number if an earlier run wrote it, else None.
+            journal: of frames that an earlier run wrote; None for none.
             scale: units per metre to which depth is rounded; None for no rounding.
         """
-        self._kept, self._scale = kept, scale
+        self._journal, self._scale = journal or FrameJournal(), scale
         self._pipeline = pipeline
         self._settings = settings
         self._changes = ChangeDetector()
@@ -264,7 +260,7 @@ class FrameStages:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
         image = dataclasses.replace(image, pixel_aspect=camera.pixel_aspect or image.pixel_aspect)
-        kept, warnings = self._kept(image.index), tuple[str, ...]()
+        kept, warnings = self._journal.depth(image.index), tuple[str, ...]()
         if kept is not None and self.first is not None:  # the first is predicted, for the report
             depth = DepthMap(kept, self._pipeline.card.output.kind)
         else:
@@ -323,13 +319,8 @@ def _in_windows(
 ) -> tuple[DepthMap, npt.NDArray[np.float32]]:
     """Depth over all pixels of its frame, without any where the file has no pixels.
 
-    Args:
-        depth: of all pixels; of the display window alone if an earlier run wrote it.
-        windows: of the frame.
-        is_kept: whether an earlier run wrote it.
-
-    Returns:
-        The map, and its values without overscan, (H, W) float32 of the same size.
+    What an earlier run wrote (kept) covers the display window alone. Also returns the values
+    without overscan, (H, W) float32 of the same size.
     """
     if windows is None:
         return depth, depth.values
