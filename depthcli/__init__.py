@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from depthcli.api.files import DepthVideo, VideoSource, read_depth
     from depthcli.api.model import DepthModel, load_model
     from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-    from depthcli.core.options import Detail, Upsampling
+    from depthcli.core.options import Detail, Projection, Upsampling
     from depthcli.core.point_cloud import PointCloud
     from depthcli.core.types import AnchorFit, DepthKind, Frame, Provenance
     from depthcli.errors import (
@@ -70,6 +70,7 @@ __all__ = [
     "Picture",
     "Pipeline",
     "PointCloud",
+    "Projection",
     "Provenance",
     "ProviderError",
     "Session",
@@ -90,7 +91,7 @@ _HOMES = {
     "depthcli.api.files": ("DepthVideo", "VideoSource", "read_depth"),
     "depthcli.api.model": ("DepthModel", "load_model"),
     "depthcli.core.camera": ("Anchor", "CameraSource", "Intrinsics"),
-    "depthcli.core.options": ("Detail", "Upsampling"),
+    "depthcli.core.options": ("Detail", "Projection", "Upsampling"),
     "depthcli.core.point_cloud": ("PointCloud",),
     "depthcli.core.types": ("AnchorFit", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),

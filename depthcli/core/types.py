@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
 from depthcli.core.options import Projection
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 
 _GRAY_RANK, _COLOUR_RANK = 2, 3
 _RGB = 3
@@ -232,6 +232,7 @@ class Frame:
         Raises:
             InputError: another shape or type, or floats that are not in [0, 1]; or a pixel aspect
                 that is not from 0.001 to 1000.
+            UsageError: there is no such projection.
         """
         check_pixels(self.pixels)
         low, high = PIXEL_ASPECTS
@@ -239,6 +240,9 @@ class Frame:
             raise InputError(
                 f"a pixel aspect of {self.pixel_aspect:g} is not from {low:g} to {high:g}"
             )
+        if self.projection not in tuple(Projection):
+            raise UsageError(f"projection is {' or '.join(Projection)}, not {self.projection!r}")
+        object.__setattr__(self, "projection", Projection(self.projection))
 
     @property
     def height(self) -> int:

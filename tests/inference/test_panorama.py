@@ -16,7 +16,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import Projection
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.types import DepthMap, Frame, Provenance, panorama_rays
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 from depthcli.inference.panorama import HFOV_DEG, panorama_distance
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
@@ -104,9 +104,15 @@ def test_panorama_that_is_read_as_a_pinhole_image_is_a_warning(tmp_path: Path, n
         Image.fromarray(pixels).save(data, "png", pnginfo=info)
         path.write_bytes(data.getvalue())
     assert ["panorama" in text for text in read_image(path).warnings] == [True]
-    for projection in Projection:
-        frame = read_image(path, projection=projection)
+    for projection in ("pinhole", "equirectangular"):  # as they are written in Python
+        frame = read_image(path, projection=projection)  # type: ignore[arg-type]
+        assert isinstance(frame.projection, Projection)
         assert (frame.warnings, frame.projection) == ((), projection)
+
+
+def test_unknown_projection_is_a_usage_error() -> None:
+    with pytest.raises(UsageError):
+        Frame(np.zeros((4, 8), np.uint8), projection="fisheye")  # type: ignore[arg-type]
 
 
 def test_panorama_that_was_cropped_is_refused(tmp_path: Path) -> None:

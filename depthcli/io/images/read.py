@@ -265,7 +265,7 @@ def read_image(
     is_panorama = xmp.get(b"ProjectionType") == b"equirectangular"
     whole = xmp.get(b"FullPanoWidthPixels", b"")
     shown = xmp.get(b"CroppedAreaImageWidthPixels", whole)
-    if projection is Projection.EQUIRECTANGULAR and shown != whole:
+    if projection == Projection.EQUIRECTANGULAR and shown != whole:
         told = f"{name} shows {shown.decode()} of the {whole.decode()} columns of a panorama"
         raise InputError(told, "give a whole one")
     panorama = PANORAMA if is_panorama and projection is None else None
