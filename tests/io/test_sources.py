@@ -183,7 +183,7 @@ def test_folders_of_storage_systems_are_skipped_and_counted(tmp_path: Path) -> N
 
 def test_csv_list_without_a_first_line_keeps_its_first_image(tmp_path: Path) -> None:
     path = tmp_path / "list.csv"
-    path.write_text("a.png\nb.png\n")
-    assert list(read_list(str(path))) == ["a.png", "b.png"]
+    path.write_text("./a.png\nb.png\n")
+    assert list(read_list(str(path))) == ["./a.png", "b.png"]
     path.write_text("image\na.png\n")
     assert list(read_list(str(path))) == ["a.png"]

@@ -242,7 +242,8 @@ def write_exr(
         **texts,
     }
     if windows is not None:
-        header |= zip(_WINDOWS, map(_corners, windows), strict=True)
+        for name, (left, top, right, bottom) in zip(_WINDOWS, windows, strict=True):
+            header[name] = (left, top), (right - 1, bottom - 1)  # the first and the last pixel
     if rate is not None:
         header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
     if time_code is not None:
@@ -255,11 +256,6 @@ def write_exr(
         raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
     if not _has_all_rows(path, len(next(iter(channels.values())))):
         raise OSError("its end did not reach the disk, which may be full")
-
-
-def _corners(window: Window) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The first and the last pixel of a window, as headers name them."""
-    return (window.left, window.top), (window.right - 1, window.bottom - 1)
 
 
 def _has_all_rows(path: Path, height: int) -> bool:

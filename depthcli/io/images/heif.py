@@ -78,12 +78,6 @@ def find_box(data: bytes, wanted: bytes) -> bytes:
     return data[start:end]
 
 
-def is_cut_in_box(data: bytes, wanted: bytes) -> bool:
-    """Whether a file ends before the first box of a kind does, or has none."""
-    start, end = _extent(data, wanted)
-    return not start < end <= len(data)
-
-
 def _extent(data: bytes, wanted: bytes) -> tuple[int, int]:
     """Where the content of the first box of a kind begins and ends; (0, 0) if there is none."""
     at = 0
@@ -122,7 +116,8 @@ def heif_header(data: bytes) -> Header:
     """Size of the primary image of a HEIF file, and what else it states."""
     if not is_installed("pillow_heif"):
         raise InputError("is HEIC, which needs pillow-heif", INSTALL_HEIF)
-    if is_cut_in_box(data, b"mdat"):  # libheif makes up tiles that are missing, without an error
+    start, end = _extent(data, b"mdat")
+    if not start < end <= len(data):  # libheif makes up tiles that are missing, without an error
         raise InputError("is truncated (its end is missing)", "copy it again")
     file = _opened(data)
     image = file[file.primary_index]

@@ -64,7 +64,11 @@ def full_range(
     if white_level is None and not black_level:
         return pixels, _range_warnings(pixels)
     white = 0xFFFF if white_level is None else white_level
-    return scaled(pixels, white, black_level), _clip_warnings(pixels, white)
+    warnings: tuple[str, ...] = ()
+    brightest = int(pixels.max())
+    if brightest > white:
+        warnings = (f"has pixels up to {brightest}, above the white level of {white}",)
+    return scaled(pixels, white, black_level), warnings
 
 
 def fill_transparent(
@@ -171,13 +175,4 @@ def _range_warnings(pixels: npt.NDArray[np.uint16]) -> tuple[str, ...]:
             f"most of its pixels are from {low:.0f} to {high:.0f} of 65535, and depth may be flat",
             f"if that is all of its range, give {levels}",
         ),
-    )
-
-
-def _clip_warnings(pixels: npt.NDArray[Any], white_level: int) -> tuple[str, ...]:
-    brightest = int(pixels.max())
-    if brightest <= white_level:
-        return ()
-    return (
-        f"has pixels up to {brightest}, above the white level of {white_level}; they are white",
     )

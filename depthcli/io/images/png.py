@@ -54,15 +54,12 @@ def read_chunks(png: bytes) -> Iterator[tuple[bytes, memoryview, int]]:
 def png_header(png: bytes) -> Header:
     """Size of a PNG, and whether it is animated."""
     width, height = struct.unpack_from(">II", png, 16)
-    before = {kind: body for kind, body, _ in takewhile(_is_before_pixels, read_chunks(png))}
+    chunks = takewhile(lambda one: one[0] != b"IDAT", read_chunks(png))
+    before = {kind: body for kind, body, _ in chunks}
     profile = bytes(before.get(b"iCCP", b"")).partition(b"\0")[2][1:]  # after a name and a method
     with suppress(zlib.error):
         profile = zlib.decompressobj().decompress(profile, _MAX_PROFILE_BYTES)
     return Header(width, height, ANIMATED if b"acTL" in before else None, profile=profile)
-
-
-def _is_before_pixels(chunk: tuple[bytes, memoryview, int]) -> bool:
-    return chunk[0] != b"IDAT"
 
 
 def still_image(png: bytes) -> bytes:

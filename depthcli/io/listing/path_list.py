@@ -72,14 +72,20 @@ def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
     rows = csv.reader(file, delimiter=delimiter)
     header = next(rows, [])
     # Without a first line of names, a list of one column begins with an image.
-    is_list = column is None and len(header) == 1 and (is_media(header[0]) or is_exr(header[0]))
+    name = os.path.basename(header[0]) if len(header) == 1 else ""  # noqa: PTH119 - any bytes
+    is_list = column is None and (is_media(name) or is_exr(name))
     place = 0 if is_list else header.index(_select_column(header, column, path))
 
     def texts() -> Iterator[str]:
         with file:
             try:
                 first = (header,) if is_list else ()
-                yield from (r[place] for r in chain(first, rows) if len(r) > place and r[place])
+                for row in chain(first, rows):
+                    if len(row) > len(header):
+                        problem = f"{len(row)} values for {len(header)} columns"
+                        raise UsageError(f"{path}, line {rows.line_num}: {problem}")
+                    if len(row) > place and row[place]:
+                        yield row[place]
             except csv.Error as error:
                 raise UsageError(f"{path}, line {rows.line_num}: {error}") from error
 

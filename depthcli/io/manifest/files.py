@@ -331,8 +331,11 @@ class RowsFolder:
                     with atomic_path(self._out / name) as temporary:
                         shutil.copyfile(file, temporary)
             for name, objects in self._objects.items():
-                for one in objects if name not in here else ():
-                    _delete(self._out / one)
+                for one in () if name in here else objects:
+                    try:
+                        (self._out / one).unlink()
+                    except OSError as error:
+                        raise OutputError(f"cannot remove {one}: {error.strerror}") from error
             self._exit_stack.close()
 
     def _download(self, source: RemotePath) -> None:
@@ -367,13 +370,6 @@ def _row_objects(out: RemotePath) -> Iterator[str]:
                 break
             if _NAME.fullmatch(_PART.sub("", name)):
                 yield name
-
-
-def _delete(path: Path) -> None:
-    try:
-        path.unlink()
-    except OSError as error:
-        raise OutputError(f"cannot remove {path}: {error.strerror}") from error
 
 
 def _file_state(file: Path) -> tuple[int, int]:
