@@ -18,6 +18,7 @@ from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset, SplitName
 from depthcli.errors import DatasetError, UsageError
+from depthcli.evaluation import report
 from depthcli.evaluation.predictors import (
     TRIVIAL_NAMES,
     ModelPredictor,
@@ -26,25 +27,13 @@ from depthcli.evaluation.predictors import (
     fit_trivial,
 )
 from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundaries
-from depthcli.evaluation.report import (
-    PUBLISHED,
-    PUBLISHED_COUNT,
-    Difference,
-    EvalReport,
-    ImageScores,
-    Interval,
-    ReportRow,
-    Source,
-    Training,
-    missing_text,
-)
 from depthcli.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.metrics.alignment import SUITABLE
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
 from depthcli.metrics.depth import Accumulator, PixelSums, Scores
 from depthcli.training.provenance import TrainedRun
 
-_PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in PUBLISHED]
+_PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in report.PUBLISHED]
 _RESAMPLES = 10_000
 _BLOCK = 100
 """Resamplings at a time, which bounds the memory for data sets of many scenes."""
@@ -121,7 +110,7 @@ def evaluate(
     predictors: Sequence[Predictor],
     options: EvalOptions = HEADLINE_TABLE,
     progress: Progress = NO_PROGRESS,
-) -> EvalReport:
+) -> report.EvalReport:
     """Make the table of trivial rows, predictors and published rows.
 
     Training runs that differ only in their seed are one row.
@@ -143,7 +132,6 @@ def evaluate(
         task.test,
         [entry for line in lines for entry in line.entries],
         options.protocol,
-        per_image=options.per_image or options.against is not None,
         progress=progress,
         workers=options.workers,
     )
@@ -155,21 +143,21 @@ def evaluate(
         )
     rest = iter(scored)
     each = [[next(rest) for entry in line.entries for _ in entry.alignments] for line in lines]
-    differences: tuple[Difference, ...] = ()
+    differences: tuple[report.Difference, ...] = ()
     if options.against is not None:
         by_name = {line.name: rows for line, rows in zip(lines, each, strict=True)}
         differences = differences_from(options.against, by_name, task.scenes)
     if not options.per_image:
         each = [[replace(row, images=()) for row in rows] for rows in each]
     rows = [row for line, own in zip(lines, each, strict=True) for row in _merged(line, own)]
-    before: tuple[ReportRow, ...] = ()
-    after: tuple[ReportRow, ...] = ()
+    before: tuple[report.ReportRow, ...] = ()
+    after: tuple[report.ReportRow, ...] = ()
     if any(line.runs for line in lines):
         rows.sort(key=_paper_order)
-        after = PUBLISHED if options.published else ()
+        after = report.PUBLISHED if options.published else ()
     elif options.published and _is_headline(task, options):
-        before = PUBLISHED
-    return EvalReport(
+        before = report.PUBLISHED
+    return report.EvalReport(
         dataset=task.title,
         split=task.split.name,
         image_count=len(task.test),
@@ -228,7 +216,7 @@ def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions
     return [_Line(name, tuple(entries)) for name, entries in groups.values()]
 
 
-def _merged(line: _Line, rows: Sequence[ReportRow]) -> Sequence[ReportRow]:
+def _merged(line: _Line, rows: Sequence[report.ReportRow]) -> Sequence[report.ReportRow]:
     """The rows of a line; of a training run, one for each alignment, with means over its seeds."""
     if not line.runs:
         return rows
@@ -236,11 +224,11 @@ def _merged(line: _Line, rows: Sequence[ReportRow]) -> Sequence[ReportRow]:
     return [_mean_row(line, [r for r in rows if r.alignment is wanted]) for wanted in alignments]
 
 
-def _mean_row(line: _Line, seeds: Sequence[ReportRow]) -> ReportRow:
+def _mean_row(line: _Line, seeds: Sequence[report.ReportRow]) -> report.ReportRow:
     values = np.array([row.scores.values for row in seeds])
     std = Scores(tuple(map(float, values.std(0, ddof=1)))) if len(seeds) > 1 else None
     first = seeds[0]
-    return ReportRow(
+    return report.ReportRow(
         name=line.name,
         source=first.source,
         alignment=first.alignment,
@@ -256,9 +244,9 @@ def _mean_row(line: _Line, seeds: Sequence[ReportRow]) -> ReportRow:
     )
 
 
-def _training_of(line: _Line) -> Training:
+def _training_of(line: _Line) -> report.Training:
     runs = [run for _, run in line.runs]
-    return Training(
+    return report.Training(
         seeds=tuple(run.seed for run in runs),
         paired=runs[0].paired,
         parameters=runs[0].parameters,
@@ -270,7 +258,7 @@ def _training_of(line: _Line) -> Training:
     )
 
 
-def _paper_order(row: ReportRow) -> tuple[int, str]:
+def _paper_order(row: report.ReportRow) -> tuple[int, str]:
     """Sort key: other rows, then training runs in the order of the paper, then by name."""
     if row.training is None:
         return -1, ""
@@ -288,7 +276,7 @@ def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iter
         yield "± is the sample standard deviation over the seeds"
         providers = sorted({model.pipeline.session.provider for model, _ in runs})
         yield (
-            "ms: median of the network alone for one picture, onnxruntime on "
+            "ms: median of the network alone for one image, onnxruntime on "
             f"{', '.join(providers)}, measured in turns in this run"
         )
         short = [run.name for _, run in runs if run.epochs < run.epochs_planned]
@@ -296,8 +284,8 @@ def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iter
             yield f"stopped before their schedule's end: {', '.join(short)}"
         if options.published and split.name != SplitName.PAPER:
             yield (
-                f"the paper's rows are of its own {PUBLISHED_COUNT} test pictures, not of these: "
-                "their numbers are not comparable"
+                f"the paper's rows are of its own {report.PUBLISHED_COUNT} test images, "
+                "not of these: their numbers are not comparable"
             )
     elif task.is_nyu and not _is_headline(task, options):
         yield (
@@ -331,23 +319,22 @@ class _RowAccumulator:
         self._entry, self._alignment = entry, alignment
         self._total = Accumulator(protocol.averaging)
         self._boundaries: list[BoundaryScores] = []
-        self._images: list[ImageScores] = []
+        self._images: list[report.ImageScores] = []
         self._reversed_count = self._pixel_count = self._missing_count = 0
 
-    def add(self, image_id: str, image: _ImageSums, *, keep: bool) -> None:
+    def add(self, image_id: str, image: _ImageSums) -> None:
         scores = self._total.add(image.sums)
         self._reversed_count += image.is_reversed
         self._pixel_count += image.sums.pixel_count
         self._missing_count += image.missing_count
         if image.boundary is not None:
             self._boundaries.append(image.boundary)
-        if keep:
-            self._images.append(ImageScores(image_id, scores, image.boundary))
+        self._images.append(report.ImageScores(image_id, scores, image.boundary))
 
-    def close(self) -> ReportRow:
+    def close(self) -> report.ReportRow:
         predictor, total = self._entry.predictor, self._total
         model = predictor.pipeline.session.model if isinstance(predictor, ModelPredictor) else None
-        return ReportRow(
+        return report.ReportRow(
             name=predictor.name,
             source=predictor.source,
             alignment=self._alignment,
@@ -371,8 +358,8 @@ class _RowAccumulator:
         if self._entry.mark:
             yield self._entry.mark
         if self._missing_count:
-            yield missing_text(name, self._missing_count, self._pixel_count)
-        if count and self._entry.predictor.source is not Source.TRIVIAL:
+            yield report.missing_text(name, self._missing_count, self._pixel_count)
+        if count and self._entry.predictor.source is not report.Source.TRIVIAL:
             usual = ": its kind of depth may be wrong" if 2 * count > images else ""
             yield (
                 f"{name}: the fit ({self._alignment}) reversed the order of depth in {count} of "
@@ -386,10 +373,9 @@ def score(
     entries: Sequence[Entry],
     protocol: EvalProtocol = HEADLINE,
     *,
-    per_image: bool = False,
     progress: Progress = NO_PROGRESS,
     workers: int = 0,
-) -> tuple[ReportRow, ...]:
+) -> tuple[report.ReportRow, ...]:
     """Score every entry on the same images; each depth is read once, each image at most once.
 
     A worker processes a whole image; sums are added in the order of the images, so that results do
@@ -411,7 +397,7 @@ def score(
     with one_thread_each(workers), closing(ordered_map(score_one, test, workers=workers)) as images:
         for position, image in zip(test, images, strict=True):
             for row, one in zip(rows, image, strict=True):
-                row.add(dataset.ids[position], one, keep=per_image)
+                row.add(dataset.ids[position], one)
             advance(1)
     return tuple(row.close() for row in rows)
 
@@ -437,8 +423,8 @@ def _score_image(
 
 
 def differences_from(
-    name: str, groups: Mapping[str, Sequence[ReportRow]], scenes: Mapping[str, str]
-) -> tuple[Difference, ...]:
+    name: str, groups: Mapping[str, Sequence[report.ReportRow]], scenes: Mapping[str, str]
+) -> tuple[report.Difference, ...]:
     """Paired differences between one row and every other of the same alignment.
 
     ``groups`` has the rows of the seeds by name, with scores per image, which are averaged over the
@@ -455,18 +441,20 @@ def differences_from(
             intervals = tuple(scene_interval(column, order) for column in values.T)
             is_scored = np.isfinite(values).any(1)  # others were excluded
             scenes_scored = set(np.asarray(order)[is_scored])
-            found.append(Difference(name, other, alignment, intervals, len(scenes_scored)))
+            found.append(report.Difference(name, other, alignment, intervals, len(scenes_scored)))
     return tuple(found)
 
 
-def _per_image(rows: Sequence[ReportRow], alignment: Alignment | None) -> npt.NDArray[np.float64]:
+def _per_image(
+    rows: Sequence[report.ReportRow], alignment: Alignment | None
+) -> npt.NDArray[np.float64]:
     """(N, metrics): the scores of each image, averaged over the seeds."""
     seeds = [[i.scores.values for i in row.images] for row in rows if row.alignment is alignment]
     averaged: npt.NDArray[np.float64] = np.asarray(seeds, np.float64).mean(0)
     return averaged
 
 
-def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> Interval:
+def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> report.Interval:
     """The mean over images, and its bootstrap interval with scenes resampled.
 
     ``values`` (N,) has one value per image, or NaN, and ``scenes`` the scene of each. One scene
@@ -477,13 +465,13 @@ def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> In
     sums = np.bincount(scene, values[valid_mask])
     counts = np.bincount(scene)
     if not len(sums):
-        return Interval(np.nan, np.nan, np.nan)
+        return report.Interval(np.nan, np.nan, np.nan)
     mean = float(sums.sum() / counts.sum())
     if len(sums) == 1:  # whose resamplings are all the same, however much other scenes differ
-        return Interval(mean, np.nan, np.nan)
+        return report.Interval(mean, np.nan, np.nan)
     share, rng, means = np.full(len(sums), 1 / len(sums)), np.random.default_rng(0), []
     for _ in range(_RESAMPLES // _BLOCK):
         drawn = rng.multinomial(len(sums), share, _BLOCK)
         means.append((drawn @ sums) / (drawn @ counts))
     low, high = np.percentile(np.concatenate(means), _PERCENTILES)
-    return Interval(mean, float(low), float(high))
+    return report.Interval(mean, float(low), float(high))

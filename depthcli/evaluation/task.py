@@ -8,18 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from depthcli.datasets import base as id_ranges
-from depthcli.datasets.base import (
-    ALL_PAIRS,
-    NYU,
-    TRAIN_IDS,
-    DepthDataset,
-    Split,
-    SplitName,
-    is_label,
-    label_id,
-    split_nyu,
-)
+from depthcli.datasets import base
 from depthcli.datasets.training_data import own_pairs_title
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.predictors import Sample
@@ -37,16 +26,16 @@ _SEED = re.compile(r"-seed\d+$")
 class EvalTask:
     """The images to evaluate on."""
 
-    dataset: DepthDataset  #: the pairs
-    split: Split  #: the split, with all of its pairs that the data set has
+    dataset: base.DepthDataset  #: the pairs
+    split: base.Split  #: the split, with all of its pairs that the data set has
     #: positions of the images to evaluate: all test images of the split, or fewer
     test: tuple[int, ...]
-    title: str = NYU  #: name of the data set in tables
+    title: str = base.NYU  #: name of the data set in tables
 
     @property
     def is_nyu(self) -> bool:
         """Whether the pairs are those of NYU Depth v2, to which published rows and cards refer."""
-        return self.split.name in tuple(SplitName)
+        return self.split.name in tuple(base.SplitName)
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -74,13 +63,15 @@ class EvalTask:
         return replace(self, test=tuple(self.test[i] for i in chosen))
 
 
-def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) -> EvalTask:
+def plan_nyu(
+    dataset: base.DepthDataset, split: base.SplitName, limit: int | None = None
+) -> EvalTask:
     """The test images of a split, or at most ``limit`` of them, evenly over it.
 
     Raises:
         DatasetError: the data set has no test image of the split.
     """
-    divided = split_nyu(dataset, split)
+    divided = base.split_nyu(dataset, split)
     if not divided.test:
         raise DatasetError(
             f"no pair here belongs to the test part of the {split} split",
@@ -89,17 +80,17 @@ def plan_nyu(dataset: DepthDataset, split: SplitName, limit: int | None = None) 
     return EvalTask(dataset, divided, divided.test).subsampled(limit)
 
 
-def plan_pairs(dataset: DepthDataset, title: str, limit: int | None = None) -> EvalTask:
+def plan_pairs(dataset: base.DepthDataset, title: str, limit: int | None = None) -> EvalTask:
     """All pairs of a custom data set, or at most ``limit`` of them, evenly over it."""
     every = tuple(range(len(dataset)))
-    split = Split(ALL_PAIRS, (), every, 0, len(every))
+    split = base.Split(base.ALL_PAIRS, (), every, 0, len(every))
     return EvalTask(dataset, split, every, title).subsampled(limit)
 
 
 def plan_runs(
-    dataset: DepthDataset,
+    dataset: base.DepthDataset,
     runs: Sequence[TrainedRun],
-    split: SplitName = SplitName.VAL,
+    split: base.SplitName = base.SplitName.VAL,
     limit: int | None = None,
 ) -> EvalTask:
     """Choose images that no run was trained on, at most ``limit``, evenly over the split.
@@ -111,15 +102,15 @@ def plan_runs(
             test image.
         UsageError: the runs hold out different pairs, or one was trained on the test images.
     """
-    if not all(map(is_label, dataset.ids)):
+    if not all(map(base.is_label, dataset.ids)):
         raise DatasetError(
             "the data set is not NYU Depth v2",
             "compare exported models on pairs of your own with 'depthcli eval pairs'",
         )
-    whole = _held_out(dataset, runs) if split is SplitName.VAL else plan_nyu(dataset, split)
+    whole = _held_out(dataset, runs) if split is base.SplitName.VAL else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:
-        seen = set(run.nyu_ids).intersection(map(label_id, task.ids))
+        seen = set(run.nyu_ids).intersection(map(base.label_id, task.ids))
         if seen:
             raise UsageError(
                 f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test images",
@@ -128,7 +119,7 @@ def plan_runs(
     return task
 
 
-def _held_out(dataset: DepthDataset, runs: Sequence[TrainedRun]) -> EvalTask:
+def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun]) -> EvalTask:
     first = runs[0]
     for run in runs:
         if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
@@ -147,7 +138,9 @@ def _held_out(dataset: DepthDataset, runs: Sequence[TrainedRun]) -> EvalTask:
         )
     train = tuple(places[i] for i in first.train_ids)
     test = tuple(places[i] for i in first.held_out_ids)
-    return EvalTask(dataset, Split(SplitName.VAL, train, test, len(train), len(test)), test)
+    return EvalTask(
+        dataset, base.Split(base.SplitName.VAL, train, test, len(train), len(test)), test
+    )
 
 
 def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
@@ -204,16 +197,16 @@ def train_mark(name: str, card: ModelCard, task: EvalTask, overlap: int | None) 
     return ""
 
 
-def trained_numbers(card: ModelCard, dataset: DepthDataset) -> frozenset[int] | None:
+def trained_numbers(card: ModelCard, dataset: base.DepthDataset) -> frozenset[int] | None:
     """Numbers of the pairs that a model was trained on, or whose scenes it was trained on.
 
     None if its card does not state them; the data set has the training pairs of a split.
     """
-    stated, split = card.training.get(TRAIN_IDS), card.training.get(TRAIN_SPLIT)
+    stated, split = card.training.get(base.TRAIN_IDS), card.training.get(TRAIN_SPLIT)
     try:
         if isinstance(stated, str):
-            return id_ranges.parse(stated)
-        positions = split_nyu(dataset, SplitName(str(split))).train
+            return base.parse(stated)
+        positions = base.split_nyu(dataset, base.SplitName(str(split))).train
     except (DatasetError, ValueError):
         return None  # ``training`` in a card is free-form
     return frozenset(int(dataset.ids[i]) for i in positions)

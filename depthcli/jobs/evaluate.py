@@ -11,13 +11,7 @@ from depthcli.datasets.base import DepthDataset, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
 from depthcli.errors import DepthcliError, UsageError
-from depthcli.evaluation.evaluate import (
-    HEADLINE_TABLE,
-    EvalOptions,
-    check_against,
-    evaluate,
-    has_trivial,
-)
+from depthcli.evaluation import evaluate as table
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.page import Page, html_page
 from depthcli.evaluation.predictors import (
@@ -61,7 +55,7 @@ class EvalRequest:
     #: a custom data set
     split: SplitName | None = SplitName.PAPER
     limit: int | None = None  #: maximum number of images, evenly over the split; None for all
-    options: EvalOptions = HEADLINE_TABLE  #: options of the table
+    options: table.EvalOptions = table.HEADLINE_TABLE  #: options of the table
     #: ids of images for the figures; empty for some of each scene type, None for no figures
     shown_ids: tuple[str, ...] | None = None
 
@@ -97,14 +91,14 @@ def run_evaluation(
     runs = _open_runs(request.runs, failed) if request.runs else []
     task = _plan_task(request, runs)
     positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
-    trivial = TRIVIAL_NAMES if has_trivial(task, options) else ()
+    trivial = TRIVIAL_NAMES if table.has_trivial(task, options) else ()
     if not (request.models or request.predictions or runs or trivial):
         raise UsageError(
             "nothing to compare",
             "give {model} or {predictions}, or the training pairs of the split for baselines",
         )
     if runs and options.against is not None:  # before the export
-        check_against(options.against, [*trivial, *group_by_seed(runs)], options.protocol)
+        table.check_against(options.against, [*trivial, *group_by_seed(runs)], options.protocol)
     if options.protocol.mask is Mask.RAW:
         task.dataset.raw_depth_m(task.test[0])  # before the models are loaded
     with temporary_folder() as fallback_folder:
@@ -119,14 +113,14 @@ def run_evaluation(
         about_files = (text for file in files for text in file.warnings)
         for text in dict.fromkeys((*task.dataset.warnings, *about_models, *about_files)):
             warn(text)
-        predictors: list[Predictor] = [*models, *files]
-        report = evaluate(task, predictors, options, progress)
+        compared: list[Predictor] = [*models, *files]
+        report = table.evaluate(task, compared, options, progress)
         for row in report.rows:
             if row.missing_count:
                 warn(missing_text(row.name, row.missing_count, row.pixel_count))
         if runs and request.weights is Weights.RAW:
             report = replace(report, notes=(*report.notes, _RAW_WEIGHTS))
-        shown = _shown(predictors, report)
+        shown = _shown(compared, report)
         if not (positions and shown):
             return EvalResult(report, (), tuple(failed))
         figures = draw_figures(task, positions, shown, progress)

@@ -98,12 +98,10 @@ def test_depth_is_read_once_and_images_only_on_use() -> None:
 def test_scores_of_each_image_on_request() -> None:
     dataset = small_set()
     entry = entry_for(Playback(noisy(dataset)))
-    (row,) = score(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL), per_image=True)
+    (row,) = score(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL))
     assert [image.id for image in row.images] == ["0004", "0000"]
     average = sum(image.scores["rmse"] for image in row.images) / 2
     assert row.scores["rmse"] == pytest.approx(average, rel=1e-12)
-    (silent,) = score(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL))
-    assert silent.images == ()
 
 
 def test_image_without_valid_pixel_is_reported() -> None:
@@ -169,8 +167,7 @@ def test_no_digit_depends_on_the_number_of_workers(averaging: Averaging) -> None
     ]
     protocol = EvalProtocol(averaging=averaging, full_size_px=SMALL, boundary=True)
     alone, together = (
-        score(dataset, range(30), entries, protocol, per_image=True, workers=workers)
-        for workers in (0, 3)
+        score(dataset, range(30), entries, protocol, workers=workers) for workers in (0, 3)
     )
     assert repr(alone) == repr(together)  # NaN is not itself
     assert [image.id for image in together[0].images] == list(dataset.ids)
@@ -200,7 +197,7 @@ def test_scores_of_edges_are_those_of_the_map_put_together_again() -> None:
     dataset = small_set(shape=(40, 60))
     maps = noisy(dataset)
     protocol = EvalProtocol(full_size_px=(60, 40), boundary=True)
-    (row,) = score(dataset, (0, 3), [entry_for(Playback(maps))], protocol, per_image=True)
+    (row,) = score(dataset, (0, 3), [entry_for(Playback(maps))], protocol)
     expected = []
     for image, i in zip(row.images, (0, 3), strict=True):
         depth_m = dataset.depths_m[i]
@@ -215,7 +212,6 @@ def test_scores_of_edges_are_those_of_the_map_put_together_again() -> None:
         (0,),
         [entry_for(Playback(maps))],
         replace(protocol, boundary=False),
-        per_image=True,
     )
     assert without.boundary is without.images[0].boundary is None
 

@@ -186,12 +186,12 @@ def test_notes(task: EvalTask, models: list[ModelPredictor]) -> None:
     assert notes == (
         "± is the sample standard deviation over the seeds",
         (
-            "ms: median of the network alone for one picture, onnxruntime on cpu, "
+            "ms: median of the network alone for one image, onnxruntime on cpu, "
             "measured in turns in this run"
         ),
         "stopped before their schedule's end: proposed-seed1",
         (
-            "the paper's rows are of its own 449 test pictures, not of these: "
+            "the paper's rows are of its own 449 test images, not of these: "
             "their numbers are not comparable"
         ),
     )
