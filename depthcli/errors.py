@@ -96,8 +96,10 @@ class DepthcliError(Exception):
     exit_code: ClassVar[ExitCode] = ExitCode.FAILURE
 
     def __init__(self, problem: str = "", advice: str = "", *, option: str = "") -> None:
-        if not isinstance(problem, Message) or advice or option:
-            problem = Message(problem, advice, option=option)
+        if isinstance(problem, Message):
+            advice, option = advice or problem.advice, option or problem.option
+            problem = problem.problem
+        problem = Message(problem, advice, option=option)
         self.message: Message = problem
         super().__init__(self.message)
 

@@ -227,9 +227,13 @@ class AnchorOptions:
         metavar="FILE",
     )
     anchors_scale: float | None = option(
-        "Units per metre of --anchors in PNG or NPY of integers (default of PNG: from the "
-        "file, else 1000).",
+        "Units per metre of --anchors. Default: from the file, else 1000 for integers (needed "
+        "for NPY), 1 for floats.",
         callback=png_scale_range,
+    )
+    anchors_kind: DepthEncoding | None = option(
+        "Meaning of the numbers in --anchors, as --from-kind of 'convert': distance is along the "
+        "ray and needs --focal-px, --hfov or --calibration.",
     )
 
 

@@ -9,7 +9,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from depthcli.cli import options as groups
-from depthcli.core.camera import DEPTH_M, HFOV_DEG, Anchor, Intrinsics
+from depthcli.core.camera import DEPTH_M, HFOV_DEG, UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.options import (
     AUTO_TILE,
     Colormap,
@@ -142,7 +142,7 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
     from depthcli.io.depth.read import DepthReadOptions
 
     if options.baseline is not None and options.from_kind is not DepthEncoding.DISPARITY:
-        raise UsageError("it is for {from_kind} disparity", option="baseline")
+        raise UsageError("", "{baseline} is for {from_kind} disparity")
     return DepthReadOptions(
         options.from_scale,
         options.from_kind,
@@ -154,23 +154,25 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
 
 
 def anchors(
-    options: groups.AnchorOptions, *, is_folder: bool = False
+    options: groups.AnchorOptions, camera: Intrinsics = UNKNOWN_CAMERA, *, is_folder: bool = False
 ) -> AnchorFiles | tuple[Anchor, ...]:
     """The files of known depth, or its points.
 
     Args:
         options: the options.
+        camera: that of the images, as far as the user states it.
         is_folder: whether a path has to be a folder with a file for each image.
 
     Raises:
         UsageError: the options contradict each other, one is invalid, or the path is a file in
             place of a folder.
     """
-    path, scale = options.anchors, options.anchors_scale
+    path = options.anchors
     _refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
-        if scale is not None:
-            raise UsageError("", "{anchors_scale} is for {anchors}: give both or neither")
+        for name in ("anchors_scale", "anchors_kind"):
+            if getattr(options, name) is not None:
+                raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
         return tuple(map(_anchor, options.anchor or ()))
     place = path_of(path)
     if not isinstance(place, RemotePath) and place.is_dir() != is_folder:
@@ -178,7 +180,7 @@ def anchors(
         raise UsageError(f"{safe_name(path)} is not {kind}", option="anchors")
     from depthcli.io.depth.anchors import AnchorFiles
 
-    return AnchorFiles(path, scale)
+    return AnchorFiles(path, options.anchors_scale, options.anchors_kind, camera)
 
 
 def _refuse_alternatives(values: Mapping[str, object]) -> None:

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from depthcli.core.camera import Anchor
+from depthcli.core.camera import Anchor, Intrinsics
+from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.anchors import AnchorFiles
@@ -84,6 +85,17 @@ def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
         AnchorFiles(str(tmp_path / "a.npy")).read()
     with pytest.raises(InputError):
         AnchorFiles(str(tmp_path / "a.csv"), 256.0).read()
+
+
+def test_distances_along_the_ray_become_depth(tmp_path: Path) -> None:
+    camera = Intrinsics(hfov_deg=60)
+    focal_px = camera.focal_for(6) or 0
+    across, down = (np.arange(6) - 2.5) / focal_px, (np.arange(4) - 1.5) / focal_px
+    np.save(tmp_path / "a.npy", 3 * np.sqrt(1 + across**2 + down[:, None] ** 2))
+    points = AnchorFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE, camera).read()
+    assert points.depth_m == pytest.approx(np.full(24, 3.0))
+    with pytest.raises(InputError):
+        AnchorFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE).read()
 
 
 def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:

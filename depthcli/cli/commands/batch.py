@@ -172,14 +172,15 @@ def batch(
     from depthcli.jobs.batch.tasks import BatchOptions
 
     formats = (*(output.formats or (Format.PNG16,)), *([Format.JSON] if output.sidecar else ()))
+    seen_by = parse.camera(camera)
     options = BatchOptions(
         formats=tuple(dict.fromkeys(formats)),
         writing=parse.writer_options(writing),
-        camera=parse.camera(camera),
+        camera=seen_by,
         detail=parse.detail(detail),
         max_pixels=read.max_pixels,
         overwrite=output.overwrite,
-        anchors=parse.anchors(anchors, is_folder=True),
+        anchors=parse.anchors(anchors, seen_by, is_folder=True),
         reading=parse.reading(read),
         column=inputs.column,
     )

@@ -68,13 +68,14 @@ def predict(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     destination = picture_destination(output.out, output.formats or (), sidecar=output.sidecar)
     pictures, own = split_own_outputs(images)
+    seen_by = parse.camera(camera)
     request = PredictRequest(
         pictures=tuple(pictures),
         destination=destination,
         overwrite=output.overwrite,
         model=parse.session_loader(model.model, model.runtime),
-        camera=parse.camera(camera),
-        anchors=parse.anchors(anchors),
+        camera=seen_by,
+        anchors=parse.anchors(anchors, seen_by),
         reading=parse.reading(read),
         writing=parse.writer_options(writing),
         detail=parse.detail(detail),

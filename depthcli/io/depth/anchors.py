@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from depthcli.core.camera import DEPTH_M
-from depthcli.core.options import Rule
+from depthcli.core.camera import DEPTH_M, UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.options import DepthEncoding, Rule
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import READABLE_SUFFIXES
 from depthcli.io.storage.atomic import is_same_file
@@ -32,6 +32,8 @@ class AnchorFiles:
     path: str  #: the file or the folder
     #: units per metre of PNG and of integers in NPY; None for what the file states, or millimetres
     scale: float | None = None
+    kind: DepthEncoding | None = None  #: of the numbers in a map that states none; None for metres
+    camera: Intrinsics = UNKNOWN_CAMERA  #: of distances along the ray, as far as the user states it
 
     def read(self) -> AnchorPoints:
         """Read the file.
@@ -47,7 +49,7 @@ class AnchorFiles:
 
     def read_file(self, path: Path) -> AnchorPoints:
         """Read one of the folder's files; raises the errors of :meth:`read`."""
-        return read_known_depth(path, self.scale)
+        return read_known_depth(path, self)
 
     def file_for(
         self, name: str, *, shares_stem: bool = False, picture: Path | None = None
@@ -96,13 +98,12 @@ _PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: -0.5 <= px < 1e9) 
 _COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}
 
 
-def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
+def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     """The points of a CSV table, or of a sparse depth map in PNG, EXR or NPY.
 
     Args:
         path: the file.
-        scale: units per metre of PNG and of integers in NPY; None for what the file states, or
-            millimetres.
+        stated: scale, kind and camera; its path is not used.
 
     Raises:
         InputError: it cannot be read, or holds no known depth, or there is a scale and its format
@@ -113,21 +114,24 @@ def read_known_depth(path: Path, scale: float | None) -> AnchorPoints:
     from depthcli.io.storage.paths import read_bytes  # noqa: PLC0415
 
     suffix = path.suffix.lower()
-    if suffix == ".csv" and scale is not None:
-        raise InputError(f"{path} is in metres", "remove {anchors_scale}")
+    if suffix == ".csv" and (stated.scale or stated.kind):
+        raise InputError(
+            f"{path} is in metres along the axis", "remove {anchors_scale} and {anchors_kind}"
+        )
     if suffix == ".csv":
         return _table(read_bytes(path), str(path))
+    options = DepthReadOptions(stated.scale, stated.kind, camera=stated.camera)
     try:
-        stored = read_stored_depth(path, DepthReadOptions(scale))
+        found = read_stored_depth(path, options)
     except UsageError as error:  # of this file, not of all that the scale is given for
         raise InputError(error.message, option="anchors_scale") from error
-    depth = stored.displayed
+    depth = found.displayed
     if not depth.is_metric:
         raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
     points = AnchorPoints.of_map(depth.values)
     if not len(points):
         raise InputError(f"{path} has no pixel with depth")
-    return replace(points, warnings=stored.warnings_with_scale("anchors_scale"))
+    return replace(points, warnings=found.warnings_with_scale("anchors_scale"))
 
 
 def _table(data: bytes, name: str) -> AnchorPoints:
