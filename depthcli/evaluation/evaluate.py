@@ -28,7 +28,7 @@ from depthcli.evaluation.predictors import (
 )
 from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundaries
 from depthcli.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
-from depthcli.metrics.alignment import SUITABLE
+from depthcli.metrics.alignment import SUITABLE, is_reversed
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
 from depthcli.metrics.depth import Accumulator, PixelSums, Scores
 from depthcli.training.provenance import TrainedRun
@@ -361,10 +361,13 @@ class _RowAccumulator:
             yield report.missing_text(name, self._missing_count, self._pixel_count)
         if count and self._entry.predictor.source is not report.Source.TRIVIAL:
             usual = ": its kind of depth may be wrong" if 2 * count > images else ""
-            yield (
-                f"{name}: the fit ({self._alignment}) reversed the order of depth in {count} of "
-                f"{images} images{usual}"
-            )
+            if self._alignment is not Alignment.NONE:
+                yield (
+                    f"{name}: the fit ({self._alignment}) reversed the order of depth in {count} "
+                    f"of {images} images{usual}"
+                )
+            elif usual:
+                yield f"{name}: near and far are exchanged in {count} of {images} images{usual}"
 
 
 def score(
@@ -418,7 +421,12 @@ def _score_image(
             pixels = protocol.compare(depth, truth, alignment)
             boundary = compare_boundaries(pixels, truth) if protocol.boundary else None
             missing = int(np.count_nonzero(np.isnan(pixels.prediction)))
-            found.append(_ImageSums(PixelSums.of(pixels), boundary, pixels.is_reversed, missing))
+            turned = pixels.is_reversed
+            if entry.predictor.source is report.Source.FILES and alignment is Alignment.NONE:
+                predicted, true_m = pixels.prediction, pixels.truth
+                exact = predicted.astype(np.float64), true_m.astype(np.float64)
+                turned = is_reversed(*exact, Alignment.DEPTH)
+            found.append(_ImageSums(PixelSums.of(pixels), boundary, turned, missing))
     return found
 
 

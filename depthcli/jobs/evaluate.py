@@ -10,7 +10,7 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
-from depthcli.errors import DepthcliError, UsageError
+from depthcli.errors import DepthcliError, Message, UsageError
 from depthcli.evaluation import evaluate as table
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.page import Page, html_page
@@ -21,7 +21,7 @@ from depthcli.evaluation.predictors import (
     open_model,
     open_predictions,
 )
-from depthcli.evaluation.report import EvalReport, missing_text
+from depthcli.evaluation.report import EvalReport, Source, missing_text
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import measure_latencies, network_run
@@ -115,9 +115,8 @@ def run_evaluation(
             warn(text)
         compared: list[Predictor] = [*models, *files]
         report = table.evaluate(task, compared, options, progress)
-        for row in report.rows:
-            if row.missing_count:
-                warn(missing_text(row.name, row.missing_count, row.pixel_count))
+        for text in _doubts(report):
+            warn(text)
         if runs and request.weights is Weights.RAW:
             report = replace(report, notes=(*report.notes, _RAW_WEIGHTS))
         shown = _shown(compared, report)
@@ -125,6 +124,16 @@ def run_evaluation(
             return EvalResult(report, (), tuple(failed))
         figures = draw_figures(task, positions, shown, progress)
     return EvalResult(report, figures, tuple(failed))
+
+
+def _doubts(report: EvalReport) -> Iterator[Message]:
+    """Warnings about rows whose numbers say nothing about the predictor."""
+    for row in report.rows:
+        if row.missing_count:
+            yield Message(missing_text(row.name, row.missing_count, row.pixel_count))
+        if 2 * row.reversed_count > row.image_count and row.source is Source.FILES:
+            problem = f"{row.name} is nearer where the truth is farther"
+            yield Message(problem, "state what it holds with {predictions_kind}")
 
 
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:

@@ -233,10 +233,13 @@ def test_predictions_state_kind_and_unit(data: Path, capsys: pytest.CaptureFixtu
         (files / name).parent.mkdir(parents=True, exist_ok=True)
         np.save(files / f"{name}.npy", (1000 / millimetres).astype(np.float32))
     words = (str(data), "--predictions", str(files))
-    document, _ = _table(capsys, *words)
+    document, errors = _table(capsys, *words)
     assert document["rows"][0]["depth"] == "metric, m, assumed"
+    assert document["rows"][0]["images_with_reversed_order"] == 3
+    assert "--predictions-kind" in errors
     words += ("--predictions-kind", "inverse", "--align", "disparity")
-    document, _ = _table(capsys, *words)
+    document, errors = _table(capsys, *words)
+    assert "--predictions-kind" not in errors
     assert document["rows"][0]["depth"] == "inverse"
     assert document["rows"][0]["scores"]["abs_rel"] < 0.01
 
