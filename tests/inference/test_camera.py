@@ -224,3 +224,19 @@ def test_map_without_metres_of_a_known_camera_is_not_rescaled(
     ):
         assert len(focal_warnings(pipeline.card, lens)) == count
     assert not focal_warnings(model(tmp_path / "known").card, Intrinsics(focal_px=50))
+
+
+@pytest.mark.parametrize(
+    ("facts", "given", "is_told"),
+    [
+        ({"focal_mm": 36.0}, UNKNOWN_CAMERA, True),
+        ({"focal_mm": 36.0}, Intrinsics(hfov_deg=50), False),
+        ({"focal_mm": 36.0, "focal_35mm": 50.0}, UNKNOWN_CAMERA, False),
+        ({}, UNKNOWN_CAMERA, False),
+    ],
+)
+def test_focal_length_without_the_size_of_the_sensor_is_told(
+    tmp_path: Path, facts: dict[str, float], given: Intrinsics, is_told: bool
+) -> None:
+    prediction = model(tmp_path).predict(black(40, 30, **facts), given)
+    assert any("36 mm" in warning for warning in prediction.warnings) is is_told
