@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from depthcli.core.camera import FOCAL_PX, Intrinsics, hfov_deg
-from depthcli.core.validation import FieldError, parsed_json
+from depthcli.core.validation import parsed_json
 from depthcli.errors import InputError
 from depthcli.io.storage.paths import path_of, read_bytes
 
@@ -74,7 +74,12 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
         InputError: the file cannot be read, is of several cameras, or holds no valid camera matrix.
     """
     path = path_of(path)
-    found = _camera_in(path, rectified=rectified)
+    try:
+        found = _camera_in(path, rectified=rectified)
+    except InputError:
+        raise
+    except Exception as error:  # of the libraries, and of numbers in odd places
+        raise InputError(f"{path} is not a calibration that can be read", _ADVICE) from error
     fx, fy, cx, cy = found.matrix
     if found.counts_from_corner:
         cx, cy = cx - 0.5, cy - 0.5
@@ -106,21 +111,18 @@ def _camera_in(path: Path, *, rectified: bool) -> _Camera:
     if len(data) > _MAX_BYTES:
         raise InputError(f"{path} is too large for a calibration; name another file")
     if path.suffix.lower() == ".bin":
-        return _of_colmap(_colmap_lines(data, path), path)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a calibration that can be read", _ADVICE) from None
+        return _of_colmap(_colmap_lines(data), path)
+    text = data.decode("utf-8-sig")
     lines = [line.strip() for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
     if lines and all(map(_COLMAP_LINE.fullmatch, lines)):
         return _of_colmap([line.split() for line in lines], path)
-    rows = [_numbers(line.replace(",", " ").split()) for line in lines]
+    rows = [_numbers(re.sub(r"[\[\],;]", " ", line).split()) for line in lines]
     if [len(row) for row in rows] == [9]:  # as beside each image of KITTI
         rows = _rows(rows[0], 3)
     is_matrix = len(rows) in {3, 4} and all(len(row) == len(rows) for row in rows)
     if is_matrix and all(math.isfinite(number) for row in rows for number in row):
         return _Camera(_of_rows([row[:3] for row in rows[:3]], path))
-    return _of_tree(_parsed(text, path), path, rectified=rectified)
+    return _of_tree(_parsed(text), path, rectified=rectified)
 
 
 def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera:
@@ -148,7 +150,9 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
         fx, fy, cx, cy, *more = matrix
         return _Camera((fx, fy, cx, cy), size_px, is_distorted or any(more))
     fx, fy, cx, cy = _of_rows(_rows(matrix, 3), path)
-    x, y, *region = _region_of_interest(tree)
+    # ROS states the matrix for the whole sensor, also of images that are a part of it.
+    roi = tree.get("roi") or {}
+    x, y, *region = (_number(roi.get(name, 0)) for name in ("x_offset", "y_offset", *_SIZES[1]))
     if any(region):
         size_px = region[0], region[1]
     return _Camera((fx, fy, cx - x, cy - y), size_px, is_distorted)
@@ -220,29 +224,15 @@ def _rows(numbers: list[float], columns: int) -> list[list[float]]:
     return [numbers[start : start + columns] for start in range(0, len(numbers), columns)]
 
 
-def _region_of_interest(tree: Mapping[str, Any]) -> list[float]:
-    """Column, row, width and height in pixels of the whole sensor; zeros for all of it.
-
-    ROS states the matrix for the whole sensor, also of images that are a part of it.
-    """
-    roi = tree.get("roi")
-    if not isinstance(roi, Mapping):
-        return [0.0] * 4
-    return _numbers([roi.get(name, 0) for name in ("x_offset", "y_offset", "width", "height")])
-
-
-def _colmap_lines(data: bytes, path: Path) -> list[list[str]]:
+def _colmap_lines(data: bytes) -> list[list[str]]:
     """The lines of ``cameras.txt`` that a ``cameras.bin`` stands for."""
     lines, at = [], 8
-    try:
-        for _ in range(*struct.unpack_from("<Q", data)):
-            number, model, width, height = struct.unpack_from("<iiQQ", data, at)
-            name, count = _COLMAP_MODELS[model]
-            parameters = struct.unpack_from(f"<{count}d", data, at := at + 24)
-            at += 8 * count
-            lines.append([str(number), name, str(width), str(height), *map(str, parameters)])
-    except (struct.error, IndexError) as error:
-        raise InputError(f"{path} is not a cameras.bin of COLMAP", _ADVICE) from error
+    for _ in range(*struct.unpack_from("<Q", data)):
+        number, model, width, height = struct.unpack_from("<iiQQ", data, at)
+        name, count = _COLMAP_MODELS[model]
+        parameters = struct.unpack_from(f"<{count}d", data, at := at + 24)
+        at += 8 * count
+        lines.append([str(number), name, str(width), str(height), *map(str, parameters)])
     return lines
 
 
@@ -253,15 +243,13 @@ def _of_colmap(lines: list[list[str]], path: Path) -> _Camera:
     parameters = _numbers(words)
     if _ONE_FOCAL.match(model):
         parameters = parameters[:1] + parameters
-    if len(parameters) < 4:  # noqa: PLR2004
-        raise InputError(f"{path} has too few parameters of {model}", _ADVICE)
     fx, fy, cx, cy, *distortion = parameters
     is_distorted = any(distortion) or "FISHEYE" in model
     size_px = float(width), float(height)
     return _Camera((fx, fy, cx, cy), size_px, is_distorted, counts_from_corner=True)
 
 
-def _parsed(text: str, path: Path) -> Mapping[str, Any]:
+def _parsed(text: str) -> Mapping[str, Any]:
     """The names and values of JSON, XML or the first document of YAML."""
     import yaml  # noqa: PLC0415 - takes 20 ms
 
@@ -273,20 +261,15 @@ def _parsed(text: str, path: Path) -> Mapping[str, Any]:
         lambda loader, _suffix, node: loader.construct_mapping(node, deep=True),
     )
     start = text.lstrip()[:1]
-    try:
-        if start == "{":
-            found = parsed_json(text)
-        elif start == "<":
-            found = _of_element(ET.fromstring(text))  # noqa: S314 - expat limits entities
-        else:
-            # OpenCV writes a directive that is not one of YAML.
-            body = re.sub(r"\A\s*%YAML:.*\n", "", text)
-            found = next(iter(yaml.load_all(body, Loader)), None)
-    except (FieldError, ET.ParseError, yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InputError(f"{path} is not a calibration that can be read", _ADVICE) from error
-    if not isinstance(found, Mapping):
-        raise InputError(f"{path} is not a calibration that can be read", _ADVICE)
-    return found
+    if start == "{":
+        found: Any = parsed_json(text)
+    elif start == "<":
+        found = _of_element(ET.fromstring(text))  # noqa: S314 - expat limits entities
+    else:
+        # OpenCV writes a directive that is not one of YAML.
+        body = re.sub(r"\A\s*%YAML:.*\n", "", text)
+        found = next(iter(yaml.load_all(body, Loader)))
+    return dict(found)
 
 
 def _of_element(element: ET.Element) -> Any:  # noqa: ANN401 - a mapping, or text

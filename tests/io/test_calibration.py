@@ -120,6 +120,9 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
         "just text",
         "<?xml version='1.0'?><a/>",
         "[" * 40_000,
+        '{"K": ' + "[" * 600 + "]" * 600 + ', "width": 640, "height": 480}',
+        '{"camera_angle_x": 0, "w": 640, "h": 480}',
+        "projection_parameters: 5",
         "K: " + "[" * 40_000,
         '{"K": ' + "[" * 40_000,
         TOPIC.replace("K:", "P:"),
@@ -289,10 +292,11 @@ def test_distortion_in_calibrations_of_other_programs(
     [
         "4.315e+02 0 3.378e+02\n0 4.315e+02 2.507e+02\n0 0 1\n",
         "431.5, 0, 337.8, 0\n0, 431.5, 250.7, 0\n0, 0, 1, 0\n0, 0, 0, 1\n",
+        "[[431.5, 0, 337.8],\n [0, 431.5, 250.7],\n [0, 0, 1]]\n",
         "P0: 1 0 2 0 0 1 3 0 0 0 1 0\nP2: 431.5 0 337.8 4 0 431.5 250.7 0 0 0 1 0\n",
         "%YAML:1.0\nCamera.fx: 431.5\nCamera.fy: 431.5\nCamera.cx: 337.8\nCamera.cy: 250.7\n",
     ],
-    ids=["3x3", "4x4", "KITTI odometry", "ORB-SLAM 2"],
+    ids=["3x3", "4x4", "of NumPy", "KITTI odometry", "ORB-SLAM 2"],
 )
 def test_a_calibration_without_a_size(tmp_path: Path, text: str) -> None:
     (tmp_path / "camera.txt").write_text(text)
