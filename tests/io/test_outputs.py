@@ -7,7 +7,9 @@ import os
 import stat
 import subprocess
 import sys
+import unicodedata
 from collections.abc import Sequence
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,8 @@ import pytest
 from helpers.command_line import unmeasured
 from helpers.file_trees import names
 from helpers.tiny import write_picture
+from hypothesis import given
+from hypothesis import strategies as st
 
 from depthcli.api.depth_map import DepthMap
 from depthcli.core.types import DepthKind, Frame
@@ -23,9 +27,10 @@ from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import FORMATS, Format
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.jobs.output_names import TreeNames
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
 from depthcli.jobs.predict import picture_destination
 
@@ -189,3 +194,51 @@ def test_devices_and_pipes_are_not_replaced(tmp_path: Path) -> None:
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     assert link.is_symlink()
     assert sorted(tmp_path.iterdir()) == [link, pipe]
+
+
+@pytest.mark.parametrize(
+    ("names", "bases"),
+    [
+        (("a.jpg", "b.png"), ("a", "b")),
+        (("hall/a.jpg", "a.jpg"), ("hall/a", "a")),
+        (("a.jpg", "a.png"), ("a.jpg", "a.png")),
+        (("a.jpg", "a.png", "a.jpg.png"), ("a.jpg", "a.png", "a.jpg.png")),
+        (("a.jpg", "a.jpg.png"), ("a", "a.jpg.png")),
+        (("a", "a.png"), ("a", "a.png")),
+        (("A.jpg", "a.png"), ("A.jpg", "a.png")),
+        ((".a.png",), (".a",)),
+    ],
+)
+def test_names(names: tuple[str, ...], bases: tuple[str, ...]) -> None:
+    for order in permutations(names):
+        assert tuple(TreeNames(order).base(name) for name in names) == bases
+
+
+def test_names_that_some_file_systems_take_for_one_get_a_checksum() -> None:
+    for alike in (("A.jpg", "a.jpg"), ("\xe9.png", "e\u0301.png"), ("X/a.png", "x/a.png")):
+        bases = [TreeNames(alike).base(name) for name in alike]
+        assert all(base.startswith(f"{name}.") for base, name in zip(bases, alike, strict=True))
+        assert len({folded(base) for base in bases}) == 2
+
+
+def folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+_PART = st.sampled_from(["a", "A", "b", "a.jpg", "a.depth", "\udcff", "e\u0301", "\xe9"])
+_NAMES = st.sets(
+    st.builds(
+        "{}{}{}".format,
+        st.sampled_from(["", "a/", "A/", "a.jpg/"]),
+        _PART,
+        st.sampled_from(["", ".jpg", ".png", ".JPG", ".depth.png"]),
+    ),
+    min_size=1,
+)
+
+
+@given(_NAMES)
+def test_no_two_outputs_are_one_file_anywhere(names: set[str]) -> None:
+    trees = TreeNames(names)
+    outputs = [trees.base(name) + facts.suffix for name in names for facts in FORMATS.values()]
+    assert len({folded(output) for output in outputs}) == len(outputs)

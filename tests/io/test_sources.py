@@ -1,15 +1,27 @@
-"""Folders and lists of inputs."""
+"""Inputs of a batch: folders, lists, tables, and the patterns that choose among them."""
 
 from __future__ import annotations
 
+import builtins
 import os
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from depthcli.errors import UsageError
 from depthcli.io.images.png import encode_png
 from depthcli.io.listing.folder import (
+    EXCLUDED,
+    NOT_INCLUDED,
+    InputFile,
+    NameFilter,
     Skipped,
     conversion_hint,
     is_media,
@@ -18,9 +30,10 @@ from depthcli.io.listing.folder import (
     skip_summary,
     why_skipped,
 )
-from depthcli.io.listing.path_list import listed_inputs, parse_list, read_list
+from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list, read_list
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 
@@ -187,3 +200,239 @@ def test_csv_list_without_a_first_line_keeps_its_first_image(tmp_path: Path) -> 
     assert list(read_list(str(path))) == ["./a.png", "b.png"]
     path.write_text("image\na.png\n")
     assert list(read_list(str(path))) == ["a.png"]
+
+
+WORDS = ["hall/a.png", "s3://bucket/b c,d.jpg", "é.png"]
+
+
+def parquet(path: Path, /, **columns: list[Any]) -> Path:
+    pq.write_table(pa.table(columns), path, row_group_size=2)
+    return path
+
+
+def csv(path: Path, text: str, encoding: str = "utf-8") -> Path:
+    path.write_text(text, encoding=encoding)
+    return path
+
+
+def test_paths_of_a_list_of_a_store_are_not_those_of_local_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.jpg").touch()
+    monkeypatch.chdir(tmp_path)
+    assert list(listed_inputs(["a.jpg"], "s3://photos/in")) == [
+        InputFile("a.jpg", "s3://photos/in/a.jpg")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("write", "column"),
+    [
+        (lambda f: parquet(f / "l.parquet", path=WORDS, size=[1, 2, 3]), None),
+        (lambda f: parquet(f / "l.parquet", uri=WORDS, path=["", "", ""]), "uri"),
+        (lambda f: parquet(f / "l.PARQUET", uri=WORDS), None),
+        (lambda f: parquet(f / "l.parquet", uri=pa.array(WORDS).dictionary_encode()), None),
+        (lambda f: parquet(f / "l.parquet", uri=[WORDS[0], None, *WORDS[1:], ""]), None),
+        (
+            lambda f: csv(f / "l.csv", 'n,path\n1,hall/a.png\n2,"s3://bucket/b c,d.jpg"\n3,é.png'),
+            None,
+        ),
+        (
+            lambda f: csv(f / "l.tsv", "\ufeffuri\nhall/a.png\ns3://bucket/b c,d.jpg\né.png\n\n"),
+            None,
+        ),
+    ],
+)
+def test_a_column_of_paths(
+    tmp_path: Path, write: Callable[[Path], Path], column: str | None
+) -> None:
+    assert list(read_list(str(write(tmp_path)), column)) == WORDS
+
+
+def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path) -> None:
+    folder = tmp_path / "set.parquet"
+    folder.mkdir()
+    parquet(folder / "part-1.parquet", path=WORDS[2:])
+    parquet(folder / "part-0.parquet", path=WORDS[:2])
+    assert list(read_list(str(folder))) == WORDS
+
+
+@pytest.mark.parametrize(
+    ("write", "column"),
+    [
+        (lambda f: parquet(f / "l.parquet", a=["x"], b=["y"]), None),
+        (lambda f: parquet(f / "l.parquet", a=["x"]), "b"),
+        (lambda f: parquet(f / "l.parquet", a=[1]), None),
+        (lambda f: csv(f / "l.parquet", ""), None),
+        (lambda f: csv(f / "l.parquet", "PAR1"), None),
+        (lambda f: csv(f / "l.csv", ""), None),
+        (lambda f: csv(f / "l.csv", "a,b\n1,2\n"), "c"),
+        (lambda f: csv(f / "l.csv", "path,depth\na.png,2,35\n"), None),
+        (lambda f: csv(f / "l.csv", f"a\nb.png\n{'c' * 200_000}\nd.png\n"), None),
+        (lambda f: csv(f / "l.txt", "a.png\n"), "c"),
+        (lambda f: csv(f / "l.csv", "path\na.png\n", "utf-16"), None),
+        (lambda f: csv(f / "l.txt", "a.png\n", "utf-16"), None),
+        (lambda f: f / "missing.parquet", None),
+        (lambda f: f / "missing.csv", None),
+    ],
+)
+def test_lists_that_cannot_be_used(
+    tmp_path: Path, write: Callable[[Path], Path], column: str | None
+) -> None:
+    with pytest.raises(UsageError):
+        list(read_list(str(write(tmp_path)), column))
+
+
+def test_a_list_without_rows_names_nothing(tmp_path: Path) -> None:
+    assert (
+        list(read_list(str(parquet(tmp_path / "l.parquet", path=pa.array([], pa.string()))))) == []
+    )
+    assert list(read_list(str(csv(tmp_path / "l.csv", "path\n")))) == []
+
+
+def test_without_pyarrow_one_line_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = parquet(tmp_path / "l.parquet", path=WORDS)
+    real = builtins.__import__
+
+    def without(name: str, *rest: Any) -> Any:
+        if name.startswith("pyarrow"):
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(UsageError):
+        read_list(str(path))
+
+
+def test_a_byte_order_mark_is_no_part_of_a_name(tmp_path: Path) -> None:
+    assert list(read_list(str(csv(tmp_path / "l.txt", "\ufeffa.png\r\nb.png\r\n")))) == [
+        "a.png",
+        "b.png",
+    ]
+
+
+def test_a_file_uri_is_the_path_that_it_names(tmp_path: Path) -> None:
+    plain = tmp_path / "in" / "a b.png"
+    uri = plain.as_uri()
+    assert uri.startswith("file:///")
+    as_uri, as_path = (next(iter(listed_inputs([w], str(tmp_path)))) for w in (uri, str(plain)))
+    assert as_uri == as_path
+    assert as_uri.name == "in/a b.png"
+
+
+def test_a_table_keeps_every_byte_of_a_name(tmp_path: Path) -> None:
+    path = tmp_path / "l.csv"
+    path.write_bytes(b'n,path\n1,"a\r\nb\rc.png"\n2\n3,\n\n4,caf\xe9.png\n')
+    assert list(read_list(str(path))) == ["a\r\nb\rc.png", os.fsdecode(b"caf\xe9.png")]
+
+
+@pytest.mark.parametrize(
+    ("kind", "known"),
+    [
+        (pa.string(), True),
+        (pa.large_string(), True),
+        (pa.dictionary(pa.int8(), pa.string()), True),
+        (pa.dictionary(pa.int8(), pa.int64()), False),
+        (pa.binary(), False),
+    ],
+)
+def test_texts_of_every_type(kind: pa.DataType, known: bool, tmp_path: Path) -> None:
+    values = (
+        [1, None] if kind.equals(pa.dictionary(pa.int8(), pa.int64())) else ["a", None, "", "b"]
+    )
+    array = (
+        pa.array(values, kind.value_type)
+        if pa.types.is_dictionary(kind)
+        else pa.array(values, kind)
+    )
+    if pa.types.is_dictionary(kind):
+        array = array.dictionary_encode()
+    pq.write_table(pa.table({"other": array, "path": array}), tmp_path / "a.parquet")
+    if known:
+        assert list(column_texts(tmp_path / "a.parquet", None)) == ["a", "b"]
+        return
+    with pytest.raises(UsageError):
+        column_texts(tmp_path / "a.parquet", None)
+
+
+def test_a_folder_without_tables(tmp_path: Path) -> None:
+    with pytest.raises(UsageError):
+        column_texts(tmp_path, None)
+    with pytest.raises(FileNotFoundError):
+        column_texts(tmp_path / "none.parquet", None)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "matches"),
+    [
+        ("*.jpg", "a.jpg", True),
+        ("*.jpg", "hall/deep/a.jpg", True),
+        ("*.jpg", "a.jpg.png", False),
+        ("*.jpg", "a.JPG", False),
+        ("a.jpg", "ba.jpg", False),
+        ("?.png", "a.png", True),
+        ("?.png", "ab.png", False),
+        ("[ab].png", "b.png", True),
+        ("[!ab].png", "b.png", False),
+        ("[!ab].png", "c.png", True),
+        ("[a-c]*", "hall/box.png", True),
+        ("[]].png", "].png", True),
+        ("[.png", "[.png", True),
+        ("a.png", "axpng", False),
+        ("a+(b).png", "a+(b).png", True),
+        ("new*line.png", "new\nline.png", True),
+        ("hall/*.jpg", "hall/a.jpg", True),
+        ("hall/*.jpg", "hall/deep/a.jpg", False),
+        ("hall/*.jpg", "deep/hall/a.jpg", False),
+        ("hall/**", "hall/deep/a.jpg", True),
+        ("hall/**/a.jpg", "hall/a.jpg", True),
+        ("hall/**/a.jpg", "hall/x/y/a.jpg", True),
+        ("**/a.jpg", "a.jpg", True),
+        ("**/a.jpg", "x/y/a.jpg", True),
+        ("./hall/a.jpg", "hall/a.jpg", True),
+        ("/a.jpg", "a.jpg", True),
+        ("/a.jpg", "hall/a.jpg", False),
+    ],
+)
+def test_pattern_matches_names(pattern: str, name: str, matches: bool) -> None:
+    assert NameFilter.of([pattern], []).refusal(name) is (None if matches else NOT_INCLUDED)
+    assert NameFilter.of([], [pattern]).excludes(name) is matches
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name"),
+    [
+        ("thumbs", "hall/thumbs/a.jpg"),
+        ("thumbs/", "thumbs/deep/a.jpg"),
+        ("hall/thumbs", "hall/thumbs/a.jpg"),
+        ("t*", "hall/thumbs/a.jpg"),
+    ],
+)
+def test_an_excluded_folder_takes_all_that_is_in_it_along(pattern: str, name: str) -> None:
+    assert NameFilter.of(["*.jpg"], [pattern]).refusal(name) == EXCLUDED
+
+
+def test_an_included_folder_is_no_included_file() -> None:
+    assert NameFilter.of(["hall"], []).refusal("hall/a.jpg") == NOT_INCLUDED
+
+
+@given(st.text(st.characters(exclude_characters="/*?["), min_size=1))
+def test_a_name_without_special_characters_matches_itself(name: str) -> None:
+    for whole in (name, f"hall/{name}"):
+        assert NameFilter.of([name], []).refusal(whole) == (
+            NOT_INCLUDED if whole.endswith("/") else None
+        )
+
+
+@given(st.text(), st.text())
+def test_no_pattern_is_an_error_of_another_kind(pattern: str, name: str) -> None:
+    with suppress(UsageError):
+        NameFilter.of([pattern], [pattern]).refusal(name)
+
+
+@pytest.mark.parametrize("pattern", ["[]", "[z-a]"])
+def test_invalid_pattern_is_refused(pattern: str) -> None:
+    with pytest.raises(UsageError):
+        NameFilter.of([pattern], [])

@@ -1,4 +1,4 @@
-"""Temporary names: what a killed process left is used up, and no two processes share one."""
+"""Writing files: complete or not at all, over no foreign one, and where temporary ones go."""
 
 from __future__ import annotations
 
@@ -8,14 +8,23 @@ import os
 import re
 import resource
 import shutil
+import subprocess
+import sys
 import tempfile
+import time
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
+from helpers.file_trees import names
 
+from depthcli.core.types import DepthMap, Provenance
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.formats.table import Format, WriterOptions, is_own
 from depthcli.io.storage import temporary as temporaries
 from depthcli.io.storage.atomic import (
+    Guard,
     append_whole,
     atomic_path,
     replace_folder,
@@ -23,7 +32,13 @@ from depthcli.io.storage.atomic import (
     write_text,
 )
 from depthcli.io.storage.paths import read_regular
-from depthcli.io.storage.temporary import folder_lock, open_locked, temporary_folder
+from depthcli.io.storage.temporary import (
+    folder_lock,
+    open_locked,
+    remove_stale,
+    temporary_beside,
+    temporary_folder,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -104,9 +119,9 @@ def test_a_folder_s_files_take_others_places_and_the_one_that_counts_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made, target, moved = tmp_path / "made", tmp_path / "target", []
-    for folder, names in ((made, "abc"), (target, "bcd")):
+    for folder, letters in ((made, "abc"), (target, "bcd")):
         folder.mkdir()
-        for name in names:
+        for name in letters:
             (folder / name).write_text(folder.name)
     real = os.replace
     monkeypatch.setattr(os, "replace", lambda a, b: (moved.append(a.name), real(a, b)))
@@ -186,3 +201,163 @@ def test_a_text_is_utf_8_whatever_the_locale(tmp_path: Path) -> None:
     path = tmp_path / "new" / "er" / "a.txt"
     write_text("é深\n", path)
     assert path.read_bytes() == "é深\n".encode()
+
+
+WRITER = """
+import os, sys, threading
+from pathlib import Path
+from depthcli.io.storage.temporary import remove_own, temporary_beside
+def write(name):
+    while True:
+        with temporary_beside(Path(name)) as path:
+            path.write_bytes(b"whole")
+            path.rename(name)
+with temporary_beside(Path("kept")) as path:
+    path.touch()
+    print(path.name, flush=True)
+    for name in sys.argv[1:]:
+        threading.Thread(target=write, args=(name,), daemon=True).start()
+    sys.stdin.readline()
+    remove_own()
+    os._exit(0)
+"""
+
+
+def writer(folder: Path, *names: str) -> subprocess.Popen[str]:
+    """A process that has a temporary file, and writes others, until it gets a line."""
+    return subprocess.Popen(
+        [sys.executable, "-c", WRITER, *names],
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_of_a_live_process_nothing_is_removed_and_of_a_killed_one_all(tmp_path: Path) -> None:
+    with writer(tmp_path) as process:
+        assert process.stdout is not None
+        name = process.stdout.readline().strip()
+        remove_stale(tmp_path)
+        assert names(tmp_path) == [name]
+        process.kill()
+        process.wait()
+        remove_stale(tmp_path)
+        assert names(tmp_path) == []
+
+
+def test_when_the_process_ends_its_files_go_whatever_its_threads_do(tmp_path: Path) -> None:
+    with writer(tmp_path, "a.png", "b.exr", "c.npy") as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        while len(list(tmp_path.glob("[abc].*"))) < 3:
+            time.sleep(0.001)
+        process.communicate("\n")
+    assert names(tmp_path) == ["a.png", "b.exr", "c.npy"]
+
+
+def test_leftovers_of_killed_runs_are_removed_and_nothing_else(tmp_path: Path) -> None:
+    left = tmp_path / f".depthcli-{'a' * 16}.png"
+    others = [".depthcli-batch.jsonl", ".depthcli-mine", "a.depth.png"]
+    for name in (left.name, *others):
+        (tmp_path / name).touch()
+    with temporary_beside(tmp_path / "a.png") as path:
+        path.touch()
+        remove_stale(tmp_path)  # our own is in use
+        assert names(tmp_path) == sorted([path.name, *others])
+        path.unlink()
+    assert names(tmp_path) == others
+
+
+def test_links_and_folders_are_nobody_s_temporary_files(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_bytes(b"x")
+    for letter in "abcd":
+        (tmp_path / f".depthcli-{letter * 16}").symlink_to("precious")
+        (tmp_path / f".depthcli-{letter * 16}.d").mkdir()
+        (tmp_path / f".depthcli-{letter * 16}.png").touch()  # which goes all the same
+    remove_stale(tmp_path)
+    assert len(names(tmp_path)) == 1 + 2 * 4
+    assert not list(tmp_path.glob(".depthcli-*.png"))
+    remove_stale(tmp_path / "missing")
+
+
+def test_without_locks_what_was_written_to_today_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("depthcli.io.storage.temporary.lock", lambda *_, **__: True)
+    old, new = (tmp_path / f".depthcli-{letter * 16}.png" for letter in "ab")
+    for path in (old, new):
+        path.touch()
+    for path, hours in ((old, 25), (new, 23)):
+        os.utime(path, (time.time() - 3600 * hours,) * 2)
+    remove_stale(tmp_path)
+    assert names(tmp_path) == [new.name]
+
+
+def test_a_name_that_cannot_be_had_is_nobody_s(tmp_path: Path) -> None:
+    with temporary_beside(tmp_path / "missing" / "a.png") as path:
+        assert {own for own in temporaries._own if own.parent == path.parent} == {path}
+
+
+DEPTH = DepthMap(np.ones((4, 5), np.float32), provenance=Provenance(focal_px=9.0))
+
+
+@pytest.mark.parametrize("which", Format)
+def test_files_of_every_format_are_own_by_mark_or_default_name(
+    tmp_path: Path, which: Format
+) -> None:
+    path = tmp_path / f"a{which.facts.suffix}"
+    WriterOptions().writer(which).write(DEPTH, path)
+    assert is_own(path)
+    other = tmp_path / f"other{path.suffix}"
+    other.write_bytes(b"another program's")
+    assert not is_own(other)
+
+
+def test_suffixes_of_no_output_format_are_never_own(tmp_path: Path) -> None:
+    path = tmp_path / "a.preview.jpg"
+    path.write_bytes(b"depthcli:software\0")
+    assert not is_own(path)
+
+
+@pytest.mark.parametrize("name", ["a.json", "a.png", "a.npy", "a.mkv", "a.mp4", "a.pfm", "a"])
+def test_a_foreign_file_is_replaced_on_request_only(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    guard = Guard.of(is_own, ())
+    guard.check(path)  # there is none
+    path.touch()
+    guard.check(path)  # an empty one, such as mktemp makes
+    path.write_bytes(b"another program's")
+    with pytest.raises(OutputError) as refused:
+        guard.check(path)
+    assert "{overwrite}" in refused.value.message.advice
+    Guard.of(is_own, (), overwrite=True).check(path)
+
+
+def test_a_file_of_depthcli_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    SidecarWriter().write(DEPTH, path)
+    Guard.of(is_own, ()).check(path)
+
+
+def test_an_input_is_never_replaced(tmp_path: Path) -> None:
+    source, link = tmp_path / "a.png", tmp_path / "link.png"
+    source.write_bytes(b"image")
+    link.symlink_to(source)
+    guard = Guard.of(is_own, [source], overwrite=True)
+    for path in (source, link, tmp_path / "yet to be made" / ".." / "a.png"):
+        with pytest.raises(OutputError), atomic_path(path, guard=guard):
+            pytest.fail("nothing is written")
+    with pytest.raises(OutputError):
+        guard.checked([tmp_path / "b.png"]).check(link)
+
+
+def test_a_file_that_may_not_be_read_is_not_replaced(tmp_path: Path) -> None:
+    def refuse(path: Path) -> bool:
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    guard = Guard.of(refuse, ())  # root may read everything
+    guard.check(tmp_path / "a.png")
+    (tmp_path / "a.png").write_bytes(b"secret")
+    with pytest.raises(OutputError):
+        guard.check(tmp_path / "a.png")
