@@ -165,7 +165,7 @@ def evaluate(
         train_count=len(task.split.train) if options.trivial else 0,
         protocol=options.protocol,
         rows=(*before, *rows, *after),
-        notes=(*task.dataset.notes, *_notes(task, lines, options)),
+        notes=(*task.dataset.notes, *_range_note(scored, options), *_notes(task, lines, options)),
         differences=differences,
     )
 
@@ -270,6 +270,16 @@ def _is_headline(task: EvalTask, options: EvalOptions) -> bool:
     return task.split.name == SplitName.PAPER and options.protocol.is_headline
 
 
+def _range_note(scored: Sequence[report.ReportRow], options: EvalOptions) -> Iterator[str]:
+    outside, known = scored[0].outside if scored else (0, 0)
+    if 2 * outside > known:
+        low_m, high_m = options.protocol.min_m, options.protocol.max_m
+        yield (
+            f"{outside / known:.0%} of the true depth is not between {low_m:g} and {high_m:g} m "
+            "and does not count: check its unit and the range"
+        )
+
+
 def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iterator[str]:
     split, runs = task.split, [pair for line in lines for pair in line.runs]
     if runs:
@@ -310,6 +320,7 @@ class _ImageSums(NamedTuple):
     boundary: BoundaryScores | None
     is_reversed: bool
     missing_count: int  #: pixels without a prediction
+    outside: tuple[int, int]  #: pixels whose true depth is outside the range, and with true depth
 
 
 class _RowAccumulator:
@@ -321,12 +332,14 @@ class _RowAccumulator:
         self._boundaries: list[BoundaryScores] = []
         self._images: list[report.ImageScores] = []
         self._reversed_count = self._pixel_count = self._missing_count = 0
+        self._outside = (0, 0)
 
     def add(self, image_id: str, image: _ImageSums) -> None:
         scores = self._total.add(image.sums)
         self._reversed_count += image.is_reversed
         self._pixel_count += image.sums.pixel_count
         self._missing_count += image.missing_count
+        self._outside = self._outside[0] + image.outside[0], self._outside[1] + image.outside[1]
         if image.boundary is not None:
             self._boundaries.append(image.boundary)
         self._images.append(report.ImageScores(image_id, scores, image.boundary))
@@ -350,6 +363,7 @@ class _RowAccumulator:
             stated=predictor.stated,
             pixel_count=self._pixel_count,
             missing_count=self._missing_count,
+            outside=self._outside,
         )
 
     def _footnotes(self) -> Iterator[str]:
@@ -415,6 +429,9 @@ def _score_image(
         truth = protocol.truth(depth_m, raw_depth_m)
     except DatasetError as error:
         raise DatasetError(error.message.about(sample.id)) from error
+    known = depth_m > 0
+    counted = (depth_m > protocol.min_m) & (depth_m < protocol.max_m)
+    outside = int(np.count_nonzero(known & ~counted)), int(np.count_nonzero(known))
     for entry in entries:
         depth = entry.predictor.predict(sample)
         for alignment in entry.alignments:
@@ -426,7 +443,7 @@ def _score_image(
                 predicted, true_m = pixels.prediction, pixels.truth
                 exact = predicted.astype(np.float64), true_m.astype(np.float64)
                 turned = is_reversed(*exact, Alignment.DEPTH)
-            found.append(_ImageSums(PixelSums.of(pixels), boundary, turned, missing))
+            found.append(_ImageSums(PixelSums.of(pixels), boundary, turned, missing, outside))
     return found
 
 

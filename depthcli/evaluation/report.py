@@ -103,6 +103,8 @@ class ReportRow:
     stated: str = "-"  #: kind and unit of the predictions and who states them
     pixel_count: int = 0  #: pixels that are compared; 0 if it is not known
     missing_count: int = 0  #: pixels of them without a prediction
+    #: pixels whose true depth is outside the range, and all with true depth
+    outside: tuple[int, int] = (0, 0)
     training: Training | None = None  #: None for a row that is no training run
     seeds: "tuple[ReportRow, ...]" = ()  #: of a training run, the row of each seed
     #: of a training run, the sample standard deviation over its seeds; None for fewer than two

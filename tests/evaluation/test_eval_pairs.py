@@ -211,7 +211,9 @@ def test_table_states_unit_and_who_states_it(
         cv2.imwrite(str(file), millimetres * 4)
     tiny = ("--model", str(data.parent / "tiny"))
     document, errors = _table(capsys, str(data), *tiny)
-    assert ["mm, assumed" in note for note in document["notes"]] == [True]
+    unit, outside = document["notes"]
+    assert "mm, assumed" in unit
+    assert "between 0.001 and 10 m" in outside
     assert document["rows"][0]["scores"]["abs_rel"] > 0.5
     assert errors.count("--png-scale") == 1
     document, errors = _table(capsys, str(data), *tiny, "--png-scale", "4000")
@@ -294,6 +296,8 @@ def test_crop_of_kitti_and_range_choose_pixels(
     (row,) = _table(capsys, str(data), *tiny, "--crop", "garg")[0]["rows"]
     rows, columns = slice(48, 119), slice(5, 154)
     assert row["pixels"] == 3 * np.ones((HEIGHT, WIDTH))[rows, columns].sum()
+    document, _ = _table(capsys, str(data), *tiny, "--min-depth", "6")
+    assert any("between 6 and 10 m" in note for note in document["notes"])
     (row,) = _table(capsys, str(data), *tiny, "--min-depth", "3")[0]["rows"]
     depths = [cv2.imread(str(f), cv2.IMREAD_UNCHANGED) for f in data.glob("depth/*/*.png")]
     counted = sum(int(((d > 3000) & (d < 10_000)).sum()) for d in depths)
