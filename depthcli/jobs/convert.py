@@ -149,8 +149,8 @@ def _write_converted(
         depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
     else:
         depth = shown
-    if not is_depth_video(path_of(request.source)):  # a frame of it may be dark
-        depth_files.check_has_depth(depth, stored.name)
+    if not (is_depth_video(path_of(request.source)) or depth.valid.any()):  # of a video, it may be
+        raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
     inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
     guard = output_guard(inputs, overwrite=request.overwrite)
     with atomic_path(path, guard=guard) as temporary:

@@ -108,7 +108,8 @@ class StoredDepth:
         if not stored.size:
             raise InputError(f"{path} has no pixels")
         texts, is_integer = metadata.texts, stored.dtype.kind in "iu"
-        encoding = stated_encoding(texts, options)
+        stated = DepthEncoding(texts["kind"]) if texts.get("kind") in set(DepthKind) else None
+        encoding = stated or options.kind or DepthEncoding.METRIC
         scale = depth_scale(
             texts,
             options.scale,
@@ -118,6 +119,8 @@ class StoredDepth:
         )
         units = scale.units_per_metre if scale else 1.0
         warnings = metadata.warnings
+        if options.kind not in {None, encoding}:
+            warnings += (f"{path} states {encoding} depth, so it is not read as {options.kind}",)
         if is_integer and scale is None and texts.get("scale") in NORMALIZED:
             values = _unnormalized(stored, texts)
         elif is_integer:
@@ -195,13 +198,6 @@ def stored_depth(
             units = options.scale or options.unstated_scale or 1
             known = np.asarray(stored / units, np.float32)
     return StoredDepth.of(path, stored, with_sidecar(path, own, size_px, known), options, frame)
-
-
-def stated_encoding(texts: Mapping[str, str], options: DepthReadOptions) -> DepthEncoding:
-    """Meaning of the numbers that the file states, else the user; else metres."""
-    if texts.get("kind") in set(DepthKind):
-        return DepthEncoding(texts["kind"])
-    return options.kind or DepthEncoding.METRIC
 
 
 def _unnormalized(steps: npt.NDArray[Any], texts: Mapping[str, str]) -> npt.NDArray[np.float32]:
@@ -307,16 +303,6 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
         )
     stored: StoredDepth = reader_of(which)(path, options)
     return stored
-
-
-def check_has_depth(depth: DepthMap, name: str) -> None:
-    """Refuse to write a map without one pixel with depth.
-
-    Raises:
-        InputError: no pixel has depth.
-    """
-    if not depth.valid.any():
-        raise InputError(f"{name} has no pixel with depth, so nothing is written")
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:

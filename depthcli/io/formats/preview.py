@@ -64,7 +64,8 @@ class PreviewWriter:
         Returns:
             (H, W', 3) RGB uint8, wider than the map with a legend or the picture.
         """
-        near, far = self._limits(depth, spread or percentiles(depth))
+        low, high = self.range_of(spread or percentiles(depth))
+        near, far = (high, low) if depth.kind is DepthKind.INVERSE else (low, high)
         colours = colour_table(self.colormap, self.near)
         share = nearness(depth, near, far)
         holes = np.isnan(share)
@@ -79,22 +80,12 @@ class PreviewWriter:
             image = np.hstack([frame.pixels_8bit(), image])
         return np.ascontiguousarray(image)
 
-    def _limits(self, depth: DepthMap, spread: tuple[float, float]) -> tuple[float, float]:
-        """The values at the near and the far end of the colormap."""
-        low, high = self.range_of(spread)
-        return (high, low) if depth.kind is DepthKind.INVERSE else (low, high)
-
     def range_of(self, spread: tuple[float, float]) -> tuple[float, float]:
         """Low and high end of the colours, where ``vmin`` and ``vmax`` replace those of a map."""
-        low, high = spread
-        # Low stays below high, whatever the given limits are.
-        if self.vmin is not None and self.vmax is not None:
-            low, high = self.vmin, self.vmax
-        elif self.vmin is not None:
-            low, high = self.vmin, max(high, self.vmin)
-        elif self.vmax is not None:
-            low, high = min(low, self.vmax), self.vmax
-        return low, high
+        low = spread[0] if self.vmin is None else self.vmin
+        high = spread[1] if self.vmax is None else self.vmax
+        # A percentile gives way to a limit that is given.
+        return (min(low, high), high) if self.vmin is None else (low, max(low, high))
 
 
 def percentiles(depth: DepthMap) -> tuple[float, float]:

@@ -188,12 +188,9 @@ def _has_range(fields: Mapping[str, object], values: npt.NDArray[np.float32]) ->
     low, high = (number(_text(fields.get(name))) for name in ("min", "max"))
     if low is None or high is None or not known.size:
         return low is None and high is None and not known.size
-    return _is_close(low, float(known.min())) and _is_close(high, float(known.max()))
-
-
-def _is_close(stated: float, found: float) -> bool:
+    pairs = ((low, float(known.min())), (high, float(known.max())))
     # The map may have been saved again as half floats.
-    return math.isclose(stated, found, rel_tol=1e-3)
+    return all(math.isclose(stated, found, rel_tol=1e-3) for stated, found in pairs)
 
 
 def _shared_texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[str, str]:

@@ -212,12 +212,7 @@ def format_of(path: str | PurePath) -> Format | None:
 
 def fits(path: str | PurePath, asked: Format) -> bool:
     """Whether a file of this name can have a format: ``a.png`` can be a preview, too."""
-    return format_of(path) is None or suffix_of(path) == file_suffix_of(asked)
-
-
-def file_suffix_of(asked: Format) -> str:
-    """The file suffix of a format: ``.png`` of ``.depth.png``."""
-    return PurePath(f"a{asked.facts.suffix}").suffix
+    return format_of(path) is None or asked.facts.suffix.endswith(suffix_of(path) or "\0")
 
 
 def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
@@ -244,19 +239,10 @@ def is_own(path: Path) -> bool:
     end = suffix_of(path)
     mark = _MARKS.get(end)
     if mark:
-        return mark in read_head(path)
+        from depthcli.io.storage.paths import read_regular  # noqa: PLC0415 - help needs none
+
+        return mark in read_regular(path, sys.maxsize, first=_HEAD_BYTES)
     return mark is not None and _DEFAULT_STEM.search(path.stem) is not None
-
-
-def read_head(path: Path) -> bytes:
-    """First 4,096 bytes of a file.
-
-    Raises:
-        OSError: it cannot be read, or is not a regular file.
-    """
-    from depthcli.io.storage.paths import read_regular  # noqa: PLC0415 - help needs none
-
-    return read_regular(path, sys.maxsize, first=_HEAD_BYTES)
 
 
 def readable_format(path: str | PurePath) -> Format | None:
