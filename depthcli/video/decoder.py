@@ -208,7 +208,7 @@ def _crc(data: bytes) -> int:
     return zlib.crc32(data.translate(_BIT_REVERSED), _ONES) ^ _ONES
 
 
-def is_incomplete_matroska(path: Path) -> bool:
+def is_incomplete_matroska(path: Path, container: InputContainer) -> bool:
     """Whether a Matroska or WebM file is truncated or has a gap; False for other containers.
 
     FFmpeg's demuxer skips such places without an error, and only logs them. The file is read once
@@ -217,16 +217,17 @@ def is_incomplete_matroska(path: Path) -> bool:
     Raises:
         InputError: it is no video any more.
     """
+    if container.format.name != _MATROSKA:
+        return False
     level, skips = av_logging.get_level(), av_logging.get_skip_repeated()
     av_logging.set_level(av_logging.ERROR)
     av_logging.set_skip_repeated(False)
     try:
-        container, stream = open_video(path)
-        with container, av_logging.Capture() as log:
-            if container.format.name != _MATROSKA:
-                return False
-            for _ in container.demux(stream):
-                pass
+        with av_logging.Capture() as log:
+            again, stream = open_video(path)
+            with again:
+                for _ in again.demux(stream):
+                    pass
     except av.FFmpegError:
         return True
     finally:

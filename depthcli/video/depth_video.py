@@ -189,7 +189,7 @@ class DepthVideo:
                 yield frame_number(frame), time_s, np.ascontiguousarray(steps, np.uint16)
                 count += 1
             self._check(decoder, count)
-            if decoder.ended_early or is_incomplete_matroska(self.path):
+            if decoder.ended_early or is_incomplete_matroska(self.path, container):
                 raise InputError(f"{self.path} is truncated or damaged: it ends after {count}")
         except OSError as error:
             raise InputError(f"{self.path} cannot be read: {error.strerror or error}") from error

@@ -6,6 +6,7 @@ import mmap
 import re
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -64,7 +65,11 @@ def focal_lengths(
 def _quicktime_tags(path: Path) -> dict[str, str]:
     """QuickTime's metadata of the file and its tracks, of which FFmpeg leaves out most."""
     tags: dict[str, str] = {}
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with (
+        suppress(OSError, ValueError),  # of a pipe with a name, which has no map
+        path.open("rb") as file,
+        mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
+    ):
         for moov in _boxes(data, b"moov", 0, len(data)):
             for place in (moov, *_boxes(data, b"trak", *moov)):
                 for meta in _boxes(data, b"meta", *place):

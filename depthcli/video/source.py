@@ -360,7 +360,7 @@ class VideoSource(FrameSource):
         read = self._timeline.index + 1
         try:
             is_incomplete = self._decoder.ended_early or (
-                self._path is not None and is_incomplete_matroska(self._path)
+                self._path is not None and is_incomplete_matroska(self._path, self._container)
             )
         except InputError as error:
             self.problem = f"it was changed while it was read: {error}"

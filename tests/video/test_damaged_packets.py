@@ -112,3 +112,18 @@ def test_all_frames_of_joined_transport_streams_are_read(codec: str, tmp_path: P
         levels = [int(frame.pixels[9, 9, 0]) for frame in source.frames()]
         assert source.problem is None
     np.testing.assert_allclose(levels, [40] * 10 + [200] * 10, atol=3)
+
+
+def test_messages_of_ffmpeg_are_not_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rng = np.random.default_rng(0)
+    noise = [rng.integers(0, 255, (48, 64, 3), np.uint8) for _ in range(10)]
+    path = encode(tmp_path / "a.ts", noise, Fraction(10), "libx264", "yuv420p")
+    data = bytearray(path.read_bytes())
+    for place in rng.integers(1000, len(data), 60):
+        data[place] ^= 0xFF
+    path.write_bytes(data)
+    with VideoSource(path) as source:
+        assert list(source.frames())
+    assert caplog.records == []

@@ -104,13 +104,12 @@ class Removal:
 
 
 def test_a_source_that_is_removed_during_the_run_costs_no_output(tmp_path: Path) -> None:
-    clip = write_video(tmp_path / "clip.avi", flat_frames(range(40)))
+    clip = write_video(tmp_path / "clip.mkv", flat_frames(range(40)))
     model = SessionLoader(write_model(tmp_path / "model"), "cpu")
     done = video(
         VideoRequest(str(clip), video_destination(f"{tmp_path}/out/"), model=model), Removal(clip)
     )
     assert done.frames == 40
-    assert done.problem is not None
     assert done.problem
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["clip.depth.mkv", "clip.preview.mp4"]
