@@ -28,6 +28,7 @@ from depthcli.io.depth.read import (
 )
 from depthcli.io.depth.scale import UINT16_MAX
 from depthcli.io.images import read
+from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import read_lenses
 
@@ -234,11 +235,18 @@ class FolderDataset(DepthDataset):
         """(rows, columns) of image ``i``, upright; its header is enough if it is as expected."""
         path = _file(self.pairs[i].image)
         with as_dataset_error():
-            size_px = read.image_size(read_bytes(path))
-        if size_px and (not expected or size_px[::-1] == expected):
+            data = read_bytes(path)
+        size_px = read.image_size(data)
+        if size_px and size_px[::-1] == (expected or size_px[::-1]) and not _may_be_turned(data):
             return size_px[::-1]
         height, width = read_image_rgb(path).shape[:2]
         return height, width
+
+
+def _may_be_turned(data: bytes) -> bool:
+    """Whether a file may state an orientation: JPEG and PNG without EXIF do not."""
+    is_plain = data.startswith((b"\xff\xd8", SIGNATURE))
+    return not is_plain or b"Exif" in data or b"eXIf" in data
 
 
 def _file(path: Path | None) -> Path:

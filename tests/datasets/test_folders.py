@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from depthcli.datasets.folders import open_paired_folder, open_unpaired_folder
 from depthcli.errors import DatasetError
@@ -73,6 +74,19 @@ def test_depth_of_another_size_is_compared_in_the_view_of_its_image(tmp_path: Pa
     depth_m = open_paired_folder(tmp_path).depth_m(0)
     np.testing.assert_array_equal(depth_m, np.repeat([[1.0, 3.0]], 8, axis=1) * np.ones((12, 1)))
     _write(tmp_path / "rgb" / "a.png", 10, depth=False, size=(12, 12))
+    with pytest.raises(DatasetError):
+        open_paired_folder(tmp_path)
+
+
+def test_image_that_is_turned_upright_needs_upright_depth(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    (tmp_path / "rgb").mkdir()
+    Image.new("RGB", (16, 12)).save(tmp_path / "rgb" / "a.jpg", exif=exif)
+    _write(tmp_path / "depth" / "a.png", 2000, depth=True, size=(16, 12))
+    dataset = open_paired_folder(tmp_path)
+    assert dataset.image(0).shape[:2] == dataset.depth_m(0).shape == (16, 12)
+    _write(tmp_path / "depth" / "a.png", 2000, depth=True, size=(12, 16))
     with pytest.raises(DatasetError):
         open_paired_folder(tmp_path)
 
