@@ -1,8 +1,9 @@
 """Depth of an equirectangular panorama, from overlapping pinhole views that are joined.
 
-Views look at the corners of an icosahedron, as those of MoGe do (Wang et al., arXiv:2410.19115).
-Each is multiplied by one factor, so that they agree best where they overlap, and they are blended
-in log distance with weights that are 0 at their borders, so that there is no seam.
+Each view is multiplied by one factor, so that they agree best where they overlap, as in MoGe (Wang
+et al., arXiv:2410.19115), and they are blended in log distance with weights that are 0 at their
+borders, so that there is no seam. Metres are those of the level views, which are what a network
+learned; its own field of view suits it best, so there are 26 views in place of MoGe's twelve.
 """
 
 import math
@@ -17,17 +18,16 @@ from depthcli.core.imageops import resize_area, row_bands
 from depthcli.core.types import Frame, panorama_rays
 from depthcli.errors import InputError
 
-HFOV_DEG = 90.0
+HFOV_DEG = 65.0
 """Field of view of a view, which is square."""
 _MAX_VIEW_PX = 1024
-_RING_DEG = math.degrees(math.atan(0.5))
 _VIEWS_DEG = (
+    *((yaw, 0.0) for yaw in range(0, 360, 45)),
+    *((yaw + 22.5, pitch) for pitch in (45.0, -45.0) for yaw in range(0, 360, 45)),
     *((0.0, pitch) for pitch in (90.0, -90.0)),
-    *((yaw, _RING_DEG) for yaw in range(0, 360, 72)),
-    *((yaw + 36.0, -_RING_DEG) for yaw in range(0, 360, 72)),
 )
 """(yaw to the right, pitch up) of each view; the first row of the image is at a pitch of 90°."""
-_PRIOR_WEIGHT = 1e-6  # of factors of one, so that their geometric mean is one
+_PRIOR_WEIGHT = 1e-6  # of factors of one of level views, as images of the training are
 _GRID_PX = 256, 128  # pixels of the panorama at which factors are fitted
 
 
@@ -49,8 +49,9 @@ def panorama_distance(
             "directions, for which it is twice as wide as high",
             "give {projection} pinhole, or the whole panorama",
         )
-    side = min(_MAX_VIEW_PX, max(8, round(frame.width / math.pi)))
-    width = min(frame.width, round(side * math.pi))
+    half = math.tan(math.radians(HFOV_DEG) / 2)
+    side = min(_MAX_VIEW_PX, max(8, round(frame.width / math.pi * half)))
+    width = min(frame.width, round(side * math.pi / half))
     small = resize_area(frame.pixels, width, max(1, width // 2))  # type: ignore[arg-type]
     turns = [_rotation(*view) for view in _VIEWS_DEG]
     logs = []
@@ -63,7 +64,8 @@ def panorama_distance(
     logs = [log for log, one in zip(logs, known, strict=True) if one]
     turns = [turn for turn, one in zip(turns, known, strict=True) if one]
     samples = [*_samples(panorama_rays(*_GRID_PX), turns, logs)]
-    offsets = _offsets(samples)
+    views = [view for view, one in zip(_VIEWS_DEG, known, strict=True) if one]
+    offsets = _offsets(samples, np.array([pitch == 0 for _, pitch in views]))
     found = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
         rays = panorama_rays(frame.width, frame.height, rows)
@@ -123,10 +125,11 @@ def _samples(
 
 def _offsets(
     samples: list[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]],
+    is_level: npt.NDArray[np.bool_],
 ) -> npt.NDArray[np.float64]:
     """Addend of each view's log distance: least squares of the differences in overlaps."""
     count = len(samples)
-    matrix = np.eye(count) * _PRIOR_WEIGHT
+    matrix = np.diag(np.where(is_level, _PRIOR_WEIGHT, 0.0) + _PRIOR_WEIGHT * 1e-3)
     wanted = np.zeros(count)
     for i, (log, weight) in enumerate(samples):
         for j, (other, other_weight) in enumerate(samples[:i]):
