@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import is_exr, is_media
-from depthcli.io.listing.path_list import open_parquet
+from depthcli.io.listing.path_list import PATHS, open_parquet
 
 _ROWS = 64  # of a row group that is written
 _IMAGES = (Format.PNG16, Format.PREVIEW)
@@ -35,16 +35,15 @@ def holds_images(path: Path, column: str | None = None) -> bool:
     """Whether a file is an archive, and no Parquet list of paths.
 
     Raises:
-        UsageError: it is Parquet that cannot be read, or the column does not hold images.
+        UsageError: it is Parquet that cannot be read.
     """
-    if path.suffix.lower() == ".tar":
-        return True
-    if path.suffix.lower() != ".parquet" or not path.is_file():
+    if not _is_parquet(path):
+        return path.suffix.lower() == ".tar"
+    if not path.is_file():
         return False
     with open_parquet(path) as file:
-        kinds = {field.name: str(field.type) for field in file.schema_arrow}
-    named = {column} & kinds.keys() if column else kinds.keys()
-    return any(kinds[name].startswith(("struct", "binary", "large_binary")) for name in named)
+        found, names = _image_columns(file), file.schema_arrow.names
+    return column in found if column else bool(found) and PATHS not in names
 
 
 def members(path: Path, column: str | None = None) -> Iterator[Member]:
@@ -68,6 +67,13 @@ def _is_parquet(path: Path) -> bool:
     return path.suffix.lower() == ".parquet"
 
 
+def _image_columns(file: Any) -> list[str]:  # noqa: ANN401 - pyarrow's own
+    """Columns of bytes, or of groups with a field ``bytes`` as ``datasets`` writes them."""
+    kinds = {field.name: str(field.type) for field in file.schema_arrow}
+    starts = ("binary", "large_binary", "struct<bytes:", "struct<path: string, bytes:")
+    return [name for name, kind in kinds.items() if kind.startswith(starts)]
+
+
 def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
     last = None
     try:
@@ -86,13 +92,10 @@ def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
 
 def _parquet_members(path: Path, column: str | None) -> Iterator[Member]:
     with open_parquet(path) as file:
-        kinds = {field.name: str(field.type) for field in file.schema_arrow}
-        found = [name for name, kind in kinds.items() if kind.startswith(("struct", "binary"))]
+        found = _image_columns(file)
         if (column or len(found) != 1) and column not in found:
-            raise UsageError(
-                f"{path} has the columns {', '.join(kinds)}",
-                "name that of the images with {column}",
-            )
+            names = ", ".join(found) or "none"
+            raise UsageError(f"columns with images in {path}: {names}", "name one with {column}")
         row = 0
         for batch in file.iter_batches(_ROWS, columns=[column or found[0]]):
             for value in batch.column(0).to_pylist():

@@ -94,6 +94,14 @@ def test_rows_of_parquet_keep_their_place(inside: Cli) -> None:
     assert (stored.dtype, stored.shape) == (np.uint16, (24, 34))
 
 
+def test_list_of_paths_may_have_columns_of_bytes(inside: Cli) -> None:
+    (inside.folder / "1.png").write_bytes(png(1))
+    table = pa.table({"path": ["1.png"], "hash": pa.array([b"x"], pa.large_binary())})
+    pq.write_table(table, inside.folder / "p.parquet")
+    assert inside("batch", "--files", "p.parquet", "-o", "out").returncode == 0
+    assert rows(inside, "out").keys() == {"1.png"}
+
+
 def test_several_columns_of_images_need_a_name(inside: Cli) -> None:
     table = pa.table({name: pa.array([png(1)], pa.binary()) for name in ("left", "right")})
     pq.write_table(table, inside.folder / "p.parquet")

@@ -27,6 +27,8 @@ from depthcli.io.storage.paths import (
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
+PATHS = "path"
+"""Column of a table with the paths, where there are several."""
 _MAX_PROBED = 1000
 _DELIMITERS = {".csv": ",", ".tsv": "\t"}
 
@@ -192,7 +194,7 @@ def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
 
 def _select_column(columns: Sequence[str], column: str | None, path: Path) -> str:
     """The name of the column to read: the given one, the only one, or ``path``."""
-    wanted = column or (columns[0] if len(columns) == 1 else "path")
+    wanted = column or (columns[0] if len(columns) == 1 else PATHS)
     if wanted not in columns:
         there = f"its columns are {', '.join(columns)}" if columns else "it has no columns"
         raise UsageError(f"{path} has no column {wanted!r}; {there}", "name one with {column}")
