@@ -1,4 +1,4 @@
-"""One run's state: right gradients, whatever the batch."""
+"""A run: steps, schedule, weight average, and the state of its processes."""
 
 import math
 from dataclasses import replace
@@ -10,12 +10,14 @@ import torch
 from helpers.rooms import EFFICIENT, PAPER, room_data
 from lightning_fabric import Fabric
 from lightning_fabric.plugins.precision.amp import MixedPrecision
+from torch import nn
 
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
 from depthcli.training.config import OptimConfig, TrainConfig, updated
 from depthcli.training.data import TrainingBatch
-from depthcli.training.run import Run, fit
+from depthcli.training.methods.proposed import Proposed
+from depthcli.training.run import Run, WeightAverage, fit, load_process_state, process_state
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
 """Nothing is drawn by chance."""
@@ -132,3 +134,55 @@ def test_linear_with_warm_up() -> None:
     optim = OptimConfig(epochs_constant=1, epochs_decay=1, warmup_steps=4)
     found = [optim.lr_factor(step, steps_per_epoch=3) for step in range(6)]
     assert found == pytest.approx([1 / 4, 2 / 4, 3 / 4, 1 / 2, 1 / 2, 1 / 2])
+
+
+def test_follows_the_decay_and_forgets_the_first_weights_soon() -> None:
+    network = nn.Linear(1, 1, bias=False)
+    nn.init.constant_(network.weight, 5)
+    average, wanted = WeightAverage(network, 0.5), 5.0
+    for step in range(1, 20):
+        nn.init.constant_(network.weight, float(step))
+        average.update(network, step)
+        decay = min(0.5, step / (step + 9))
+        wanted = decay * wanted + (1 - decay) * step
+        assert average.network.weight.item() == pytest.approx(wanted, rel=1e-5)
+    assert network.weight.item() == 19
+
+
+def test_averages_statistics_and_copies_counts() -> None:
+    network = nn.BatchNorm2d(2)
+    average = WeightAverage(network, 0.0)
+    network(torch.randn(4, 2, 8, 8) + 3)
+    average.update(network, 1)
+    torch.testing.assert_close(average.network.running_mean, network.running_mean)
+    assert int(average.network.num_batches_tracked) == 1
+
+
+def test_is_a_copy_to_evaluate() -> None:
+    network = nn.Linear(2, 2)
+    average = WeightAverage(network, 0.9)
+    assert not average.network.training
+    assert not any(p.requires_grad for p in average.network.parameters())
+    with torch.no_grad():
+        network.weight.add_(1)
+    assert not torch.equal(average.network.weight, network.weight)
+
+
+@pytest.mark.parametrize("name", ["cuda", "mps"])
+def test_the_accelerators_generator_is_saved_and_restored(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither is at hand here: a generator of the CPU stands in for it."""
+    device, drawn = torch.device(name), torch.Generator().manual_seed(1)
+    module = getattr(torch, name)
+    monkeypatch.setattr(module, "get_rng_state", lambda _: drawn.get_state())
+    monkeypatch.setattr(module, "set_rng_state", lambda state, _: drawn.set_state(state))
+    method = Proposed(EFFICIENT)
+    saved = process_state(method, device)
+    wanted = torch.rand(3, generator=drawn)
+    load_process_state(method, device, saved)
+    assert torch.equal(torch.rand(3, generator=drawn), wanted)
+    for other in (None, torch.zeros(16, dtype=torch.uint8)):  # from a CPU, and from another kind
+        before = drawn.get_state()
+        load_process_state(method, device, saved | {"device_rng": other})
+        assert torch.equal(drawn.get_state(), before)

@@ -1,5 +1,10 @@
-"""Held-out pairs: their scores, by the protocol of the evaluation, and what is drawn of them."""
+"""Callbacks of a run: metrics log, TensorBoard, validation and samples."""
 
+import json
+import math
+import resource
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,16 +14,179 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
-from helpers.rooms import EFFICIENT, PAPER, Rooms, rooms
+from helpers.rooms import EFFICIENT, PAPER, Rooms, room_data, rooms, write_rooms
+from helpers.runs import inside
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from lightning_fabric import Fabric
 
 from depthcli.core.types import DepthMap
 from depthcli.io.formats.preview import percentiles
 from depthcli.metrics.depth import PixelSums
 from depthcli.metrics.pixels import DepthPixels
-from depthcli.training.callbacks import Validation, sample_path, write_samples
+from depthcli.training.callbacks import (
+    Callback,
+    Validation,
+    append_log,
+    sample_path,
+    truncate_log,
+    write_samples,
+)
+from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, TrainState
 from depthcli.training.config import OutputConfig
 from depthcli.training.networks.build import build_generator
+from depthcli.training.run import Run, fit
+
+
+def _steps(path: Path) -> list[int]:
+    return [json.loads(line)["step"] for line in path.read_text().splitlines()]
+
+
+def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
+    path = tmp_path / METRICS_LOG
+    truncate_log(path, 0)
+    assert not path.exists()
+    for step in (2, 4, 6):
+        append_log(path, TrainState(step=step), {"l1": 0.5})
+    for step, kept in ((9, [2, 4, 6]), (6, [2, 4, 6]), (5, [2, 4]), (0, [])):
+        truncate_log(path, step)
+        assert _steps(path) == kept
+    assert [p.name for p in tmp_path.iterdir()] == [METRICS_LOG]
+
+
+def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
+    path, scores = tmp_path / METRICS_LOG, {"rmse": 0.5, "d1": math.nan}
+    append_log(path, TrainState(4, 2, 12.3456, scores), {"l1": 0.25})
+    assert path.read_bytes().endswith(b"}\n")
+    assert json.loads(path.read_bytes()) == {
+        "epoch": 2,
+        "step": 4,
+        "seconds": 12.3,
+        "losses": {"l1": 0.25},
+        "scores": {"rmse": 0.5, "d1": None},
+    }
+    path.write_bytes(b'[4]\n{"epoch": 1}\n' + path.read_bytes())
+    truncate_log(path, 4)
+    assert _steps(path) == [4]
+
+
+def test_incomplete_write_is_undone(tmp_path: Path) -> None:
+    path, (soft, hard) = tmp_path / METRICS_LOG, resource.getrlimit(resource.RLIMIT_FSIZE)
+    append_log(path, TrainState(step=2), {"l1": 0.5})
+    before = path.read_bytes()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, hard))
+    try:
+        with pytest.raises(OSError, match="large"):
+            append_log(path, TrainState(step=4), {"l1": 0.5})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_bytes() == before
+
+
+@settings(max_examples=30, deadline=None)
+@given(share=st.floats(0, 1))
+def test_torn_line_is_dropped_and_the_next_is_whole(
+    tmp_path_factory: pytest.TempPathFactory, share: float
+) -> None:
+    path = tmp_path_factory.mktemp("log") / METRICS_LOG
+    append_log(path, TrainState(step=2), {"l1": 0.5})
+    whole = path.read_bytes()
+    path.write_bytes(whole + whole[: int(share * (len(whole) - 1))])
+    truncate_log(path, 2)
+    append_log(path, TrainState(step=4), {"l1": 0.5})
+    assert _steps(path)[0] == 2
+    assert _steps(path)[-1] == 4
+
+
+def test_crash_between_line_and_checkpoint_does_not_repeat_the_epoch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(run: Run, path: Path) -> None:
+        if run.state.step == 4:
+            raise KeyboardInterrupt
+        save(run, path)
+
+    def go_on() -> None:
+        fabric = Fabric(accelerator="cpu", devices=1)
+        fit(EFFICIENT, room_data(), tmp_path, fabric, Callback(), max_steps=5)
+
+    save = Run.save
+    with monkeypatch.context() as patch:
+        patch.setattr(Run, "save", crash)
+        with pytest.raises(KeyboardInterrupt):
+            go_on()
+    assert _steps(tmp_path / METRICS_LOG) == [2, 4]
+    go_on()
+    assert _steps(tmp_path / METRICS_LOG) == [2, 4, 6]
+    assert (tmp_path / CHECKPOINT).exists()
+
+
+SETTINGS = (
+    "generator.name=efficient",
+    "generator.encoder=[8,8,8,8,8]",
+    "generator.decoder=[8,8,8,8]",
+    "generator.depths=[1,1,1,1]",
+    "data.width=64",
+    "data.height=48",
+    "data.holdout_every=4",
+    "data.holdout_offset=1",
+    "optim.batch_size=2",
+    "optim.epochs_decay=2",
+    "optim.warmup_steps=2",
+    "validate_every=1",
+)
+
+
+def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    words = ["train", "proposed", "--preset", "default"]
+    words += ["--data", "data", "--out", "run", "--accelerator", "cpu", "--threads", "1"]
+    words += ["--tensorboard", *more]
+    for setting in SETTINGS:
+        words += ["--set", setting]
+    return inside(folder, *words)
+
+
+def _events(folder: Path) -> Any:
+    from tensorboard.backend.event_processing.event_accumulator import (  # noqa: PLC0415
+        EventAccumulator,
+    )
+
+    return EventAccumulator(str(folder)).Reload()
+
+
+def test_tensorboard_has_every_step_once_though_a_killed_run_repeats_some(tmp_path: Path) -> None:
+    write_rooms(tmp_path / "data")
+    assert _train(tmp_path, "--max-minutes", "0").returncode == 0
+    early = (tmp_path / "run" / "last.ckpt").read_bytes()
+    for _ in range(2):
+        (tmp_path / "run" / "last.ckpt").write_bytes(early)
+        done = _train(tmp_path, "--json")
+        assert done.returncode == 0, done.stderr
+        assert len(done.stdout.splitlines()) == 2  # whoever else is told, is told as well
+    events = _events(tmp_path / "run" / "tensorboard")
+    assert set(events.Tags()["scalars"]) > {"loss/l1", "loss/gradient", "held_out/d1"}
+    assert [e.step for e in events.Scalars("loss/l1")] == [1, 2, 3, 4]
+    rates = [e.value for e in events.Scalars("learning_rate")]
+    assert rates == pytest.approx([5e-4, 1e-3 * 0.853553, 5e-4, 1e-3 * 0.146447], rel=1e-4)
+    assert len(list((tmp_path / "run" / "tensorboard").iterdir())) == 3  # one per session
+    log = (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()
+    last = json.loads(log[-1])
+    assert events.Scalars("loss/l1")[-1].value == pytest.approx(last["losses"]["l1"])
+    assert events.Scalars("held_out/rmse")[-1].value == pytest.approx(last["scores"]["rmse"])
+    grids = events.Images("samples")
+    assert [(grid.step, grid.width, grid.height) for grid in grids] == [(2, 192, 48), (4, 192, 48)]
+
+
+def test_without_the_package_one_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_rooms(tmp_path / "data")
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
+    done = _train(tmp_path, "--quiet")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (3, "", 1)
+    assert "'.[tensorboard]'" in done.stderr
+    assert not (tmp_path / "run").exists()
+
 
 CPU = torch.device("cpu")
 

@@ -1,7 +1,12 @@
-"""What the processes of a run tell each other, by gloo; each is a Python of its own."""
+"""Devices, processes and threads of a run."""
 
+import logging
+import subprocess
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -10,17 +15,92 @@ from helpers.rooms import EFFICIENT, room_data
 from helpers.runs import same
 from lightning_fabric import Fabric
 
-from depthcli.errors import CheckpointError
+from depthcli.core.parallel import usable_cores
+from depthcli.errors import CheckpointError, TrainingError, UsageError
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, Checkpoint
+from depthcli.training.config import DataConfig, GeneratorConfig, TrainConfig
 from depthcli.training.devices import (
     AveragingStrategy,
     any_process,
     average_gradients,
     gather_states,
+    launched,
+    open_fabric,
     rank_zero_first,
+    set_threads,
 )
 from depthcli.training.run import Run, finite_losses, fit
+
+
+def test_several_devices_average_and_one_does_not() -> None:
+    logging.getLogger("lightning_fabric").setLevel(logging.INFO)
+    one, two = open_fabric("cpu", "32-true"), open_fabric("cpu", "bf16-mixed", 2)
+    assert (one.world_size, one.device.type) == (1, "cpu")
+    assert not isinstance(one.strategy, AveragingStrategy)
+    assert isinstance(two.strategy, AveragingStrategy)
+    assert two.world_size == 2
+    assert two.strategy.precision.precision == "bf16-mixed"
+    assert not logging.getLogger("lightning_fabric").isEnabledFor(logging.WARNING)
+    with launched(one):  # nothing is started
+        pass
+    with pytest.raises(UsageError):
+        open_fabric("abacus", "32-true")
+
+
+class _Others(SimpleNamespace):
+    """Where Fabric would keep what it started: plain programs in the place of training ones."""
+
+    def __init__(self, *programs: str, rank: int = 0) -> None:
+        self.processes = [subprocess.Popen([sys.executable, "-Sc", code]) for code in programs]
+        self.launch = bool
+        launcher = SimpleNamespace(procs=list(self.processes))
+        super().__init__(world_size=2, is_global_zero=not rank)
+        self.strategy = SimpleNamespace(launcher=launcher)
+
+    @property
+    def codes(self) -> list[int]:
+        return [process.wait() for process in self.processes]
+
+
+@pytest.fixture
+def others() -> Iterator[Any]:
+    made: list[_Others] = []
+
+    def make(*programs: str, rank: int = 0) -> _Others:
+        made.append(_Others(*programs, rank=rank))
+        return made[-1]
+
+    yield make
+    for each in made:
+        for process in each.processes:
+            process.kill()
+            process.wait()
+
+
+ENDLESS = "import time; time.sleep(60)"
+
+
+def test_the_first_waits_for_the_others(others: Any) -> None:
+    fabric = others("import time; time.sleep(0.3)")
+    with launched(fabric):
+        assert fabric.strategy.launcher.procs == []  # Fabric leaves them alone
+    assert fabric.codes == [0]
+
+
+def test_an_error_of_the_first_ends_the_others(others: Any) -> None:
+    fabric = others(ENDLESS, ENDLESS)
+    with pytest.raises(ZeroDivisionError), launched(fabric):
+        raise ZeroDivisionError
+    assert fabric.codes == [-9, -9]
+
+
+def test_lost_connection_is_a_training_error(others: Any) -> None:
+    fabric = others(ENDLESS, ENDLESS)
+    with pytest.raises(TrainingError), launched(fabric):
+        raise RuntimeError("connection closed")
+    assert fabric.codes == [-9, -9]
+
 
 CONFIG = replace(EFFICIENT, optim=replace(EFFICIENT.optim, batch_size=4))
 
@@ -114,3 +194,28 @@ def test_two_processes_learn_as_one_and_go_on_exactly(folder: Path) -> None:
     alone = Fabric(accelerator="cpu", devices=1)
     with pytest.raises(CheckpointError):
         fit(CONFIG, room_data(), folder / "whole", alone, Callback())
+
+
+SMALL = TrainConfig(
+    generator=GeneratorConfig(width=4, blocks=1), data=DataConfig(width=32, height=32)
+)
+
+
+@pytest.fixture(autouse=True)
+def _restored() -> Iterator[None]:
+    count = torch.get_num_threads()
+    yield
+    torch.set_num_threads(count)
+
+
+def test_threads_are_given_or_saved_or_shared_cores(tmp_path: Path) -> None:
+    cores = usable_cores()
+    for given, processes, count in ((1, 1, 1), (None, 1, cores), (None, 2 * cores, 1)):
+        set_threads(given, tmp_path, processes)
+        assert torch.get_num_threads() == count
+    run = Run(SMALL, Fabric(accelerator="cpu", devices=1), 1)
+    for saved, count in ((1, 1), (10_000, cores), (0, cores)):  # 0: not recorded
+        run.state = replace(run.state, threads=saved)
+        run.save(tmp_path / CHECKPOINT)
+        set_threads(None, tmp_path, 1)
+        assert torch.get_num_threads() == count
