@@ -65,6 +65,8 @@ from depthcli.video.numbering import is_pattern, numbered_name
 _RULES = FormatRules((), format_of, stem_of, FILE_SUFFIXES)
 _FRAME = r"(?i)\.depth\.\d{6,}$"
 """End of the stem of a numbered file, ``clip.depth.000001``."""
+_OTHER_BIN = r"(?i)(?<!geometric)(?<!photometric)(?<!depth)\.bin$"
+"""Files that have the suffix of COLMAP's depth maps and not their names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +293,7 @@ def _why_no_depth(path: str) -> str | None:
     name = PurePosixPath(path)
     if name.name.startswith("."):
         return HIDDEN
-    if name.suffix.lower() not in READABLE_SUFFIXES:
+    if name.suffix.lower() not in READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
         return name.suffix.lower() or "without suffix"
     is_preview = format_of(name) is Format.PREVIEW and is_own_picture(path)
     return "preview" if is_preview else None

@@ -85,6 +85,7 @@ def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
     write_picture(tree.folder / "in/0.png")
     (tree.folder / "in/hall/b.npy").write_bytes(b"")
     (tree.folder / "in/loop").symlink_to(".")
+    (tree.folder / "in/velodyne.bin").write_bytes(b"points")
     np.save(tree.folder / "in/z.npy", np.ones((6, 8), np.uint16))
     done = tree(*TO_EXR)
     assert done.returncode == 1
@@ -92,7 +93,7 @@ def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
     assert [line.split(": ")[2].split()[0] for line in lines] == [
         *("loop", "in/0.png", "in/z.npy", "in/hall/b.npy"),
     ]
-    assert done.stdout.startswith(b"3 of 6 files converted, 3 failed, 3 files skipped")
+    assert done.stdout.startswith(b"3 of 6 files converted, 3 failed, 4 files skipped")
     assert len(contents(tree, "out")) == 3
     told = {line["input"]: line for line in printed(tree(*TO_EXR, "--json"))}
     assert [name for name, line in told.items() if line["status"] == "failed"] == [

@@ -182,10 +182,10 @@ FORMATS = {format_: format_.facts for format_ in Format}
 FILE_SUFFIXES = tuple(facts.file_suffix for facts in FORMATS.values() if facts.file_suffix)
 """File suffixes that choose a format."""
 READABLE = sorted(
-    (name for name in reversed(Format) if name.facts.is_readable),
-    key=lambda name: not name.facts.is_exact,
+    (name for name in Format if name.facts.is_readable),
+    key=lambda name: (not name.facts.is_exact, name is not Format.NPY),
 )
-"""The formats that are read back, the exact ones first."""
+"""The formats that are read back, the exact ones first; EXR may be of half floats."""
 READABLE_SUFFIXES = (*(str(f.facts.file_suffix) for f in Format if f.facts.is_readable), *_ALIASES)
 """File suffixes of the formats that are read back."""
 # Video files have labels, if their container is Matroska.
