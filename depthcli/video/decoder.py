@@ -72,7 +72,7 @@ class FrameDecoder:
         self._frames = self._decoded()
 
     def next(self) -> VideoFrame | None:
-        """The next frame, to be given to :func:`frame_number`; None at the end."""
+        """The next frame; ``opaque`` is the number that its packet states. None at the end."""
         return next(self._frames, None)
 
     def pop_failed(self, before: int | None = None) -> int:
@@ -159,11 +159,6 @@ class FrameDecoder:
         if self._has_checksums:
             self._is_intact = is_valid and (self._is_intact or packet.is_keyframe)
         return self._is_intact
-
-
-def frame_number(frame: VideoFrame) -> int | None:
-    """The number that the packet of a decoded frame states; None if it states none."""
-    return frame.opaque if isinstance(frame.opaque, int) else None
 
 
 def state_number(packet: Packet[VideoStream], number: int) -> None:

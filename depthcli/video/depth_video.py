@@ -170,11 +170,7 @@ class DepthVideo:
     def _timed_steps(self) -> Iterator[tuple[int | None, float, npt.NDArray[np.uint16]]]:
         """Number, if it is stated, and time in seconds of each frame, and its stored values."""
         # Loads FFmpeg, which other names of the Python API do not need.
-        from depthcli.video.decoder import (  # noqa: PLC0415
-            FrameDecoder,
-            frame_number,
-            is_incomplete_matroska,
-        )
+        from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska  # noqa: PLC0415
 
         container, stream = open_video(self.path)
         try:
@@ -186,7 +182,8 @@ class DepthVideo:
                 steps = frame.to_ndarray()
                 first_ticks = first_ticks if count else frame.pts or 0
                 time_s = start_s + float(((frame.pts or 0) - first_ticks) * (frame.time_base or 0))
-                yield frame_number(frame), time_s, np.ascontiguousarray(steps, np.uint16)
+                stated = frame.opaque if isinstance(frame.opaque, int) else None
+                yield stated, time_s, np.ascontiguousarray(steps, np.uint16)
                 count += 1
             self._check(decoder, count)
             if decoder.ended_early or is_incomplete_matroska(self.path, container):

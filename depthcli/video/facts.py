@@ -118,14 +118,22 @@ def _boxes(
 def camera_warnings(
     frame: VideoFrame, eye: Eye | None, projection: Projection | None
 ) -> Iterator[str]:
-    """Warnings about what a pinhole camera does not see, by the first frame of a video.
+    """Warnings about what the network does not expect, by the first frame of a video.
 
     A view and a projection that are given are not warned about.
     """
     from av.sidedata.sidedata import Type  # noqa: PLC0415 - loads FFmpeg
 
-    from depthcli.io.images.pixels import PANORAMA  # noqa: PLC0415 - loads NumPy
+    from depthcli.core.imageops import transfer_warning  # noqa: PLC0415 - loads NumPy
+    from depthcli.io.images.pixels import PANORAMA  # noqa: PLC0415
 
+    if warning := transfer_warning(frame.color_trc, "video", "BT.709"):
+        yield warning
+    if frame.interlaced_frame:
+        yield Message(
+            "the video is interlaced, and the network sees both fields of a frame at once",
+            "deinterlace it first: ffmpeg -i in.mov -vf yadif -c:v ffv1 out.mkv",
+        )
     stereo, spherical = _stereo(frame), side_data(frame, Type.SPHERICAL)
     if stereo is None and eye is not None:
         yield "the video states no stereo layout; two views side by side are assumed"

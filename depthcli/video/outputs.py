@@ -275,14 +275,9 @@ class DepthVideoOutput(VideoFile):
         guard: Guard | None,
         colours: PreviewWriter = _COLOURS,
     ) -> None:
-        """Prepare a ``.mkv`` file.
+        """Prepare a ``.mkv`` file of ``scale`` units per metre.
 
-        Args:
-            target: ends in ``.mkv``.
-            timing: of the frames.
-            scale: units per metre.
-            guard: of existing files; None to replace any.
-            colours: whose ends are those of a normalized file.
+        The ends of ``colours`` are those of a file whose depth has no unit.
         """
         super().__init__(target, timing, guard)
         self._scale, self._colours = scale, colours
@@ -384,13 +379,7 @@ class SequenceOutput(VideoOutput):
     ) -> None:
         """Prepare the output.
 
-        Args:
-            label: name of the format in warnings.
-            folder: where files are written.
-            name: the name of a file by the frame's number.
-            writer: of the format.
-            guard: of existing files; None to replace any.
-            has_overscan: whether frames include the pixels outside the display window.
+        ``label`` names the format in warnings, and ``name`` each file by its frame's number.
         """
         self.has_overscan = has_overscan
         super().__init__()

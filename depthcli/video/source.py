@@ -15,7 +15,6 @@ import numpy.typing as npt
 from av.sidedata.sidedata import Type
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
-from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, Message, UsageError
@@ -70,10 +69,6 @@ def _stated_frames(container: InputContainer, stream: VideoStream, rate: Fractio
     return stream.frames or round(length_s * rate) or None
 
 
-_INTERLACED = (
-    "the video is interlaced, and the network sees both fields of a frame at once; for better "
-    "depth, deinterlace it first: ffmpeg -i in.mov -vf yadif -c:v ffv1 out.mkv"
-)
 _EIGHT_BIT = 8
 _UNSPECIFIED = 2
 _SD_ROWS = 576
@@ -128,14 +123,6 @@ def orientation_of(frame: VideoFrame) -> int:
     shares = a / across, b / down, c / across, d / down
     turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
     return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
-
-
-def _warnings_about(first: VideoFrame) -> Iterator[str]:
-    """Warnings about what the network sees, by the first frame of a video."""
-    if warning := transfer_warning(first.color_trc, "video", "BT.709"):
-        yield warning
-    if first.interlaced_frame:
-        yield _INTERLACED
 
 
 _MISSING_SHARE = 200
@@ -314,10 +301,7 @@ class VideoSource(FrameSource):
         self.width, self.height = size[::-1] if is_turned else size
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
-        self.warnings += (
-            *_warnings_about(first),
-            *camera_warnings(first, eye, self._options.projection),
-        )
+        self.warnings += tuple(camera_warnings(first, eye, self._options.projection))
 
     def _current_time_code(self) -> TimeCode | None:
         if self._time_code is None:
