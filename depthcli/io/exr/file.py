@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO, cast
+from typing import Any, NamedTuple, TextIO, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -311,27 +311,17 @@ def choose_depth(
         InputError: there is no depth in such a layer.
     """
     names = list(channels)
-    found = [name for name in names if _is_depth(name, names)]
+    found = [n for n in names if last_part(n) in _DEPTHS and not is_of_vectors(n, names)]
+    found.sort(key=_depth_rank)
     if layer is not None:
-        wanted = layer.removesuffix(".").lower()
-        layers = {name: layer_of(name).removesuffix(".").lower() for name in found}
-        same = [name for name in found if layers[name] == wanted]
-        same = same or [name for name in found if wanted in (name.lower(), last_part(layers[name]))]
-        if len(same) != 1:
-            which = "has several layers" if same else "has no layer"
-            shown = one_line(", ".join(same or found or names))
-            raise InputError(f"{file} {which} {layer!r} with depth", f"it has {shown}")
-        return same[0], None
+        layers = {layer_of(name): name for name in reversed(found)}
+        return _of_layer(file, layer, layers, "depth"), None
     hero = next((c.part.view for c in channels.values() if c.part.view), None)
-    seen = [name for name in found if channels[name].part.view in (None, hero)] or found
-    chosen = min(seen, key=_depth_rank, default=None)
-    if chosen is None:
+    if not found:
         return None, None
-    others = [
-        name
-        for name in found
-        if name != chosen and _depth_rank(name)[:2] == _depth_rank(chosen)[:2]
-    ]
+    chosen = next((n for n in found if channels[n].part.view in (None, hero)), found[0])
+    rank = _depth_rank(chosen)[:2]
+    others = [name for name in found if name != chosen and _depth_rank(name)[:2] == rank]
     if not others:
         return chosen, None
     return chosen, Message(
@@ -340,8 +330,22 @@ def choose_depth(
     )
 
 
-def _is_depth(name: str, names: Collection[str]) -> bool:
-    return last_part(name) in _DEPTHS and not is_of_vectors(name, names)
+_Found = TypeVar("_Found")
+
+
+def _of_layer(file: str, layer: str, layers: Mapping[str, _Found], what: str) -> _Found:
+    """The entry of a layer, by its whole name or the last part of it, in upper or lower case."""
+    named = {prefix.removesuffix("."): entry for prefix, entry in layers.items()}
+    wanted = layer.removesuffix(".").lower()
+    same = [name for name in named if name and name.lower() == wanted]
+    chosen = same or [name for name in named if name and last_part(name).lower() == wanted]
+    if not chosen and wanted in _UNNAMED and "" in named:
+        return named[""]
+    if len(chosen) != 1:
+        which = "has several layers" if chosen else "has no layer"
+        shown = one_line(", ".join(filter(None, chosen or named)))
+        raise InputError(f"{file} {which} {layer!r} with {what}", f"it has {shown}")
+    return named[chosen[0]]
 
 
 def is_of_vectors(name: str, names: Collection[str]) -> bool:
@@ -431,17 +435,7 @@ def _channels_of(
     """R, G and B, or Y, of a layer by its name."""
     grays = [name for name in names if last_part(name) == "Y" and not is_of_vectors(name, names)]
     channels = {**{layer_of(gray): (gray,) for gray in grays}, **coloured}
-    found = {prefix.removesuffix("."): prefix for prefix in channels if prefix}
-    wanted = layer.removesuffix(".").lower()
-    same = [name for name in found if name.lower() == wanted]
-    chosen = same or [name for name in found if last_part(name).lower() == wanted]
-    if not chosen and wanted in _UNNAMED and "" in channels:
-        return channels[""]
-    if len(chosen) != 1:
-        which = "has several layers" if chosen else "has no layer"
-        shown = one_line(", ".join(chosen or found or names))
-        raise InputError(f"{file} {which} {layer!r} with R, G and B, or Y", f"it has {shown}")
-    return channels[found[chosen[0]]]
+    return _of_layer(file, layer, channels, "R, G and B, or Y")
 
 
 def _picture_rank(layer: str) -> int:
