@@ -27,7 +27,7 @@ DEEP = PICTURE.astype(np.uint16) * 257
 FILES = {
     "colour": heic(PICTURE),
     "tiles": heic(PICTURE, tile_size=64),
-    "alpha": heic(np.dstack([PICTURE, PICTURE[..., :1]])),
+    "alpha": heic(np.dstack([PICTURE, np.full_like(PICTURE[..., :1], 255)])),
     "gray": heic(PICTURE[..., 1]),
     "deep": heic(DEEP),
     "of a camera": heic(PICTURE, exif=made.exif(6, focal_35mm=26)),

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
+import OpenImageIO
 import pytest
+from helpers.heifs import heic
 from helpers.tiny import load, write_model
 from PIL import Image
 
@@ -63,6 +66,24 @@ def test_opaque_and_foreign_fourth_channels_are_no_transparency(tmp_path: Path) 
     at = data.index((338).to_bytes(2, "little") + (3).to_bytes(2, "little"))
     (tmp_path / "a.tif").write_bytes(data[: at + 8] + b"\0\0" + data[at + 10 :])
     assert read_image(tmp_path / "a.tif").transparent is None
+
+
+@pytest.mark.parametrize("name", ["a.avif", "a.jxl", "a.heic"])
+def test_transparency_of_rarer_formats(tmp_path: Path, name: str) -> None:
+    rgba = np.asarray(_sprite(0))
+    if name == "a.avif":
+        ten_bits = rgba[..., [2, 1, 0, 3]].astype(np.uint16) * 4
+        options = (cv2.IMWRITE_AVIF_DEPTH, 10, cv2.IMWRITE_AVIF_QUALITY, 95)
+        data = cv2.imencode(".avif", ten_bits, options)[1].tobytes()
+    elif name == "a.jxl":
+        OpenImageIO.ImageBuf(rgba).write(str(tmp_path / name))
+        data = (tmp_path / name).read_bytes()
+    else:
+        data = heic(rgba)
+    frame = read_image(None, data)
+    assert frame.transparent is not None
+    assert frame.transparent[0].tolist() == [False] * 16 + [True] * 16
+    assert abs(frame.pixels / np.iinfo(frame.pixels.dtype).max - 0.5).max() < 0.06
 
 
 def test_image_that_is_transparent_everywhere_is_refused(tmp_path: Path) -> None:

@@ -105,6 +105,7 @@ def _brands(data: bytes) -> set[bytes]:
 
 _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha
+_WITH_ALPHA = (2, 4)
 _DAMAGE = (EOFError, LookupError, OSError, RuntimeError, SyntaxError, ValueError)
 """What pillow-heif raises about damaged files."""
 
@@ -145,7 +146,8 @@ def decode_heif(data: bytes) -> Decoded:
         raise _damaged() from error
     colours = stored.reshape(*stored.shape[:2], channels)
     pixels = np.array(colours[..., :3] if channels in _RGB else colours[..., 0], order="C")
-    return Decoded(pixels, image.info.get("exif") or b"")
+    alpha = colours[..., -1] if channels in _WITH_ALPHA else None
+    return Decoded(pixels, image.info.get("exif") or b"", alpha=alpha)
 
 
 def depth_images(data: bytes) -> list[tuple[npt.NDArray[Any], dict[str, Any]]]:

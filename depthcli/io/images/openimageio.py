@@ -60,12 +60,14 @@ def openimageio_header(data: bytes) -> Header:
 
 
 def decode_openimageio(data: bytes) -> Decoded:
-    """Pixels of the first image, upright and without alpha; white is the maximum of their type."""
+    """Pixels of the first image, upright; white is the maximum of their type."""
     with _opened(data) as file:
         spec = file.spec()
         kind = str(spec.format) if str(spec.format) in _TYPES else "float"
         channels = _RGB if spec.nchannels >= _RGB else 1
-        pixels: npt.NDArray[Any] | None = file.read_image(0, 0, 0, channels, kind)
+        has_alpha = spec.alpha_channel == channels == spec.nchannels - 1
+        count = channels + has_alpha
+        pixels: npt.NDArray[Any] | None = file.read_image(0, 0, 0, count, kind)
         if pixels is None or file.has_error:
             raise InputError(f"is damaged ({_reason(file.geterror())})", "copy it again")
         if spec.getattribute("tiff:PhotometricInterpretation") == _WHITE_IS_ZERO:
@@ -73,7 +75,8 @@ def decode_openimageio(data: bytes) -> Decoded:
         space = str(spec.getattribute("oiio:ColorSpace"))
         pixels = upright(pixels, spec.getattribute("Orientation") or 1)
     return Decoded(
-        np.ascontiguousarray(pixels if channels == _RGB else pixels[..., 0]),
+        np.ascontiguousarray(pixels[..., :_RGB] if channels == _RGB else pixels[..., 0]),
+        alpha=pixels[..., channels] if has_alpha else None,
         is_linear=kind == "float" and space.startswith("lin"),
     )
 

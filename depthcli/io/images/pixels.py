@@ -74,7 +74,7 @@ def full_range(
 def fill_transparent(
     pixels: npt.NDArray[Any], alpha: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]] | None:
-    """Replace colours where an image is less than half opaque by the nearest opaque one.
+    """Replace colours where an image is less than half as opaque as it gets by the nearest opaque.
 
     Programs leave any colours there, often black, and a network takes them for a surface. Of seven
     ways to fill them, this one changes the depth of the rest least: by 19 % (median) on images of
@@ -82,7 +82,7 @@ def fill_transparent(
 
     Args:
         pixels: (H, W) or (H, W, 3), of any type.
-        alpha: (H, W), opacity; float, or integers whose maximum is opaque.
+        alpha: (H, W), opacity, whose largest value is opaque.
 
     Returns:
         The pixels, and where they were replaced; None if they are not anywhere.
@@ -90,12 +90,12 @@ def fill_transparent(
     Raises:
         InputError: it is transparent everywhere.
     """
-    opaque = 1.0 if alpha.dtype.kind == "f" else np.iinfo(alpha.dtype).max
+    opaque = float(alpha.max())  # which is 1023 in an AVIF of 10 bits
     hidden = alpha < opaque / 2
+    if opaque <= 0:
+        raise InputError("is transparent everywhere", "give {ignore_alpha} to use its colours")
     if not hidden.any():
         return None
-    if hidden.all():
-        raise InputError("is transparent everywhere", "give {ignore_alpha} to use its colours")
     seeds = alpha >= _OPAQUE * opaque  # colours of softer edges may be mixed with what was behind
     seeds = seeds if seeds.any() else ~hidden
     _, labels = cv2.distanceTransformWithLabels(
