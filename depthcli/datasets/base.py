@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from depthcli.core.types import Frame
+
 
 @dataclass(frozen=True, slots=True)
 class Pair:
@@ -85,6 +87,12 @@ class DepthDataset(ABC):
     @abstractmethod
     def image(self, i: int) -> npt.NDArray[np.uint8]:
         """Image of pair ``i``: (H, W, 3) RGB uint8."""
+
+    def frame(self, i: int) -> Frame:
+        """Image of pair ``i`` with what its file states, such as the focal length of EXIF."""
+        from depthcli.core.types import Frame  # noqa: PLC0415 - needs numpy
+
+        return Frame(self.image(i))
 
     @abstractmethod
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.types import Frame
 from depthcli.datasets import layouts
 from depthcli.datasets.base import DepthDataset, Pair
 from depthcli.errors import DatasetError, InputError, Message
@@ -143,6 +144,15 @@ class FolderDataset(DepthDataset):
             DatasetError: it cannot be read.
         """
         return read_image_rgb(_file(self.pairs[i].image))
+
+    def frame(self, i: int) -> Frame:
+        """Image of pair ``i`` with what its file states.
+
+        Raises:
+            DatasetError: it cannot be read.
+        """
+        with as_dataset_error():
+            return read.read_image(_file(self.pairs[i].image))
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
         """Depth of pair ``i`` in the view of its image: (H, W) float32 metres, 0 = none.
@@ -341,7 +351,7 @@ def open_paired_folder(
     if dataset.depth_m(0).shape != shape:
         notes.append(f"depth of {shape[1]}×{shape[0]} is compared in the view of the images")
     if not dataset.focal_px:
-        notes.append("the focal length is not known: that of each model is assumed")
+        notes.append("focal length: what EXIF states, else what each model assumes")
     _check_unit(dataset, plausible_m)
     warnings = (*first.warnings_with_scale("png_scale"), *unfit)
     return replace(dataset, notes=tuple(notes), warnings=warnings)

@@ -54,7 +54,7 @@ class Sample:
     @cached_property
     def frame(self) -> Frame:
         """The image."""
-        return Frame(self._dataset.image(self._position))
+        return self._dataset.frame(self._position)
 
 
 @dataclass(frozen=True, slots=True)

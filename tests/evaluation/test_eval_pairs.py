@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.tiny import write_model
+from PIL import Image
 
 from depthcli.cli.app import main
 from depthcli.core.camera import focal_px_of_hfov
@@ -320,3 +321,21 @@ def test_model_that_was_trained_on_these_pairs_is_marked(
     (row,) = _table(capsys, str(data), "--model", str(nyu))[0]["rows"]
     assert "2 pairs of NYU" in row["note"]
     assert "images_trained_on" not in row
+
+
+def test_focal_length_of_exif_scales_predictions(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As predict does: pictures of a phone state it, and a folder of them has no cameras.csv."""
+    (data / "cameras.csv").unlink()
+    for name, factor in FACTORS.items():
+        exif = Image.Exif()
+        # Millimetres of a 36 × 24 mm film, whose diagonal the image's stands for.
+        diagonal_px = float(np.hypot(WIDTH, HEIGHT))
+        equivalent = factor * FOCAL_PX * float(np.hypot(36, 24)) / diagonal_px
+        exif.get_ifd(0x8769)[0xA405] = round(equivalent)
+        path = data / f"rgb/{name}.png"
+        Image.open(path).save(path.with_suffix(".jpg"), exif=exif, quality=100)
+        path.unlink()
+    row = _row(data, capsys)
+    assert row["scores"]["abs_rel"] < 0.05

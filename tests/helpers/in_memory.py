@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from depthcli.core.types import Frame
 from depthcli.datasets.base import Pair
 
 
@@ -18,6 +19,9 @@ class InMemory:
     def pairs(self) -> tuple[Pair, ...]:
         ones = self.scales or (1.0,) * len(self.ids)
         return tuple(Pair(name, scale=scale) for name, scale in zip(self.ids, ones, strict=True))
+
+    def frame(self, i: int) -> Frame:
+        return Frame(self.image(i))
 
     def files(self, i: int) -> list:
         del i
