@@ -1,9 +1,8 @@
-"""The exported graph: what it computes, and what it is made of."""
+"""The exported graph: sizes, float16, int8 and parity."""
 
-from __future__ import annotations
-
+import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import onnx
@@ -11,12 +10,26 @@ import onnxruntime
 import pytest
 import torch
 from helpers.small import ALL, EFFICIENT, RESNET, small_network
+from helpers.tiny import synthetic_picture, tiny_onnx, write_picture
 from onnx import TensorProto
+from onnx.numpy_helper import to_array
+from torch import Tensor, nn
 
-from depthcli.export.graph import build_graph, fold_batch_norm, weights_to_float16
-
-if TYPE_CHECKING:
-    from depthcli.training.config import GeneratorConfig
+from depthcli.core.types import DepthMap
+from depthcli.errors import ParityError
+from depthcli.export.graph import (
+    _inputs,
+    build_graph,
+    calibration_batches,
+    check_parity,
+    fold_batch_norm,
+    quantize,
+    weights_to_float16,
+)
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.models.card import Colour, Fit, InputSpec
+from depthcli.training.config import GeneratorConfig
+from depthcli.training.networks.efficient import EfficientGenerator
 
 Array = np.ndarray[Any, np.dtype[np.float32]]
 
@@ -158,3 +171,140 @@ def test_other_opsets(opset: int) -> None:
     model = build_graph(network, opset=opset)
     assert [entry.version for entry in model.opset_import] == [opset]
     np.testing.assert_allclose(_run(model, image), _torch(network, image), atol=2e-4)
+
+
+SPEC = InputSpec(Colour.VALUE, 64, 48, True, 4, Fit.STRETCH, (0.5,), (0.5,))
+
+
+def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
+    for shift in range(4):
+        pixels = np.roll(synthetic_picture(), 9 * shift, axis=1)
+        write_picture(tmp_path / f"{shift}.png", pixels)
+    (tmp_path / "notes.txt").write_text("no picture")
+    network = EfficientGenerator((32,) * 5, (32,) * 4, (1,) * 4, 0.0, norm=True).eval()
+    network.head.weight.data.normal_(0, 0.1)
+    model = build_graph(network)
+    batches = calibration_batches(tmp_path, SPEC)
+    assert len(batches) == 4
+    small = quantize(model, batches)
+    assert small.ByteSize() < 0.5 * model.ByteSize()
+    weights = [w for w in map(to_array, small.graph.initializer) if w.dtype == np.int8]
+    assert max(np.abs(w.astype(int)).max() for w in weights) <= 64  # 7 of the 8 bits
+    assert sum(w.ndim == 1 and w.size > 1 for w in weights) > 0  # zero points of channels
+    assert any(w.dtype == np.uint8 for w in map(to_array, small.graph.initializer))  # activations
+    assert not logging.root.manager.disable
+    for batch in batches:
+        a, b = (
+            onnxruntime.InferenceSession(m.SerializeToString()).run(None, {"image": batch})[0]
+            for m in (model, small)
+        )
+        assert 0 < np.abs(a - b).max() < 0.1 * np.ptp(a) + 0.02
+
+
+@pytest.mark.parametrize("count", [1, 64, 65, 127, 200])
+def test_calibration_is_spread_over_all_pictures(tmp_path: Path, count: int) -> None:
+    for number in range(count):
+        write_picture(tmp_path / f"{number:03}.png", np.full((48, 64, 3), number, np.uint8))
+    seen = [round((batch.mean() + 1) * 127.5) for batch in calibration_batches(tmp_path, SPEC)]
+    assert (len(seen), seen[0], seen[-1]) == (min(count, 64), 0, count - 1)
+    assert len(seen) == 1 or max(np.diff(seen)) <= -(-count // 64) + 1
+
+
+def test_calibration_takes_subfolders(tmp_path: Path) -> None:
+    for number, name in enumerate(("b/0.png", "a.png", "b/c/1.png", "a/9.png")):
+        write_picture(tmp_path / "rgb" / name, np.full((48, 64, 3), number, np.uint8))
+    batches = calibration_batches(tmp_path / "rgb", SPEC)
+    assert [round((batch.mean() + 1) * 127.5) for batch in batches] == [3, 1, 0, 2]
+
+
+def test_calibration_takes_neither_outputs_nor_other_files(tmp_path: Path) -> None:
+    for number in range(300):
+        (tmp_path / f"{number:03}.json").touch()
+    write_picture(tmp_path / "a.png", np.full((48, 64, 3), 9, np.uint8))
+    Png16Writer().write(DepthMap(np.ones((48, 64), np.float32)), tmp_path / "a.depth.png")
+    (batch,) = calibration_batches(tmp_path, SPEC)
+    assert round((batch.mean() + 1) * 127.5) == 9
+
+
+CASES = ((1, 12, 16), (2, 24, 8))
+
+
+class _Offset(nn.Module):
+    """The tiny model, whose output is its input, and something that it does not do."""
+
+    def __init__(self, offset: float) -> None:
+        super().__init__()
+        self.offset = offset
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.offset
+
+
+class _SizeBakedIn(nn.Module):
+    """Tracing fixes what is computed outside torch, so the export is right at one size only."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x * (float(x.shape[3]) / 128)
+
+
+class _FirstImageOnly(nn.Module):
+    """Wrong for the second picture of a batch alone."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.cat([x[:1], x[1:] + 0.5])
+
+
+def test_same_network_passes_and_is_measured() -> None:
+    network = small_network()
+    parity = check_parity(network, build_graph(network).SerializeToString(), ((1, 32, 48),))
+    assert 0 < parity.mean_abs < parity.max_abs < 1e-3
+    assert parity.cases == ((1, 32, 48),)
+
+
+def test_difference_is_the_true_difference() -> None:
+    parity = check_parity(_Offset(0.25), tiny_onnx(), CASES, tolerance=0.3)
+    assert parity.max_abs == pytest.approx(0.25, abs=1e-6)
+    assert parity.mean_abs == pytest.approx(0.25, abs=1e-6)
+
+
+def test_difference_within_the_tolerance_passes() -> None:
+    largest = check_parity(_Offset(0.25), tiny_onnx(), CASES, tolerance=1).max_abs
+    assert check_parity(_Offset(0.25), tiny_onnx(), CASES, largest).tolerance == largest
+
+
+@pytest.mark.parametrize("size", [(1, 24, 32), (3, 33, 35)])
+def test_inputs_take_up_the_range_of_pictures(size: tuple[int, int, int]) -> None:
+    noise, ramp, waves = inputs = _inputs(*size, 1)
+    batch, height, width = size
+    for picture in inputs:
+        assert (picture.shape, picture.dtype) == ((batch, 1, height, width), np.float32)
+        assert picture.flags.c_contiguous
+        assert 0.9 < picture.max() <= 1
+        assert -1 <= picture.min() < 0
+        assert picture.std() > 0.2
+    assert len(np.unique(noise)) == noise.size
+    assert abs(noise.mean()) < 0.3
+    for one in ramp[:, 0]:
+        np.testing.assert_allclose(one[0], np.linspace(-1, 1, width), atol=1e-6)
+        assert [row.tolist() == one[0].tolist() for row in one] == [
+            row < height // 2 for row in range(height)
+        ]
+    assert (waves == waves[:1]).all()
+
+
+@pytest.mark.parametrize(
+    "network",
+    [_Offset(0.002), _Offset(float("nan")), _FirstImageOnly(), nn.MaxPool2d(3, 1, 1)],
+    ids=["offset", "nan", "second of a batch", "another network"],
+)
+def test_wrong_network_is_refused(network: nn.Module) -> None:
+    with pytest.raises(ParityError):
+        check_parity(network, tiny_onnx(), CASES)
+
+
+def test_size_that_tracing_fixed_is_noticed() -> None:
+    network = _SizeBakedIn()
+    model = build_graph(network).SerializeToString()
+    check_parity(network, model, ((2, 96, 128),))
+    with pytest.raises(ParityError):
+        check_parity(network, model, ((1, 96, 120),))

@@ -1,21 +1,28 @@
-"""A run as a program starts it, without a terminal."""
+"""Training as a job: data, init weights, and what is told."""
 
-from __future__ import annotations
-
+import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import cv2
+import numpy as np
 import pytest
+import torch
 from helpers.rooms import EFFICIENT, write_rooms
+from helpers.tiny import tiny_onnx, write_model
 
-from depthcli.errors import DatasetError, ModelError
+from depthcli.errors import CheckpointError, DatasetError, ModelError
+from depthcli.inference.session import Session
 from depthcli.jobs.train import TrainRequest, train
+from depthcli.models.catalog import find_model
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import Checkpoint
-
-if TYPE_CHECKING:
-    from depthcli.training.checkpoint import TrainState
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, TrainState
+from depthcli.training.init_weights import load_init_weights, weights_file
+from depthcli.training.networks.build import build_generator
+from depthcli.training.provenance import DataProvenance
+from depthcli.training.settings import resolve_config
 
 
 class Notes(Callback):
@@ -99,3 +106,106 @@ def test_an_unknown_model_to_start_from_is_told_before_the_data_set_is_opened(
     request = replace(_request(tmp_path), init_weights=(Path("nope"),))
     with pytest.raises(ModelError):
         train(request, Callback())
+
+
+CAMERAS = "id,focal_px\n" + "".join(f"room{i:04d},60\n" for i in range(6))
+
+
+@pytest.fixture
+def request_of(tmp_path: Path) -> TrainRequest:
+    """Six rooms under names of their own, of which one is held out, after one step."""
+    mine = write_rooms(tmp_path / "mine")
+    for file in [*mine.glob("*/*.png")]:
+        file.rename(file.with_name(f"room{file.name}"))
+    index = mine / "index.csv"
+    index.write_text(index.read_text().replace("\n0", "\nroom0"))
+    run = tmp_path / "run"
+    request = TrainRequest(EFFICIENT, mine, run, accelerator="cpu", threads=1, minutes=0)
+    train(request, Callback())
+    assert Checkpoint.load(run / CHECKPOINT).provenance.held_out_ids == ("room0002",)
+    return request
+
+
+def _add_camera(folder: Path) -> None:
+    (folder / "cameras.csv").write_text(CAMERAS)
+
+
+def _add_held_out(folder: Path) -> None:
+    for part in ("rgb", "depth"):
+        shutil.copy(folder / part / "room0002.png", folder / part / "room0006.png")
+    with (folder / "index.csv").open("a") as index:
+        index.write("room0006,den_1,train\n")
+
+
+def _paint(folder: Path) -> None:
+    file = str(next(folder.glob("rgb/*0000.png")))
+    cv2.imwrite(file, cv2.imread(file) // 2)
+
+
+@pytest.mark.parametrize("change", [_add_camera, _add_held_out, _paint])
+def test_changed_data_are_refused(request_of: TrainRequest, change: Callable[[Path], None]) -> None:
+    change(request_of.data)
+    with pytest.raises(CheckpointError):
+        train(request_of, Callback())
+
+
+def test_other_focal_lengths_are_refused(request_of: TrainRequest) -> None:
+    _add_camera(request_of.data)
+    request = replace(request_of, out=request_of.out.with_name("scaled"))
+    train(request, Callback())
+    (request.data / "cameras.csv").write_text(CAMERAS.replace(",60", ",80"))
+    with pytest.raises(CheckpointError):
+        train(request, Callback())
+
+
+def test_folder_of_the_data_may_have_moved(request_of: TrainRequest) -> None:
+    moved = replace(request_of, data=request_of.data.rename(request_of.data.with_name("moved")))
+    assert train(moved, Callback()).state.step == 2
+
+
+@pytest.mark.parametrize("name", ["default", "fast", "float"])
+def test_a_bundled_model_gives_the_weights_of_its_float_model(name: str) -> None:
+    assert weights_file(Path(name)) == find_model("float").path
+
+
+def test_a_model_s_file_stands_for_its_float_model_too() -> None:
+    assert weights_file(find_model("fast").path) == find_model("float").path
+
+
+def test_the_preset_finetune_starts_where_the_bundled_model_is() -> None:
+    config, model = resolve_config("proposed", "finetune"), find_model("float")
+    generator = build_generator(config.generator).eval()
+    load_init_weights(generator, [weights_file(Path("default"))], DataProvenance())
+    seen = model.card.input
+    assert (config.data.width, config.data.height) == (seen.width, seen.height)
+    size = (1, 1, seen.height, seen.width)
+    gray = torch.rand(size, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    with torch.no_grad():
+        started = generator(gray)
+    exported = Session(model, provider="cpu", threads=1).run(gray.numpy())
+    np.testing.assert_allclose(started.numpy().squeeze(), exported.squeeze(), atol=2e-3)
+
+
+def test_a_model_without_a_card_inside_has_the_one_beside(tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "other")
+    model = weights_file(folder)
+    assert model == folder / "model.onnx"
+    assert find_model(model).card == find_model(folder).card
+    model.write_bytes(tiny_onnx(channels=3))
+    with pytest.raises(ModelError):
+        find_model(model)
+    model.rename(folder / "b.onnx")
+    with pytest.raises(ModelError):
+        find_model(folder / "b.onnx")
+
+
+def test_a_checkpoint_is_taken_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "last.ckpt").touch()
+    assert weights_file(tmp_path / "last.ckpt") == tmp_path / "last.ckpt"
+    with pytest.raises(CheckpointError):
+        weights_file(tmp_path / "lost.ckpt")
+
+
+def test_an_unknown_name_is_refused() -> None:
+    with pytest.raises(ModelError):
+        weights_file(Path("nope"))
