@@ -3,26 +3,22 @@
 The encoder is faster than OpenCV's and its files are smaller; see docs/performance.md.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache, partial
 from itertools import chain, takewhile
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
 
 from depthcli.errors import InputError, OutputError
 from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    import numpy as np
-    import numpy.typing as npt
-
-    Pixels: TypeAlias = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-    Compressor: TypeAlias = Callable[[npt.NDArray[np.uint8]], bytes | bytearray]
+Pixels: TypeAlias = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+Compressor: TypeAlias = Callable[[npt.NDArray[np.uint8]], bytes | bytearray]
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_LENGTH = 2**31 - 1
@@ -142,8 +138,6 @@ def encode_png(pixels: Pixels, texts: Mapping[str, str] | None = None) -> bytes:
 
 def _filtered(pixels: Pixels) -> npt.NDArray[np.uint8]:
     """Rows filtered with type Up: the filter's number, then the differences to the row above."""
-    import numpy as np  # noqa: PLC0415 - commands recognize own files before they load it
-
     big_endian = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">"))
     rows = big_endian.reshape(len(pixels), -1).view(np.uint8)
     filtered = np.empty((rows.shape[0], rows.shape[1] + 1), np.uint8)

@@ -319,14 +319,8 @@ def _frame_pixels(
 
 
 _ALPHA_MODES = ("La", "PA", "RGBa")
-_PLAIN_MODES = (
-    "L",
-    "LA",
-    "RGB",
-    "RGBA",
-    "I",
-    "F",
-)  # Frame refuses unsupported pixels of the last two
+# Frame refuses unsupported pixels of the last two.
+_PLAIN_MODES = ("L", "LA", "RGB", "RGBA", "I", "F")
 _COLOUR_RANK = 3
 _ALPHA = {2: 1, 4: 3}
 """Number of channels with alpha, to that without."""
@@ -380,15 +374,14 @@ def frame_of(image: Picture, white_level: int | None = None) -> Frame:
     if isinstance(image, (bytes, bytearray, memoryview)):
         name = "the picture in memory"
         return read_image(None, bytes(image), name=name, white_level=white_level)
-    frame, alpha = _of_pil(image) if hasattr(image, "getexif") else _of_array(image)
+    if hasattr(image, "getexif"):
+        frame, alpha = _of_pil(image)
+    else:
+        array, alpha = _pixels(image)
+        frame = Frame(array)
     pixels, warnings = full_range(frame.pixels, None, white_level)
     frame = replace(frame, pixels=pixels, warnings=warnings)
     return frame if alpha is None else masked(frame, alpha)
-
-
-def _of_array(image: ArrayLike) -> tuple[Frame, npt.NDArray[Any] | None]:
-    pixels, alpha = _pixels(image)
-    return Frame(pixels), alpha
 
 
 def _pixels(image: ArrayLike) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
