@@ -28,7 +28,7 @@ _PGM_HEAD_BYTES = 4096
 
 
 class Png16Writer(NamedTuple):
-    """uint16 gray PNG."""
+    """uint16 gray PNG, or PGM (Netpbm) by the suffix of the file."""
 
     #: units per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
     png_scale: float = MILLIMETRES
@@ -39,21 +39,9 @@ class Png16Writer(NamedTuple):
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
         del frame
         steps, texts, warnings = stored_steps(depth, self, path.suffix[1:])
-        path.write_bytes(encode_png(steps, own_texts(texts)))
-        return warnings
-
-
-class PgmWriter(NamedTuple):
-    """uint16 gray PGM (Netpbm)."""
-
-    png_scale: float = MILLIMETRES  #: units per metre
-    png_normalize: bool = False  #: as in PNG
-    png_inverse: bool = False  #: as in PNG
-
-    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write what a PNG would have, its texts as comments."""
-        del frame
-        steps, texts, warnings = stored_steps(depth, Png16Writer(*self), path.suffix[1:])
+        if path.suffix.lower() != ".pgm":
+            path.write_bytes(encode_png(steps, own_texts(texts)))
+            return warnings
         comments = [one_line(f"# {name} {text}") for name, text in own_texts(texts).items()]
         lines = ["P5", *comments, f"{depth.width} {depth.height}", "65535", ""]
         head = "\n".join(lines).encode("ascii", "backslashreplace")

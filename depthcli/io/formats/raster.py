@@ -20,49 +20,29 @@ _COLMAP = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
 _TIFF_UNCOMPRESSED = 1
 
 
-class _FloatWriter:
-    """Float32 with the values as they are; the format has no room for what they mean."""
-
-    __slots__ = ()
+@dataclass(frozen=True, slots=True)
+class FloatWriter:
+    """PFM, uncompressed TIFF or COLMAP's dense map, by the suffix of the file."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write the values; a warning says what the file cannot."""
+        """Write (H, W) float32 as it is; no depth is infinite in PFM, 0 in COLMAP's maps.
+
+        The formats have no room for what the numbers mean, which is a warning if they have no unit.
+        """
         del frame
-        path.write_bytes(self.encoded(np.ascontiguousarray(depth.values, "<f4")))
-        problem = f"{depth.kind} depth has no unit, which {path.suffix[1:]} cannot say"
+        suffix, values = path.suffix.lower(), np.ascontiguousarray(depth.values, "<f4")
+        if suffix == ".pfm":  # rows from the bottom
+            known = np.where(np.isnan(values), np.float32(np.inf), values)
+            data = f"Pf\n{depth.width} {depth.height}\n-1.0\n".encode() + known[::-1].tobytes()
+        elif suffix == ".bin":
+            data = f"{depth.width}&{depth.height}&1&".encode()
+            data += np.nan_to_num(values, posinf=0).tobytes()
+        else:
+            settings = [cv2.IMWRITE_TIFF_COMPRESSION, _TIFF_UNCOMPRESSED]
+            data = cv2.imencode(".tiff", values, settings)[1].tobytes()
+        path.write_bytes(data)
+        problem = f"{depth.kind} depth has no unit, which {suffix[1:]} cannot say"
         return () if depth.is_metric else (Message(problem, "{sidecar} does"),)
-
-    def encoded(self, values: npt.NDArray[np.float32]) -> bytes:
-        """The bytes of a file, of (H, W) little-endian float32."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True, slots=True)
-class PfmWriter(_FloatWriter):
-    """Portable float map, rows from the bottom; infinite where there is no depth."""
-
-    def encoded(self, values: npt.NDArray[np.float32]) -> bytes:  # noqa: D102 - as above
-        height, width = values.shape
-        known = np.where(np.isnan(values), np.float32(np.inf), values)
-        return f"Pf\n{width} {height}\n-1.0\n".encode() + known[::-1].tobytes()
-
-
-@dataclass(frozen=True, slots=True)
-class TiffWriter(_FloatWriter):
-    """Uncompressed TIFF of one float channel."""
-
-    def encoded(self, values: npt.NDArray[np.float32]) -> bytes:  # noqa: D102 - as above
-        settings = [cv2.IMWRITE_TIFF_COMPRESSION, _TIFF_UNCOMPRESSED]
-        return cv2.imencode(".tiff", values, settings)[1].tobytes()
-
-
-@dataclass(frozen=True, slots=True)
-class ColmapWriter(_FloatWriter):
-    """Dense depth map of COLMAP, ``images.jpg.geometric.bin``; 0 where there is no depth."""
-
-    def encoded(self, values: npt.NDArray[np.float32]) -> bytes:  # noqa: D102 - as above
-        height, width = values.shape
-        return f"{width}&{height}&1&".encode() + np.nan_to_num(values, posinf=0).tobytes()
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:

@@ -141,16 +141,16 @@ class Format(StrEnum):
     )
     PFM = (
         "pfm",
-        FormatFacts("raster:PfmWriter", ".depth.pfm", ".pfm", is_readable=True, is_exact=True),
+        FormatFacts("raster:FloatWriter", ".depth.pfm", ".pfm", is_readable=True, is_exact=True),
     )
     TIFF = (
         "tiff",
-        FormatFacts("raster:TiffWriter", ".depth.tiff", ".tiff", is_readable=True, is_exact=True),
+        FormatFacts("raster:FloatWriter", ".depth.tiff", ".tiff", is_readable=True, is_exact=True),
     )
     PGM = (
         "pgm",
         FormatFacts(
-            *("png16:PgmWriter", ".depth.pgm", ".pgm", f"# {SOFTWARE_KEY} ".encode(), _PNG),
+            *("png16:Png16Writer", ".depth.pgm", ".pgm", f"# {SOFTWARE_KEY} ".encode(), _PNG),
             has_camera=True,
             is_readable=True,
         ),
@@ -166,7 +166,7 @@ class Format(StrEnum):
     )
     COLMAP = (
         "colmap",
-        FormatFacts("raster:ColmapWriter", ".depth.bin", ".bin", is_readable=True, is_exact=True),
+        FormatFacts("raster:FloatWriter", ".depth.bin", ".bin", is_readable=True, is_exact=True),
     )
     # It describes the PNG beside it.
     JSON = (
