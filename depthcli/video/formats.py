@@ -20,7 +20,7 @@ class VideoFormatFacts:
     #: file suffix that chooses this format where the user names a file; None if none does
     file_suffix: str | None
     #: the format of images whose writer writes its frames; None if there is none
-    picture: Format | None
+    image: Format | None
     #: options of the command that it uses, by the names of their parameters
     options: tuple[str, ...]
 
@@ -32,12 +32,12 @@ class VideoFormatFacts:
     @property
     def is_exact(self) -> bool:
         """Whether its files store the values of depth bit for bit, unless they are halved."""
-        return self.is_sequence and self.picture is not None and self.picture.facts.is_exact
+        return self.is_sequence and self.image is not None and self.image.facts.is_exact
 
     @property
     def is_preview(self) -> bool:
         """Whether it is a video of previews."""
-        return self.picture is Format.PREVIEW
+        return self.image is Format.PREVIEW
 
 
 def _preview(file_suffix: str) -> VideoFormatFacts:
@@ -45,10 +45,10 @@ def _preview(file_suffix: str) -> VideoFormatFacts:
     return VideoFormatFacts(f".preview{file_suffix}", file_suffix, Format.PREVIEW, options)
 
 
-def _frames(picture: Format) -> VideoFormatFacts:
-    facts = FORMATS[picture]
+def _frames(image: Format) -> VideoFormatFacts:
+    facts = FORMATS[image]
     suffix = f".depth.{FRAME_NUMBER}{facts.file_suffix}"
-    return VideoFormatFacts(suffix, None, picture, facts.parameters)
+    return VideoFormatFacts(suffix, None, image, facts.parameters)
 
 
 class VideoFormat(StrEnum):
@@ -81,15 +81,15 @@ class VideoFormat(StrEnum):
     # What the numbers of the others mean.
     JSON = "json", VideoFormatFacts(".depth.json", ".json", None, Format.JSON.facts.parameters)
     # Every other format of images that is read back is that of a sequence as well.
-    _ignore_ = "picture"
-    for picture in Format:
-        if picture.facts.is_readable and picture.name not in vars():
-            vars()[picture.name] = picture.value, _frames(picture)
+    _ignore_ = "image"
+    for image in Format:
+        if image.facts.is_readable and image.name not in vars():
+            vars()[image.name] = image.value, _frames(image)
 
 
 SEQUENCES = tuple(which for which in VideoFormat if which.facts.is_sequence)
 COUNTERPARTS = {
-    **{which.facts.picture: which for which in SEQUENCES if which.facts.picture},
+    **{which.facts.image: which for which in SEQUENCES if which.facts.image},
     Format.PNG16: VideoFormat.MKV,
     Format.PREVIEW: VideoFormat.MP4,
     Format.JSON: VideoFormat.JSON,

@@ -137,7 +137,7 @@ def find_images(path: Path) -> list[NumberedImage]:
     except OSError as error:
         raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
     if not matching:
-        what = "no picture" if is_folder else "no such picture: nothing fits the pattern"
+        what = "no image" if is_folder else "no such image: nothing fits the pattern"
         raise InputError(f"{path} has {what}", "see docs/video.md for image sequences")
     paths = [file for file in matching if not is_own_picture(file)]
     if not paths:

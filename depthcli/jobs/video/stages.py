@@ -125,8 +125,8 @@ def write_video(
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
     """Remove the sidecar of an earlier run, which would state its camera for files without one."""
     for which, name in plan.names.items():
-        picture = which.facts.picture
-        if which in SEQUENCES and picture is not None and not picture.facts.has_camera:
+        image_format = which.facts.image
+        if which in SEQUENCES and image_format is not None and not image_format.facts.has_camera:
             remove_video_sidecar(plan.folder / f"{base_name(name)}.json")
 
 
@@ -195,13 +195,16 @@ def open_output(
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
-    picture = which.facts.picture
-    if picture is None:
+    image_format = which.facts.image
+    if image_format is None:
         colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
         return DepthVideoOutput(target, timing, writing.png_scale, guard, colours)
-    writer = writing.writer(picture)
+    writer = writing.writer(image_format)
     if not isinstance(writer, PreviewWriter):
-        name, has_overscan = partial(numbered_name, plan.names[which]), picture.facts.has_overscan
+        name, has_overscan = (
+            partial(numbered_name, plan.names[which]),
+            image_format.facts.has_overscan,
+        )
         return SequenceOutput(
             which.value, plan.folder, name, writer, guard, has_overscan=has_overscan
         )
