@@ -121,14 +121,6 @@ def test_inverse_depth_needs_alignment(
     assert row["scores"]["abs_rel"] < 1e-3
 
 
-VARIANTS = {
-    "pooled average": ["--average", "pooled"],
-    "eigen crop": ["--crop", "eigen"],
-    "compared at 256×256": ["--compare-at", "256"],
-    "raw-valid mask": ["--mask", "raw"],
-}
-
-
 def test_csv_file(data: Path, tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     assert _run(data, "--split", "val", "--no-model", "--csv", str(path)) == ExitCode.OK
@@ -156,31 +148,24 @@ def test_data_may_come_from_the_environment(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    "arguments",
     [
-        (["--model", "default", "--no-model"], "not both"),
-        (["--no-model", "--per-image"], "add --json"),
-        (["--split", "val", "--no-model", "--no-trivial"], "nothing to compare; give --model or"),
-        (["--predictions", ".", "--predictions-kind", "feet", "--split", "val"], "feet"),
-        (["--split", "test"], "'test' is not one of"),
-        (
-            ["--split", "val", "--no-model", "--against", "CUT (paper)"],
-            "--against: CUT (paper) is not a row; choose from constant mean, per-pixel mean",
-        ),
-        (
-            ["--split=val", "--no-model", "--average=pooled", "--against=constant mean"],
-            "remove --average pooled",
-        ),
-        (["--limit", "0"], "limit"),
+        ["--model", "default", "--no-model"],
+        ["--no-model", "--per-image"],
+        ["--split", "val", "--no-model", "--no-trivial"],
+        ["--split", "val", "--predictions", ".", "--predictions-kind", "feet"],
+        ["--split", "val", "--predictions", ".", "--predictions-kind", "disparity"],
+        ["--split", "test"],
+        ["--split", "val", "--no-model", "--against", "CUT (paper)"],
+        ["--split=val", "--no-model", "--average=pooled", "--against=constant mean"],
+        ["--limit", "0"],
     ],
 )
-def test_usage_errors(
-    arguments: list[str], message: str, data: Path, capsys: pytest.CaptureFixture[str]
+def test_usage_errors_are_one_line(
+    arguments: list[str], data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _run(data, *arguments) == ExitCode.USAGE
-    error = capsys.readouterr().err
-    assert message in error
-    assert len(error.splitlines()) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_sheets_and_page(
