@@ -130,13 +130,16 @@ def _read_fields(
     if not isinstance(values, dict):
         raise FieldError.expected(f"a group of {', '.join(names)}", values)
     errors, found = [], {}
-    for name, value in values.items():
+    if unknown := [name for name in values if name not in names]:
+        problem = f"is unknown; choose from {', '.join(names)}"
+        errors.append(FieldError(problem).within(unknown[0]))
+    for name in (name for name in values if name in names):
         try:
-            if name not in names:
-                raise FieldError(f"is unknown; choose from {', '.join(names)}")  # noqa: TRY301
-            found[name] = read(name, value)
+            found[name] = read(name, values[name])
         except FieldError as error:
             errors.append(error.within(name))
+            if names is values:  # items of a list or an object, which may be a million
+                break
     errors += [
         FieldError("is missing", name) for name in names if name in required and name not in values
     ]

@@ -93,6 +93,7 @@ def test_every_type_is_read() -> None:
         ({"free": [math.inf]}, "free has to be a finite number, not inf"),
         ({"\x1b[2J": 1}, "'\\x1b[2J' is unknown; choose from name"),
         ({3: 1}, "3 is unknown; choose from name"),
+        ({"": 1}, "'' is unknown; choose from name"),
     ],
 )
 def test_error_names_the_invalid_value(values: Any, message: str) -> None:
