@@ -124,13 +124,13 @@ EXRS = {
 }
 EXR_PICTURES = {
     "empty": Bad(b"", "a.exr is empty"),
-    "text": Bad("no picture", "a.exr is not a picture"),
+    "text": Bad("no picture", "a.exr is not an image"),
     "head only": Bad(_EXR_PICTURE[:60], "a.exr is not an EXR file that can be read"),
     "cut": Bad(_EXR_PICTURE[:-4], "a.exr is damaged: its pixels cannot be read"),
     "deep": Bad(_deep_exr, "a.exr holds deep data; flatten it first"),
     "depth": Bad(
         _EXR.replace(b"depthcli:software", b"anothers:software").replace(b"Y\0", b"Z\0"),
-        "a.exr holds no picture in R, G, B or Y; it has Z",
+        "a.exr holds no image in R, G, B or Y; it has Z",
     ),
 }
 DEPTH_PNGS = {

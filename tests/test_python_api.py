@@ -157,7 +157,7 @@ def test_a_pil_picture_as_opened_is_turned_like_its_file(
     [
         ("missing.png", "missing.png is missing"),
         (b"", "in memory is empty"),
-        (b"no picture", "in memory is not a picture"),
+        (b"no picture", "in memory is not an image"),
         (None, "not NoneType"),
         (3.5, "not float"),
         (object(), "not object"),
@@ -257,7 +257,7 @@ STREAM_OPTIONS = [{"workers": 2}, {"batch_size": 3}, {"batch_size": 3, "workers"
 @pytest.mark.parametrize(
     ("bad", "why"),
     [
-        ([b"no picture"], "not a picture"),
+        ([b"no picture"], "not an image"),
         ([np.zeros((2, 2))], "float64"),
         ([PIXELS[:5, :5]], "outside"),
         ([], "the camera is gone"),

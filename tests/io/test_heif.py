@@ -101,7 +101,7 @@ def test_exif_behind_its_usual_head_is_found() -> None:
 def test_of_several_pictures_the_primary_one_is_used() -> None:
     frame = read_image(None, heic(DEEP, PICTURE[:32, :40], primary_index=1))
     assert distance(frame.pixels, PICTURE[:32, :40]) < 2
-    assert frame.warnings == ("has 2 pictures; only the primary one is used",)
+    assert frame.warnings == ("has 2 images; only the primary one is used",)
 
 
 def test_thumbnails_are_no_other_pictures() -> None:
@@ -117,7 +117,7 @@ def test_thumbnails_are_no_other_pictures() -> None:
 def test_high_dynamic_range_is_told(transfer: int, name: str) -> None:
     (warning,) = read_image(None, heic(DEEP, transfer_characteristics=transfer)).warnings
     assert f"({name})" in warning
-    assert warning.endswith("convert the picture to sRGB first")
+    assert warning.endswith("sRGB first")
 
 
 def test_content_counts_and_avif_is_not_heif() -> None:

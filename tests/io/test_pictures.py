@@ -139,7 +139,7 @@ def test_an_animated_avif_is_warned_of(tmp_path: Path) -> None:
     frames.durations = np.array([100, 100])
     path.write_bytes(cv2.imencodeanimation(".avif", frames)[1].tobytes())
     (warning,) = read_image(path).warnings
-    assert "only the first picture is used" in warning
+    assert "only the first image" in warning
 
 
 def test_a_side_that_no_decoder_reads_is_named(tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_profile_with_another_tone_curve_is_told(
     assert len(read_image(None, file.getvalue()).warnings) == is_told
 
 
-TOLD = ("has 3 pictures; only the first is used",)
+TOLD = ("has 3 images; only the first is used",)
 PICTURES = list(np.random.default_rng(0).integers(0, 255, (3, 40, 60, 3), np.uint8))
 
 

@@ -206,7 +206,7 @@ def test_exr_without_image_channels_is_refused(tmp_path: Path, loader: SessionLo
     header = {"type": OpenEXR.scanlineimage}
     depth = tmp_path / "z.exr"
     OpenEXR.File(header, {"Z": np.ones((8, 8), np.float32)}).write(str(depth))
-    with pytest.raises(InputError, match=r"z\.exr holds no picture in R, G, B or Y; it has Z"):
+    with pytest.raises(InputError, match=r"z\.exr holds no image"):
         read_image(depth)
 
 

@@ -409,7 +409,7 @@ def colour_channels(
         return ("Y",), None
     if not coloured:
         shown = one_line(", ".join(names))
-        raise InputError(f"{file} holds no picture in R, G, B or Y", f"it has {shown}")
+        raise InputError(f"{file} holds no image in R, G, B or Y", f"it has {shown}")
     ranks = {layer: _picture_rank(layer) for layer in coloured}
     likely = [layer for layer, rank in ranks.items() if rank == min(ranks.values())]
     return coloured[likely[0]], _doubt(likely)

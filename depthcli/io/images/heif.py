@@ -127,7 +127,7 @@ def heif_header(data: bytes) -> Header:
     return Header(
         width,
         height,
-        f"has {len(file)} pictures; only the primary one is used" if len(file) > 1 else None,
+        f"has {len(file)} images; only the primary one is used" if len(file) > 1 else None,
         orientation=property_orientation(data),
         is_upright=True,
         white=None if bits == _EIGHT_BIT else (1 << bits) - 1,

@@ -89,7 +89,7 @@ def _frame(data: bytes) -> tuple[int, int, int]:
         if marker in _FRAMES:
             height, width, components = struct.unpack_from(">HHB", body, 1)
             return width, height, components
-    raise InputError("is not a picture, or a truncated JPEG", "copy it again")
+    raise InputError("is not an image, or a truncated JPEG", "copy it again")
 
 
 def segments(data: bytes) -> Iterator[tuple[int, bytes]]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from depthcli.errors import InputError
 
-ANIMATED = "is animated; only the first picture is used"
+ANIMATED = "is animated; only the first image is used"
 """A warning."""
 _WEBP_ANIMATION = 0x02  # of the flags of an extended file
 _GIF_FRAME = b"\0\x21\xf9\x04"  # the end of a block, and a graphic control extension

@@ -128,7 +128,7 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
         header = container.header(data)
     width, height = header.width, header.height
     if width <= 0 or height <= 0:
-        raise InputError(f"{name} claims {width}×{height} pixels", "the picture is empty")
+        raise InputError(f"{name} claims {width}×{height} pixels", "the image is empty")
     check_pixel_count(name, width, height, max_pixels)
     if max(width, height) > _MAX_SIDE:
         raise InputError(
@@ -168,7 +168,7 @@ def _no_image(data: bytes, name: str) -> InputError:
         return InputError(f"{name} is an EXR", "end its name in .exr, or save it as PNG or TIFF")
     advice = "'depthcli video' reads videos" if is_video(name) else ""
     return InputError(
-        f"{name} is not a picture (JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM, EXR)", advice
+        f"{name} is not an image (JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM, EXR)", advice
     )
 
 
@@ -314,7 +314,7 @@ def _frame_pixels(
         above = encode(light, exposure)
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
     pixels, warnings = full_range(pixels, header.white, *levels)
-    hdr = transfer_warning(header.transfer, "picture", "sRGB")
+    hdr = transfer_warning(header.transfer, "image", "sRGB")
     return as_frame_dtype(pixels, image.name), (*warnings, hdr)
 
 
@@ -372,7 +372,7 @@ def frame_of(image: Picture, white_level: int | None = None) -> Frame:
     if isinstance(image, (str, os.PathLike)):
         return read_image(path_of(image), white_level=white_level)
     if isinstance(image, (bytes, bytearray, memoryview)):
-        name = "the picture in memory"
+        name = "the image in memory"
         return read_image(None, bytes(image), name=name, white_level=white_level)
     if hasattr(image, "getexif"):
         frame, alpha = _of_pil(image)
@@ -395,7 +395,7 @@ def _pixels(image: ArrayLike) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None
         raise InputError("a masked array has pixels without a value; fill them with .filled()")
     if pixels.ndim == 0 or pixels.dtype == object:
         raise InputError(
-            "a picture is a path, bytes, an array, a Frame or a PIL picture, "
+            "an image is a path, bytes, an array, a Frame or a PIL image, "
             f"not {type(image).__name__}"
         )
     alpha = None
@@ -411,7 +411,7 @@ def _of_pil(image: Any) -> tuple[Frame, npt.NDArray[Any] | None]:  # noqa: ANN40
     try:
         pixels, alpha = _pixels(_gray_or_rgb(image))
     except OSError as error:
-        raise InputError(f"the PIL picture cannot be read: {error}") from error
+        raise InputError(f"the PIL image cannot be read: {error}") from error
     if image.format is None:  # made or changed by a program: its EXIF may be outdated
         return Frame(pixels), alpha
     exif = image.getexif()
@@ -437,5 +437,5 @@ def _gray_or_rgb(image: Any) -> Any:  # noqa: ANN401 - PIL need not be installed
         return image if is_plain else image.convert("RGB")
     except ValueError as error:
         raise InputError(
-            f"a PIL picture of mode {image.mode} is not supported; convert it to RGB"
+            f"a PIL image of mode {image.mode} is not supported; convert it to RGB"
         ) from error

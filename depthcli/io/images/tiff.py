@@ -32,7 +32,7 @@ def tiff_header(data: bytes) -> Header:
     tags = _first_directory(data)
     if tags.get(_SUBFILE_TYPE, 0) & _REDUCED and _SUB_DIRECTORIES in tags:
         raise InputError(
-            "has a thumbnail as its first picture, as camera raw files do",
+            "has a thumbnail as its first image, as camera raw files do",
             "convert it to JPEG, PNG or TIFF first",
         )
     problem = _not_for_opencv(tags)
@@ -42,7 +42,7 @@ def tiff_header(data: bytes) -> Header:
     return Header(
         tags[_WIDTH],
         tags[_HEIGHT],
-        f"has {count} pictures; only the first is used" if count > 1 else None,
+        f"has {count} images; only the first is used" if count > 1 else None,
         # OpenCV shifts packed bits to the left.
         white=(1 << _SIXTEEN) - (1 << _SIXTEEN - bits) if _EIGHT < bits < _SIXTEEN else None,
         is_upright=True,

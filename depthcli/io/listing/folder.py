@@ -1,4 +1,4 @@
-"""The pictures and videos below a folder, and which of them are outputs of depthcli."""
+"""The images and videos below a folder, and which of them are outputs of depthcli."""
 
 import os
 import re
@@ -40,7 +40,7 @@ def is_own_exr(data: bytes) -> bool:
 def is_own_output(path: str) -> bool:
     """Whether a file found in a folder is an output of depthcli.
 
-    Videos are recognized by their names alone; pictures are opened only if their names match.
+    Videos are recognized by their names alone; images are opened only if their names match.
     """
     if re.search(_VIDEO_NAME, path):
         return True
@@ -53,7 +53,7 @@ EXTRAS = {
     **dict.fromkeys(HEIF_SUFFIXES, ("pillow_heif", INSTALL_HEIF)),
     **dict.fromkeys(FORMATS_SUFFIXES, ("OpenImageIO", INSTALL_FORMATS)),
 }
-"""The package that pictures of a suffix need, and how to install it."""
+"""The package that images of a suffix need, and how to install it."""
 
 
 HIDDEN = "hidden"
@@ -110,7 +110,7 @@ PICTURE_SUFFIXES = (
     *(".bmp", ".dib", ".gif", ".pbm", ".pgm", ".ppm", ".pnm"),
 )
 EXR_SUFFIX = ".exr"
-"""Not among ``PICTURE_SUFFIXES``: most such files in a folder hold no picture."""
+"""Not among ``PICTURE_SUFFIXES``: most such files in a folder hold no image."""
 VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
     *(".mts", ".m2ts", ".ts", ".mxf", ".wmv", ".flv", ".ogv", ".3gp"),
@@ -136,10 +136,10 @@ class InputFile(NamedTuple):
 class Listing(NamedTuple):
     """The content of a folder and its subfolders."""
 
-    #: inputs, by default pictures and videos, and unreadable folders, in an order that depends on
+    #: inputs, by default images and videos, and unreadable folders, in an order that depends on
     #: names alone
     media: list[InputFile]
-    #: other files: by default neither picture nor video by their suffix, hidden, or outputs
+    #: other files: by default neither image nor video by their suffix, hidden, or outputs
     skipped: list[Skipped]
     loops: list[str]  #: folders left out because they lead back to a folder that they are in
 
@@ -162,18 +162,18 @@ def is_archive(name: str) -> bool:
 
 
 def is_exr(name: str) -> bool:
-    """Whether a name's suffix is that of OpenEXR, which holds pictures or depth."""
+    """Whether a name's suffix is that of OpenEXR, which holds images or depth."""
     return os.path.splitext(name)[1].lower() == EXR_SUFFIX  # noqa: PTH122 - names, not paths
 
 
 def is_picture(name: str) -> bool:
-    """Whether a name's suffix is that of a picture that is read here, EXR apart."""
+    """Whether a name's suffix is that of an image that is read here, EXR apart."""
     suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
     return suffix in PICTURE_SUFFIXES or (suffix in EXTRAS and is_installed(EXTRAS[suffix][0]))
 
 
 def is_media(name: str) -> bool:
-    """Whether a name is a picture's or a video's by its suffix, and not hidden."""
+    """Whether a name is an image's or a video's by its suffix, and not hidden."""
     return not name.startswith(".") and (is_picture(name) or is_video(name))
 
 
