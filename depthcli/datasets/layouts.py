@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.datasets.base import Pair
@@ -213,13 +214,23 @@ def _nearest_in_time(images: Mapping[str, Path], depths: Mapping[str, Path]) -> 
         return {}
     names = list(images), list(depths)
     image_s, depth_s = (np.array([float(name) for name in side]) for side in names)
-    apart_s = np.abs(image_s[:, np.newaxis] - depth_s)
-    partner, image_of = apart_s.argmin(1), apart_s.argmin(0)
+    partner, image_of = _nearest(image_s, depth_s), _nearest(depth_s, image_s)
     return {
         names[0][i]: names[1][j]
         for i, j in enumerate(partner)
-        if image_of[j] == i and apart_s[i, j] <= _MOST_APART_S
+        if image_of[j] == i and abs(image_s[i] - depth_s[j]) <= _MOST_APART_S
     }
+
+
+def _nearest(
+    times_s: npt.NDArray[np.float64], among_s: npt.NDArray[np.float64]
+) -> npt.NDArray[np.intp]:
+    """Position in ``among_s`` of the nearest to each time."""
+    order = among_s.argsort()
+    after = among_s[order].searchsorted(times_s)
+    before, after = order[(after - 1).clip(0)], order[after.clip(max=len(order) - 1)]
+    is_before = np.abs(times_s - among_s[before]) <= np.abs(times_s - among_s[after])
+    return np.asarray(np.where(is_before, before, after), np.intp)
 
 
 def _associated(table: Path) -> tuple[Pair, ...]:
