@@ -8,7 +8,7 @@ a dataclass and takes 28 ms to load.)
 import hashlib
 import json
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass, replace
 from enum import Enum
@@ -93,13 +93,18 @@ def merged(base: _T, changes: object) -> _T:
     """
     given: Any = base
     hints, _ = _hints(cast("Any", type(base)))
-
-    def read(name: str, value: object) -> object:
-        old = getattr(base, name)
-        return merged(old, value) if is_dataclass(old) else _converted(hints[name], value)
-
-    result: _T = replace(given, **_read_fields(hints, changes, read))
+    bases = {
+        name: _Base(getattr(base, name)) for name in hints if is_dataclass(getattr(base, name))
+    }
+    result: _T = replace(given, **_read_fields({**hints, **bases}, changes))
     return result
+
+
+class _Base:
+    """Stands for an annotation of a dataclass that values are merged with."""
+
+    def __init__(self, value: object) -> None:
+        self.value = value
 
 
 def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
@@ -122,27 +127,35 @@ def _hints(kind: type) -> tuple[dict[str, Any], frozenset[str]]:
 
 
 def _read_fields(
-    names: Collection[Any],
+    hints: Mapping[Any, Any],
     values: object,
-    read: Callable[[Any, object], object],
     required: Collection[Any] = (),
+    *,
+    is_list: bool = False,
 ) -> dict[Any, Any]:
+    """Values by name, each as its annotation demands; of a list, the first fault is enough."""
     if not isinstance(values, dict):
-        raise FieldError.expected(f"a group of {', '.join(names)}", values)
-    errors, found = [], {}
-    if unknown := [name for name in values if name not in names]:
-        problem = f"is unknown; choose from {', '.join(names)}"
-        errors.append(FieldError(problem).within(unknown[0]))
-    for name in (name for name in values if name in names):
+        raise FieldError.expected(f"a group of {', '.join(hints)}", values)
+    errors, found, unknown = [], {}, []
+    for name, value in values.items():
+        if name not in hints:
+            unknown.append(name)
+            continue
+        hint = hints[name]
         try:
-            found[name] = read(name, values[name])
+            # Most fields are texts, in a million rows of a manifest.
+            is_text = hint is str and type(value) is str
+            found[name] = value if is_text else _converted(hint, value)
         except FieldError as error:
             errors.append(error.within(name))
-            if names is values:  # items of a list or an object, which may be a million
+            if is_list:
                 break
-    errors += [
-        FieldError("is missing", name) for name in names if name in required and name not in values
-    ]
+    if unknown:
+        problem = f"is unknown; choose from {', '.join(hints)}"
+        errors.insert(0, FieldError(problem).within(unknown[0]))
+    if len(found) < len(hints):
+        missing = [name for name in hints if name in required and name not in values]
+        errors += [FieldError("is missing", name) for name in missing]
     if errors:
         first, *others = errors
         raise FieldError(first.problem, first.path, [*first.others, *others])
@@ -156,9 +169,12 @@ def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:  # noqa: ANN401
 
 def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa: ANN401, PLR0911
     """A value as an annotation demands it; the rule describes it in messages."""
-    if hint is str and type(value) is str:  # most fields, of a million rows of a manifest
-        return value
+    if type(hint) is _Base:
+        return merged(hint.value, value)
     origin, parts = _parts(hint)
+    if origin is None and hasattr(hint, "__dataclass_fields__"):
+        hints, required = _hints(hint)
+        return hint(**_read_fields(hints, value, required))
     if origin is Annotated:
         result = _converted(parts[0], value, parts[1])
         if result is not None and not parts[1].holds(result):
@@ -173,10 +189,6 @@ def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa:
             with suppress(FieldError):
                 return _converted(parts[1], value)
             raise
-    if is_dataclass(hint):
-        hints, required = _hints(cast("type", hint))
-        given = _read_fields(hints, value, lambda n, item: _converted(hints[n], item), required)
-        return cast("Any", hint)(**given)
     return _plain(hint, value, rule) if origin is None else _items(origin, parts, value, rule)
 
 
@@ -187,12 +199,11 @@ def _items(origin: Any, parts: tuple[Any, ...], value: Any, rule: Rule | None) -
     if origin is tuple:
         if not isinstance(value, (list, tuple)):
             raise FieldError.expected(rule.what if rule else "a list", value)
-        numbered = dict(enumerate(value))
-        read = _read_fields(numbered, numbered, lambda _, item: _converted(parts[0], item))
-        return tuple(read.values())
+        hints = dict.fromkeys(range(len(value)), parts[0])
+        return tuple(_read_fields(hints, dict(enumerate(value)), is_list=True).values())
     if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
         raise FieldError.expected(rule.what if rule else "an object", value)
-    return _read_fields(value, value, lambda _, item: _converted(parts[1], item))
+    return _read_fields(dict.fromkeys(value, parts[1]), value, is_list=True)
 
 
 def _plain(hint: Any, value: Any, rule: Rule | None) -> Any:  # noqa: ANN401
