@@ -75,8 +75,6 @@ def resize_cubic(
 
     Shapes and types as of :func:`resize_bilinear`.
     """
-    if values.shape[:2] == (height, width):
-        return values
     return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_CUBIC))
 
 

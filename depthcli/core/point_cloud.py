@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.options import Projection
 from depthcli.core.types import DepthMap, Frame, Provenance, panorama_rays
 from depthcli.errors import UsageError
 
@@ -61,14 +60,14 @@ def point_cloud(
     source = depth.provenance or Provenance()
     centre_x, centre_y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
     valid = depth.valid
-    if source.projection is Projection.EQUIRECTANGULAR:
+    rgb = None if frame is None else frame.pixels_8bit()[valid]
+    if source.projection.is_other:
         rays = panorama_rays(depth.width, depth.height)[valid]
-        xyz_m = rays * depth.values[valid][:, np.newaxis]
-        return PointCloud(xyz_m, None if frame is None else frame.pixels_8bit()[valid])
+        return PointCloud(rays * depth.values[valid][:, np.newaxis], rgb)
     rows, columns = np.nonzero(valid)
     xyz_m = np.empty((len(rows), 3), np.float32)
     xyz_m[:, 2] = depth.values[valid]
     xyz_m[:, 0] = ((np.arange(depth.width) - centre_x) / focal_px)[columns] * xyz_m[:, 2]
     focal_y_px = focal_px * source.pixel_aspect
     xyz_m[:, 1] = ((np.arange(depth.height) - centre_y) / focal_y_px)[rows] * xyz_m[:, 2]
-    return PointCloud(xyz_m, None if frame is None else frame.pixels_8bit()[valid])
+    return PointCloud(xyz_m, rgb)

@@ -39,17 +39,11 @@ def check_pixels(pixels: npt.NDArray[Any]) -> None:
     if dtype not in (np.uint8, np.uint16, np.float32):
         raise InputError(f"pixels have to be uint8, uint16 or float32, not {dtype}; convert them")
     if dtype == np.float32:
-        _check_floats(pixels)
-
-
-def _check_floats(pixels: npt.NDArray[np.float32]) -> None:
-    low, high = float(pixels.min()), float(pixels.max())
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise InputError(
-            "some float pixels are NaN or infinite; replace them, for example with np.nan_to_num"
-        )
-    if is_out_of_range(pixels, low, high):
-        raise InputError(f"float pixels have to be in [0, 1], not {low:g} to {high:g}; scale them")
+        low, high = float(pixels.min()), float(pixels.max())
+        is_finite = math.isfinite(low) and math.isfinite(high)
+        if not is_finite or is_out_of_range(pixels, low, high):
+            told = f"float pixels have to be finite and in [0, 1], not {low:g} to {high:g}"
+            raise InputError(told, "scale them, and replace the others with np.nan_to_num")
 
 
 def is_out_of_range(pixels: npt.NDArray[np.float32], low: float, high: float) -> bool:
