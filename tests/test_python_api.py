@@ -189,7 +189,7 @@ def test_invalid_image_is_refused_in_one_line(
         ({"anchors": [(math.inf, 4, 2)]}, "not one of a picture"),
         ({"anchors": [(3, 4, "far")]}, "column, row, metres"),
         ({"anchors": [(3, 4, -2)]}, "-2 m; give a depth from 0.001"),
-        ({"anchors": [(64, 4, 2)]}, "outside the picture"),
+        ({"anchors": [(64, 4, 2)]}, "outside the image"),
         ({"anchors": np.zeros((5, 4), int)}, "column, row, metres"),
         ({"anchors": np.zeros(3)}, "column, row, metres"),
         ({"anchors": np.array([[np.nan, 4, 1]])}, "not one of a picture"),

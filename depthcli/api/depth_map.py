@@ -88,21 +88,21 @@ class DepthMap(types.DepthMap):
     def fit_anchors(self, anchors: Anchors) -> Self:
         """Metric depth that fits known points best.
 
-        One point fits the scale, two or more also a shift, and five or more leave out those that
-        contradict the others. A ``DepthcliWarning`` states how many pixels have no depth
-        because the fit puts them at or below 0 m.
+        One point fits the scale, two or more also a shift. Depth follows five or more locally, and
+        those that contradict the others are left out. A ``DepthcliWarning`` states how many pixels
+        have no depth because the fit puts them at or below 0 m, and how many points are outside.
 
         Args:
             anchors: (column, row, metres along the camera axis), one or more, as a list or (N, 3)
-                numbers, each of the nearest pixel; or a sparse map of the same size, as (H, W)
+                numbers, each of the nearest pixel; or a sparse map of the same aspect, as (H, W)
                 float metres or metric ``DepthMap``, whose pixels that are NaN or 0 are unknown.
 
         Raises:
             UsageError: the points do not fit the map, or not each other.
         """
-        points = anchor_points(anchors)
+        points = anchor_points(anchors).within(self.width, self.height)
         fitted = anchor_fit.fit_anchors(self, points)
-        for message in anchor_fit.lost_in_fit(self, fitted):
+        for message in (*points.warnings, *anchor_fit.lost_in_fit(self, fitted)):
             warnings.warn(message, DepthcliWarning, stacklevel=2)
         return self.of(fitted, self.frame)
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
+from depthcli.core.local_correction import spread_log_ratio
 from depthcli.core.types import (
     AnchorFit,
     DepthKind,
@@ -23,6 +24,7 @@ from depthcli.errors import InputError, UsageError
 
 _COLUMNS = 3
 _MAX_PIXEL = 2**31
+_SAME_ASPECT = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,18 +91,16 @@ class AnchorPoints:
             digest.update(values.tobytes())
         return digest.hexdigest()
 
-    def check(self, width: int, height: int) -> None:
-        """Check that they are depths in a picture of this size.
+    def within(self, width: int, height: int) -> Self:
+        """Points in an image of this size, with a warning about the others.
+
+        Points of a map of another size and the same aspect, such as the lidar map of a phone, are
+        scaled to the image.
 
         Raises:
-            UsageError: there are none, the picture has another size, or a point is outside, or its
-                depth not 0.001 to 1e6 m.
+            UsageError: there are none, more than half are outside, their map has another aspect, or
+                a depth is not 0.001 to 1e6 m.
         """
-        if self.size_px is not None and self.size_px != (width, height):
-            raise UsageError(
-                f"the known depth is {self.size_px[0]}×{self.size_px[1]} pixels, but the picture "
-                f"is {width}×{height}"
-            )
         if not len(self):
             raise UsageError("there are no anchors to fit the map to")
         lowest, highest = DEPTH_M_RANGE
@@ -109,11 +109,35 @@ class AnchorPoints:
                 f"anchor {self.x[at]},{self.y[at]} has a depth of {self.depth_m[at]:g} m; give "
                 f"{DEPTH_M.what}"
             )
-        inside = (self.x >= 0) & (self.x < width) & (self.y >= 0) & (self.y < height)
-        for at in np.flatnonzero(~inside)[:1]:
+        points = self._scaled(width, height)
+        inside = (points.x >= 0) & (points.x < width) & (points.y >= 0) & (points.y < height)
+        outside = int(np.count_nonzero(~inside))
+        if not outside:
+            return points
+        told = f"{outside} of {len(self)} anchors are outside the image of {width}×{height}"
+        if 2 * outside > len(self):
+            raise UsageError(f"{told}; give columns and rows of the upright image")
+        return replace(
+            points,
+            x=points.x[inside],
+            y=points.y[inside],
+            depth_m=points.depth_m[inside],
+            warnings=(*self.warnings, f"{told} and are not used"),
+        )
+
+    def _scaled(self, width: int, height: int) -> Self:
+        """Points of a map, at the pixels of an image of another size."""
+        if self.size_px in (None, (width, height)):
+            return self
+        columns, rows = self.size_px
+        if abs(columns * height / (rows * width) - 1) > _SAME_ASPECT:
             raise UsageError(
-                f"anchor {self.x[at]},{self.y[at]} is outside the picture of {width}×{height}"
+                f"the known depth is {columns}×{rows} pixels, and the image {width}×{height}, "
+                "which is another aspect"
             )
+        x = np.floor((self.x + 0.5) * width / columns).astype(np.int64)
+        y = np.floor((self.y + 0.5) * height / rows).astype(np.int64)
+        return replace(self, x=x, y=y, size_px=(width, height))
 
 
 _STEPS = 50
@@ -228,33 +252,37 @@ def fit_anchors(
     depth: DepthMap,
     points: Sequence[Anchor] | AnchorPoints,
     windows: Windows | None = None,
+    *,
+    local: bool = True,
 ) -> DepthMap:
     """Metric depth that fits known points best.
 
-    Scale and shift of least squares, with five or more points by
+    First scale and shift of least squares, with five or more points by
     :func:`depthcli.core.anchors.robust`, which leaves wrong ones out; one point fits the scale
     alone. Of metric maps, errors are relative to the map's depth, and the shift is expected to be
     small; points of one region, such as a wall, say little about it, however many they are.
-    Relative maps are fitted in depth, inverse maps in inverse depth.
+    Relative maps are fitted in depth, inverse maps in inverse depth. Of five or more points, the
+    rest is then spread over the map by :func:`depthcli.core.local_correction.spread_log_ratio`.
 
     Args:
         depth: map of any kind.
         points: pixels of the map, or of its part in the display window, and their depth. Of five or
             more, those where the map has no depth are ignored.
-        windows: of the picture of the map; None if all of it is displayed.
+        windows: of the image of the map; None if all of it is displayed.
+        local: whether depth follows five or more points locally.
 
     Returns:
         A metric map of the same size, with the points and the fit in its provenance; NaN where the
         fit puts a pixel at or behind the camera.
 
     Raises:
-        UsageError: a point is outside, has no depth, or one that is not 0.001 to 1e6 m; there are
-            none, or they do not determine the fit; or the best fit puts one at or behind the
-            camera; or they are from a map of another size.
+        UsageError: most points are outside, one has no depth, or one that is not 0.001 to 1e6 m;
+            there are none, or they are from a map of another aspect, or do not determine the fit;
+            or the best fit puts one at or behind the camera.
     """
     points = points if isinstance(points, AnchorPoints) else AnchorPoints.of(points)
     shown = displayed_depth(depth, windows)
-    points.check(shown.width, shown.height)
+    points = points.within(shown.width, shown.height)
     values = shown.values[points.y, points.x].astype(np.float64)
     known = _known(points, values, depth.kind)
     inverse = depth.kind is DepthKind.INVERSE
@@ -270,6 +298,8 @@ def fit_anchors(
         fitted = np.float32(1) / fitted
     fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
     result = DepthMap(fitted, DepthKind.METRIC)
+    if local and len(used) >= ROBUST_FROM:
+        result, used = _followed(result, points, known, used, windows)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
@@ -281,24 +311,49 @@ def fit_anchors(
     return replace(result, provenance=source)
 
 
+def _followed(
+    depth: DepthMap,
+    points: AnchorPoints,
+    known: npt.NDArray[np.bool_],
+    used: npt.NDArray[np.bool_],
+    windows: Windows | None,
+) -> tuple[DepthMap, npt.NDArray[np.bool_]]:
+    """Fitted depth that follows the points locally, and which points it follows."""
+    rows, columns = windows.display.within(windows.pixels) if windows else (slice(0), slice(0))
+    x, y = points.x + (columns.start or 0), points.y + (rows.start or 0)
+    mapped_m = depth.values[y, x]
+    chosen = np.flatnonzero(known)
+    is_fitted = np.isfinite(mapped_m[chosen])
+    some = np.flatnonzero(is_fitted)[:: 1 + int(is_fitted.sum()) // _MOST]
+    at = chosen[some]
+    log_ratio = np.log(points.depth_m[at] / mapped_m[at])
+    field, used[some] = spread_log_ratio(log_ratio, x[at], y[at], depth.values, used[some])
+    return replace(depth, values=depth.values * np.exp(field)), used
+
+
 def fitted(
     depth: DepthMap, points: AnchorPoints | None, windows: Windows | None = None
-) -> DepthMap:
-    """Depth of one of several pictures, by :func:`fit_anchors`; unchanged without points.
+) -> tuple[DepthMap, tuple[str, ...]]:
+    """Depth of one of several images, by :func:`fit_anchors`, and warnings about it.
+
+    Depth is unchanged without points.
 
     Raises:
-        InputError: the points do not fit this picture, but may fit the next one.
+        InputError: the points do not fit this image, but may fit the next one.
     """
+    if points is None:
+        return depth, ()
     try:
-        return depth if points is None else fit_anchors(depth, points, windows)
+        shown = displayed_depth(depth, windows)
+        points = points.within(shown.width, shown.height)
+        found = fit_anchors(depth, points, windows)
     except UsageError as error:
         raise InputError(str(error)) from error
+    return found, (*points.warnings, *lost_in_fit(depth, found))
 
 
 def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
     """A warning about the pixels that a fit leaves without depth; none if there are none."""
-    if fitted.values is before.values:
-        return ()
     lost = int(np.count_nonzero(before.valid & ~fitted.valid))
     if not lost:
         return ()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.anchors import AnchorPoints, fitted, lost_in_fit
+from depthcli.core.anchors import AnchorPoints, fitted
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import AUTO_TILE, DEFAULT_DETAIL, Detail, Projection
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
@@ -250,11 +250,10 @@ def _finished(
     depth = masked_to_data_window(depth, frame.windows)
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
-    found = fitted(depth, anchors, frame.windows)
-    of_anchors = anchors.warnings if anchors else ()
+    found, of_anchors = fitted(depth, anchors, frame.windows)
     source = depth.provenance.camera_source if depth.provenance and not anchors else None
     of_file = frame_warnings(frame, source)
-    return Prediction(found, (*warnings, *of_file, *of_anchors, *lost_in_fit(depth, found)))
+    return Prediction(found, (*warnings, *of_file, *of_anchors))
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:

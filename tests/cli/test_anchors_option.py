@@ -89,10 +89,10 @@ def test_a_conversion_keeps_the_fit(inside: Cli) -> None:
     assert (cb["anchors"], cb["camera"], cb["network_size_px"]) == (a["anchors"], a["camera"], None)
 
 
-def test_a_map_of_another_size_fails_that_picture(inside: Cli) -> None:
+def test_a_map_of_another_aspect_fails_that_image(inside: Cli) -> None:
     write_picture(inside.folder / "room.png", synthetic_picture())
     np.save(inside.folder / "lidar.npy", sparse_twice(inside, "room.png"))
-    write_picture(inside.folder / "large.png", synthetic_picture(96, 128))
+    write_picture(inside.folder / "large.png", synthetic_picture(96, 96))
     done = inside("predict", "large.png", "room.png", "--anchors", "lidar.npy", "--format", "npy")
     assert done.returncode == 1
     assert "64×48" in (done.stderr.decode())

@@ -97,8 +97,8 @@ def test_an_anchor_behind_the_camera_is_refused(kind: DepthKind) -> None:
 @pytest.mark.parametrize(
     ("points", "why"),
     [
-        ([Point(4, 0, 1)], "outside the picture of 4×1"),
-        ([Point(0, 1, 1)], "outside the picture of 4×1"),
+        ([Point(4, 0, 1)], "outside the image of 4×1"),
+        ([Point(0, 1, 1)], "outside the image of 4×1"),
         ([Point(2, 0, 1)], "no depth"),
         ([Point(0, 0, 9), Point(1, 0, 1)], "contradict"),
         ([Point(3, 0, 1)], "no depth"),
@@ -133,7 +133,7 @@ def test_many_points_are_fitted_in_spite_of_wrong_ones(kind: DepthKind) -> None:
     points = AnchorPoints.of_map(sensed_m)
     found = fit_anchors(depth, points)
     assert found.kind is DepthKind.METRIC
-    assert found.values == pytest.approx(truth_m, rel=0.02)
+    assert np.mean(np.abs(found.values / truth_m - 1) < 0.02) > 0.99
     source = found.provenance
     assert source is not None
     assert source.anchors == ()
@@ -177,13 +177,13 @@ def test_many_contradicting_points_are_refused() -> None:
         fit_anchors(depth, AnchorPoints.of_map(10 - truth_m))
 
 
-def test_a_map_of_another_size_fails_its_picture_alone() -> None:
+def test_a_map_of_another_aspect_fails_its_image_alone() -> None:
     depth, truth_m = scene(DepthKind.METRIC)
     with pytest.raises(InputError):
-        fitted(depth, AnchorPoints.of_map(truth_m[:, 1:]))
+        fitted(depth, AnchorPoints.of_map(truth_m[:, 4:]))
     with pytest.raises(InputError):
         fitted(depth, AnchorPoints.of_map(truth_m * 0))
-    assert fitted(depth, None) is depth
+    assert fitted(depth, None) == (depth, ())
 
 
 def test_a_table_is_of_the_nearest_pixels() -> None:

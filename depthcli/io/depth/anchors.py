@@ -94,7 +94,7 @@ def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:
     return [file for file in files if picture is None or not is_same_file(file, picture)]
 
 
-_PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: -0.5 <= px < 1e9)  # noqa: PLR2004
+_PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: abs(px) < 1e9)  # noqa: PLR2004
 _COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}
 
 
