@@ -1,0 +1,130 @@
+"""How close depth comes to the truth with few or many known points, on held-out pairs.
+
+Figure of merit: abs_rel over the whole image, mean of the pairs, without points and with
+
+- interpolation: linear between the points alone, without a network (the nearest outside of them);
+- global: scale and shift of the map, fitted to the points;
+- ``--anchors``: the same, and the rest spread over the map;
+
+and the share of images that the last step makes worse than the global fit by more than 2 %. Points
+are of the true depth, at random anywhere, in a square of 170 pixels or in a row of the image; with
+an error of 2 %; and a quarter of them at 1.2 to 3 times their depth, as seen past an edge.
+Run (needs scipy): ``python benchmarks/known_depth.py NYU [--model default] [--split val]
+[--counts 20,100,500]``
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+
+import depthcli
+from depthcli.core.anchors import AnchorPoints, fit_anchors
+from depthcli.core.types import DepthMap
+from depthcli.datasets.base import SplitName
+from depthcli.datasets.nyu import open_nyu
+from depthcli.errors import UsageError
+from depthcli.evaluation.task import plan_nyu
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+DEPTH_M = 0.4, 10.0
+SQUARE_PX = 170
+CONDITIONS = {
+    "exact": (0.0, 0.0, "image"),
+    "2 % noise": (0.02, 0.0, "image"),
+    "2 % noise, a quarter wrong": (0.02, 0.25, "image"),
+    "2 % noise, in a square": (0.02, 0.0, "square"),
+    "2 % noise, in a row": (0.02, 0.0, "row"),
+}
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--model")
+    parser.add_argument("--split", type=SplitName, default=SplitName.VAL)
+    parser.add_argument("--limit", type=int)
+    parser.add_argument("--counts", default="5,20,100,500,5000")
+    options = parser.parse_args()
+    task = plan_nyu(open_nyu(options.data), options.split, options.limit)
+    pipeline = depthcli.load_model(options.model, provider="cpu").pipeline
+    maps = [
+        (pipeline.predict(depthcli.Frame(task.dataset.image(i))).depth, task.dataset.depth_m(i))
+        for i in task.test
+    ]
+    plain = np.mean([abs_rel(depth.values, true_m) for depth, true_m in maps])
+    print(f"{len(maps)} pairs, no points: {plain:.4f}")
+    print(f"{'points':8}{'':30}{'interpolation':>14}{'global':>10}{'--anchors':>11}{'worse':>8}")
+    for count in map(int, options.counts.split(",")):
+        for name, (noise, wrong, where) in CONDITIONS.items():
+            random = np.random.default_rng(count)
+            rows = [
+                errors(depth, true_m, drawn(true_m, where, count, noise, wrong, random))
+                for depth, true_m in maps
+                if where == "image" or count <= SQUARE_PX
+            ]
+            if rows:
+                alone, globally, locally = np.nanmean(rows, axis=0)
+                worse = np.mean([row[2] > 1.02 * row[1] for row in rows])
+                scores = f"{alone:14.4f}{globally:10.4f}{locally:11.4f}{worse:8.2f}"
+                print(f"{count:<8}{name:30}{scores}", flush=True)
+
+
+def drawn(
+    true_m: npt.NDArray[np.float32],
+    where: str,
+    count: int,
+    noise: float,
+    wrong: float,
+    random: np.random.Generator,
+) -> AnchorPoints:
+    """Points of a map at random, with errors."""
+    height, width = true_m.shape
+    rows = {"image": height, "square": SQUARE_PX, "row": 2}[where]
+    columns = SQUARE_PX if where == "square" else width
+    top, left = random.integers(0, (height - rows + 1, width - columns + 1))
+    part = true_m[top : top + rows, left : left + columns]
+    chosen = random.choice(np.flatnonzero(part > 0), count, replace=False)
+    y, x = np.unravel_index(chosen, part.shape)
+    y, x = y + top, x + left
+    seen_m = true_m[y, x] * random.normal(1, noise, count)
+    is_wrong = random.random(count) < wrong
+    seen_m[is_wrong] *= random.uniform(1.2, 3, is_wrong.sum())
+    return AnchorPoints.of_table(np.stack([x, y, seen_m], axis=1))
+
+
+def errors(
+    depth: DepthMap, true_m: npt.NDArray[np.float32], points: AnchorPoints
+) -> tuple[float, float, float]:
+    """abs_rel of interpolation, of the global fit and of ``--anchors``; NaN where one fails."""
+    places = np.stack([points.x, points.y], axis=1)
+    y, x = np.mgrid[: true_m.shape[0], : true_m.shape[1]]
+    try:
+        between = LinearNDInterpolator(places, points.depth_m)(x, y)
+    except RuntimeError:  # of Qhull: all points in a line
+        between = np.full(true_m.shape, np.nan)
+    nearest = NearestNDInterpolator(places, points.depth_m)(x, y)
+    alone = abs_rel(np.where(np.isnan(between), nearest, between), true_m)
+    try:
+        fits = [fit_anchors(depth, points, local=local).values for local in (False, True)]
+    except UsageError:
+        return alone, np.nan, np.nan
+    return alone, abs_rel(fits[0], true_m), abs_rel(fits[1], true_m)
+
+
+def abs_rel(depth_m: npt.NDArray[np.floating], true_m: npt.NDArray[np.float32]) -> float:
+    """Mean of |predicted - true| ÷ true; pixels without depth count as the least depth."""
+    known = true_m > 0
+    clipped_m = np.nan_to_num(depth_m, nan=DEPTH_M[0])[known].clip(*DEPTH_M)
+    return float(np.abs(clipped_m / true_m[known] - 1).mean())
+
+
+if __name__ == "__main__":
+    main()
