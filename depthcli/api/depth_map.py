@@ -100,9 +100,10 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: the points do not fit the map, or not each other.
         """
-        points = anchor_points(anchors).within(self.width, self.height)
+        points = anchor_points(anchors)
         fitted = anchor_fit.fit_anchors(self, points)
-        for message in (*points.warnings, *anchor_fit.lost_in_fit(self, fitted)):
+        inside = points.within(self.width, self.height)
+        for message in (*inside.warnings, *anchor_fit.lost_in_fit(self, fitted)):
             warnings.warn(message, DepthcliWarning, stacklevel=2)
         return self.of(fitted, self.frame)
 

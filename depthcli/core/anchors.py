@@ -282,6 +282,7 @@ def fit_anchors(
     """
     points = points if isinstance(points, AnchorPoints) else AnchorPoints.of(points)
     shown = displayed_depth(depth, windows)
+    given = len(points)
     points = points.within(shown.width, shown.height)
     values = shown.values[points.y, points.x].astype(np.float64)
     known = _known(points, values, depth.kind)
@@ -306,7 +307,7 @@ def fit_anchors(
     source = replace(
         depth.provenance or Provenance(),
         anchors=points.listed(),
-        anchor_fit=AnchorFit(int(used.sum()), len(points), float(np.median(errors_m))),
+        anchor_fit=AnchorFit(int(used.sum()), given, float(np.median(errors_m))),
     )
     return replace(result, provenance=source)
 
@@ -345,11 +346,11 @@ def fitted(
         return depth, ()
     try:
         shown = displayed_depth(depth, windows)
-        points = points.within(shown.width, shown.height)
+        inside = points.within(shown.width, shown.height)
         found = fit_anchors(depth, points, windows)
     except UsageError as error:
         raise InputError(str(error)) from error
-    return found, (*points.warnings, *lost_in_fit(depth, found))
+    return found, (*inside.warnings, *lost_in_fit(depth, found))
 
 
 def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:

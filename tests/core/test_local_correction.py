@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from depthcli.core import local_correction
-from depthcli.core.anchors import AnchorPoints, fit_anchors
+from depthcli.core.anchors import AnchorPoints, fit_anchors, fitted
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
 
@@ -118,6 +118,13 @@ def test_points_outside_are_left_out_and_counted() -> None:
     found = AnchorPoints(x, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
     assert found.x.tolist() == [3, 10, 30]
     assert "1 of 4" in found.warnings[0]
+    depth, warnings = fitted(
+        DepthMap(mapped_m(), DepthKind.METRIC), AnchorPoints(x, y, np.full(4, 2.0))
+    )
+    assert depth.provenance is not None
+    assert depth.provenance.anchor_fit is not None
+    assert depth.provenance.anchor_fit.given == 4
+    assert warnings == found.warnings
     with pytest.raises(UsageError, match="3 of 4"):
         AnchorPoints(x + 60, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
 
