@@ -197,13 +197,11 @@ def _sliced(
     finest = levels[-1]
     depths, rows, columns = finest.nodes
     low = np.nanmin(log_depth)
-    place = (log_depth - low) / np.float32(finest.depth_step)
+    place = np.nan_to_num((log_depth - low) / np.float32(finest.depth_step), nan=-2.0)
     result = np.zeros_like(log_depth)
     for depth in range(depths):
-        near = np.abs(place - depth) < 1
-        if near.any():
-            at = depth * finest.depth_step
-            each = (lv.layer(f, at, (columns, rows)) for lv, f in zip(levels, fields, strict=True))
-            layer = cv2.resize(np.sum([*each], axis=0, dtype=np.float32), log_depth.shape[::-1])
-            result[near] += (layer * (1 - np.abs(place - depth)))[near]
+        at = depth * finest.depth_step
+        each = [lv.layer(f, at, (columns, rows)) for lv, f in zip(levels, fields, strict=True)]
+        layer = cv2.resize(np.sum(each, axis=0, dtype=np.float32), log_depth.shape[::-1])
+        result += layer * np.maximum(1 - np.abs(place - depth), 0)
     return result
