@@ -1,4 +1,4 @@
-"""A depth map with methods to save, colour, plot and back-project it."""
+"""A depth map with methods to save, colour and back-project it."""
 
 import os
 import warnings

@@ -311,7 +311,7 @@ def fit(
         callback: called after each step and epoch.
         init_weights: exported models or checkpoints; a new run starts from the mean of them.
         max_minutes: wall-clock minutes after which it stops; it can be resumed.
-        max_steps: steps of this session after which it stops.
+        max_steps: steps from here after which it stops; it can be resumed.
         interrupt: entered here; after a signal, the run stops at the end of the step and saves.
 
     Returns:

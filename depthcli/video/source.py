@@ -127,8 +127,6 @@ def orientation_of(frame: VideoFrame) -> int:
 
 _MISSING_SHARE = 200
 _RGB = 3
-_VIEW_ASPECTS = 1, 2.4
-"""Least and largest width by height of a view that is not squeezed, as in most films in 3D."""
 _TRANSPOSED = 5
 """The first EXIF orientation that swaps rows and columns."""
 
@@ -304,10 +302,6 @@ class VideoSource(FrameSource):
         aspect = stream.sample_aspect_ratio
         self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
         self.warnings += tuple(camera_warnings(first, eye, self._options.projection))
-        shown_aspect = self._pixel_aspect * self.width / self.height
-        if eye is not None and not _VIEW_ASPECTS[0] <= shown_aspect <= _VIEW_ASPECTS[1]:
-            view = f"a view has {self.width}×{self.height} pixels"
-            self.warnings += (f"{view}; if it is squeezed, the file has to state a pixel aspect",)
 
     def _current_time_code(self) -> TimeCode | None:
         if self._time_code is None:

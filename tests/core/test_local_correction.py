@@ -1,5 +1,6 @@
 """Depth that follows known points locally."""
 
+import itertools
 import math
 
 import numpy as np
@@ -92,25 +93,30 @@ def test_pixels_without_depth_stay_so() -> None:
 
 
 def test_a_level_sums_points_as_a_plain_loop_does() -> None:
-    """One scale against the sum over all points, by the distance of their places."""
+    """Each point is spread linearly to eight nodes, weighted by distance, and read likewise."""
     random = np.random.default_rng(3)
-    at = random.uniform([[0.0], [0.0], [0.0]], [[1.2], [0.75], [1.0]], (3, 40))
-    values = random.normal(size=40)
-    level = local_correction._Level(0.2, at, 0.75, 0.0, 1.2)
-    found = level.read(level.spread(values))
-    depth_sd = max(0.1, 0.3 * math.sqrt(0.2 / 0.4))
-    sd = np.array([depth_sd, 0.75 / 4, 0.2])
-    inside = at.clip(0, [[np.inf], [0.75 - 0.75 / 8], [0.9]])
-    inside[1:] = inside[1:].clip([[0.75 / 8], [0.1]])
-    plain = [
-        sum(
-            value * math.exp(-0.5 * float((((inside[:, i] - inside[:, j]) / sd) ** 2).sum()))
-            for j, value in enumerate(values)
-        )
-        for i in range(40)
-    ]
-    assert np.corrcoef(found, plain)[0, 1] > 0.98
-    assert np.abs(found - plain).max() < 0.35 * np.abs(plain).max()
+    at = random.uniform([[0.1], [0.1], [0.1]], [[1.1], [0.65], [0.9]], (3, 12))
+    level = local_correction._Level(0.1, at, 0.75, 0.0, 1.2)
+    _, rows, columns = level.nodes
+    scale = np.array([1 / level.depth_step, rows / 0.75, columns])
+    places = at * scale[:, None] - np.array([[0], [0.5], [0.5]])
+    for i, j in itertools.product(range(12), repeat=2):
+        plain = (1.5 / (1 + 0.5 * math.exp(-0.5))) ** 3
+        for mine, other in zip(places[:, i], places[:, j], strict=True):
+            plain *= sum(
+                (1 - abs(mine - m)) * (1 - abs(other - n)) * math.exp(-0.5 * (m - n) ** 2)
+                for m in (math.floor(mine), math.floor(mine) + 1)
+                for n in (math.floor(other), math.floor(other) + 1)
+            )
+        alone = level.spread((np.arange(12) == j).astype(float))
+        assert level.read(alone)[i] == pytest.approx(plain, abs=1e-5)
+
+
+def test_weight_of_a_point_at_itself_is_known() -> None:
+    """Leaving a point out needs it; it depends on the place within the cell."""
+    for place in ((0.31, 0.4, 0.52), (0.45, 0.33, 0.6), (0.5, 0.375, 0.5)):
+        level = local_correction._Level(0.1, np.array([place]).T, 0.75, 0.0, 1.2)
+        assert level.read(level.spread(np.ones(1))) == pytest.approx(level.own, rel=1e-9)
 
 
 def test_points_outside_are_left_out_and_counted() -> None:

@@ -120,15 +120,6 @@ def test_one_view_of_a_stereo_video_is_read(
     assert len(source.warnings) == (packing is None)
 
 
-def test_a_view_that_may_be_squeezed_gives_a_warning(tmp_path: Path) -> None:
-    wide = np.zeros((72, 128, 3), np.uint8)  # 16:9 with two views, as films in 3D are sold
-    options = {"x264-params": "frame-packing=3"}
-    path = encode(tmp_path / "a.mkv", [wide] * 3, NTSC, "libx264", "yuv420p", options=options)
-    source, frames = read(path, eye=Eye.LEFT)
-    assert frames[0].pixels.shape == (72, 64, 3)
-    assert "64×72" in source.warnings[0]
-
-
 def test_two_views_in_a_frame_give_a_warning(tmp_path: Path) -> None:
     source, frames = read(stereo(tmp_path / "a.mkv", 3))
     assert frames[0].pixels.shape == (64, 128, 3)
