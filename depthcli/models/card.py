@@ -132,6 +132,25 @@ class OnnxSpec:
     output: Text | None = None  #: name of the output that is the depth map; None for the only one
 
 
+_Address: TypeAlias = Annotated[
+    str,
+    Rule("an address: https://host/name", re.compile(r"https?://[!-~]+").fullmatch),
+]
+_Sha256: TypeAlias = Annotated[str, Rule("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
+
+
+@dataclass(frozen=True, slots=True)
+class WeightsSpec:
+    """Where a model's weights are published; nothing is downloaded unless it is asked for."""
+
+    page: _Address  #: the authors' page of the weights, for people
+    url: _Address | None = None  #: of an ONNX file, which ``models add`` downloads; None if none is
+    size_bytes: Count | None = None  #: size of that file (``bytes`` in JSON)
+    sha256: _Sha256 | None = None  #: published checksum of that file, 64 hex digits
+    source: Text | None = None  #: where its address, size and checksum are published
+    export: Text | None = None  #: command that makes an ONNX file of the authors' weights
+
+
 SCHEMA = 1
 METADATA_KEY = "depthcli.card"
 """Key of the ONNX metadata under which a model carries its own card."""
@@ -149,7 +168,6 @@ _ModelName: TypeAlias = Annotated[
     str,  # nor anywhere but among the models by name
     Rule("a model's name", re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}").fullmatch),
 ]
-_Sha256: TypeAlias = Annotated[str, Rule("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +188,7 @@ class ModelCard:
         size_bytes: size of that file (``bytes`` in JSON); None in an embedded card.
         float_model: the same network in floats, which replaces this one on other providers than
             the CPU; None if there is none.
+        weights: where the weights are published; None if the card does not say.
         training: how it was trained; any JSON object.
         scores: its scores by protocol; any JSON object.
         latency: its latency by machine; any JSON object.
@@ -187,6 +206,7 @@ class ModelCard:
     sha256: _Sha256 | None = None
     size_bytes: Count | None = None
     float_model: _ModelName | None = None
+    weights: WeightsSpec | None = None
     training: Mapping[str, Any] = field(default_factory=dict)
     scores: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
@@ -206,10 +226,8 @@ class ModelCard:
             if schema != SCHEMA or schema is True:
                 told = f"has schema {short_repr(schema)}, this depthcli reads {SCHEMA}: upgrade it"
                 raise FieldError(told)  # noqa: TRY301 - as those of its fields
-            if "bytes" in parsed:
-                parsed["size_bytes"] = parsed.pop("bytes")
-            if isinstance(parsed.get("sha256"), str):
-                parsed["sha256"] = parsed["sha256"].lower()
+            for file in (parsed, parsed.get("weights")):
+                _read_file_facts(file)
             card = validated(cls, parsed)
             _check_input(card.input)
             _check_output(card.output)
@@ -220,10 +238,14 @@ class ModelCard:
     def to_json(self) -> str:
         """The card as JSON text, readable by :meth:`from_json`."""
         values = asdict(self)
-        values["bytes"] = values.pop("size_bytes")
-        for name in ("file", "sha256", "bytes", "float_model"):
+        for group in filter(None, (values, values["weights"])):
+            group["bytes"] = group.pop("size_bytes")
+        for name in ("file", "sha256", "bytes", "float_model", "weights"):
             if values[name] is None:
                 del values[name]
+        if self.weights is not None:
+            stated = values["weights"].items()
+            values["weights"] = {name: value for name, value in stated if value is not None}
         if self.onnx.output is None:
             del values["onnx"]["output"]
         for name in ("mean", "std"):
@@ -236,6 +258,16 @@ class ModelCard:
         )
         # JSON escapes only the first 32 control characters; terminals interpret others, too.
         return re.sub(_UNPRINTABLE, lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
+
+
+def _read_file_facts(values: object) -> None:
+    """Bring size and checksum of a JSON object about a file into the form of the fields."""
+    if not isinstance(values, dict):
+        return
+    if "bytes" in values:
+        values["size_bytes"] = values.pop("bytes")
+    if isinstance(values.get("sha256"), str):
+        values["sha256"] = values["sha256"].lower()
 
 
 def _check_input(spec: InputSpec) -> None:

@@ -52,7 +52,13 @@ def test_an_embedded_card_names_no_file() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"file": "m.onnx", "sha256": "0" * 64, "bytes": 3, "float_model": "float"}]
+    "changes",
+    [
+        {},
+        {"file": "m.onnx", "sha256": "0" * 64, "bytes": 3, "float_model": "float"},
+        {"weights": {"page": "https://h/p"}},
+        {"weights": {"page": "https://h/p", "url": "http://h/m", "sha256": "AB" * 32, "bytes": 3}},
+    ],
 )
 def test_text_survives_a_round_trip(changes: dict[str, Any]) -> None:
     card = read(changes)
