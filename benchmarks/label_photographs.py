@@ -1,8 +1,11 @@
 """Label photographs with the mean of several models, as pairs for ``train --pseudo-labels``.
 
-Each model sees a photograph and its mirror at each width; the mean is of log depth. Rooms of
-``depthcli render rooms`` may be added whose focal length is near the models' own.
-Run: ``python benchmarks/label_photographs.py PHOTOS OUT --model A --model B [--rooms ROOMS]``
+Each model sees a photograph and its mirror at each width; the mean is of log depth. ``--labels``
+adds depth of other networks to it, images of 8 bits with 0.2 · 60^(value ÷ 255) metres; then a
+photograph is left out if its depth differs by more than ``--most-difference`` (mean |difference of
+logs| after removing that of the medians). Rooms of ``depthcli render rooms`` may be added whose
+focal length is near the models' own.
+Run: ``python benchmarks/label_photographs.py PHOTOS OUT --model A [--model B] [--labels DIR]``
 It goes on where it stopped: a photograph that has a label is skipped.
 """
 
@@ -53,17 +56,50 @@ class Teacher(NamedTuple):
         return np.log([seen_m[0] * self.scale, seen_m[1][:, ::-1] * self.scale]).mean(axis=0)
 
 
-def label_photographs(photos: Path, out: Path, teachers: Sequence[Teacher]) -> None:
+class Others(NamedTuple):
+    """Stored depth of other networks.
+
+    Attributes:
+        folder: images of 8 bits, named like the photographs.
+        weight: share in the mean.
+        most_difference: of the shape of depth, above which a photograph is left out.
+    """
+
+    folder: Path
+    weight: float
+    most_difference: float
+
+    def mean(
+        self, name: str, log_depth: npt.NDArray[np.float32]
+    ) -> npt.NDArray[np.float32] | None:
+        """Weighted mean with the stored depth, or None if the two differ too much."""
+        stored = cv2.imread(str(next(self.folder.glob(f"{name}.*"))), cv2.IMREAD_GRAYSCALE)
+        theirs = np.log(0.2) + cv2.resize(stored.astype(np.float32), log_depth.shape[::-1]) * (
+            np.log(60) / 255
+        )
+        apart = theirs - log_depth
+        if np.abs(apart - np.median(apart)).mean() > self.most_difference:
+            return None
+        return log_depth + self.weight * apart
+
+
+def label_photographs(
+    photos: Sequence[Path], out: Path, teachers: Sequence[Teacher], others: Others | None
+) -> None:
     """Write the photographs and their labels, those that have none yet."""
     for kind in ("rgb", "depth"):
         (out / kind / "p").mkdir(parents=True, exist_ok=True)
-    for photo in sorted(photos.glob("*.jpg")):
+    for photo in photos:
         labelled = out / "depth" / "p" / f"{photo.stem}.png"
         if not labelled.exists():
             pixels = depthcli.read_image(photo).pixels
-            depth_m = np.exp(np.mean([teacher.log_depth(pixels) for teacher in teachers], axis=0))
-            (out / "rgb" / "p" / photo.name).write_bytes(photo.read_bytes())
-            cv2.imwrite(str(labelled), np.rint(depth_m * MM_PER_M).astype(np.uint16))
+            log_depth = np.mean([teacher.log_depth(pixels) for teacher in teachers], axis=0)
+            if others is not None:
+                log_depth = others.mean(photo.stem, log_depth)
+            if log_depth is not None:
+                (out / "rgb" / "p" / photo.name).write_bytes(photo.read_bytes())
+                depth_mm = np.exp(log_depth) * MM_PER_M
+                cv2.imwrite(str(labelled), np.rint(depth_mm).astype(np.uint16))
 
 
 def add_rooms(rooms: Path, out: Path) -> Iterator[tuple[str, float]]:
@@ -88,15 +124,25 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--model", action="append", required=True)
     parser.add_argument("--rooms", type=Path)
+    parser.add_argument("--labels", type=Path)
+    parser.add_argument("--labels-weight", type=float, default=2 / 3)
+    parser.add_argument("--most-difference", type=float, default=0.12)
+    parser.add_argument("--widths", type=int, nargs="+", default=WIDTHS)
+    parser.add_argument("--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"))
     options = parser.parse_args()
     plain = depthcli.Detail(upsampling="bilinear")
     models = [
         depthcli.load_model(model, provider="cpu", threads=1, detail=plain).pipeline
         for model in options.model
     ]
-    scales = [width / models[0].card.input.width for width in WIDTHS]
+    scales = [width / models[0].card.input.width for width in options.widths]
     teachers = [Teacher(resized(model, scale), scale) for model in models for scale in scales]
-    label_photographs(options.photos, options.out, teachers)
+    others = None
+    if options.labels is not None:
+        others = Others(options.labels, options.labels_weight, options.most_difference)
+    part, parts = options.part
+    photos = sorted(options.photos.glob("*.jpg"))[part::parts]
+    label_photographs(photos, options.out, teachers, others)
     rows = [(f"p/{path.stem}", FOCAL_PX) for path in sorted((options.out / "rgb/p").iterdir())]
     if options.rooms is not None:
         rows += add_rooms(options.rooms, options.out)
