@@ -1,7 +1,8 @@
-"""Write the tables of results in docs/methods.md from the files of docs/results.
+"""Write the tables of results in docs/methods.md and docs/benchmark.md from docs/results.
 
 Run ``python docs/write_methods.py`` after a change of these files. ± is the sample standard
-deviation over seeds; intervals are those of ``eval nyu --against``.
+deviation over seeds; intervals are those of ``eval nyu --against``. The paper's figures are those
+of ``depthcli.evaluation.report``.
 """
 
 from __future__ import annotations
@@ -10,9 +11,13 @@ import csv
 import json
 import re
 import statistics
+from collections.abc import Mapping
 from pathlib import Path
 
+from depthcli.evaluation.report import PUBLISHED
+
 PAGE = Path(__file__).with_name("methods.md")
+BENCHMARK = Path(__file__).with_name("benchmark.md")
 RESULTS = Path(__file__).with_name("results")
 METRICS = {"abs_rel": 4, "rmse": 3, "d1": 4}
 """Metrics and their decimals."""
@@ -82,9 +87,60 @@ def intervals() -> str:
     return _markdown(lines)
 
 
-def page(text: str) -> str:
-    """The page with the tables as they are now."""
-    for new in (table(), intervals()):
+def test_rows(align: str) -> dict[str, _Row]:
+    """The scores on the paper's 449 test pairs by name, without ``-seed1``."""
+    with (RESULTS / "test-449.csv").open(encoding="utf-8", newline="") as file:
+        found = [row for row in csv.DictReader(file) if row["align"] == align]
+    return {row["name"].removesuffix("-seed1"): row for row in found}
+
+
+def benchmark() -> str:
+    """The paper's figures beside ours, on the test pairs and on validation."""
+    paper = {row.name.split()[0].lower(): row.scores for row in PUBLISHED}
+    found, scaled = test_rows("none"), test_rows("median")
+    validation = rows("none"), rows("median")
+    columns = ["paper", "here", "here, scaled", "here, validation", "validation, scaled"]
+    lines = [["row", *columns], ["---"] * (1 + len(columns))]
+    names = {"per-pixel mean": "per-pixel mean"} | {name: f"`{name}`" for name in BASELINES}
+    names |= {"proposed": "**`proposed`**"} | {name: text for name, (text, _) in CONTROLS.items()}
+    for name, text in names.items():
+        cells = [_scores(dict(paper[name].items())) if name in paper else ""]
+        cells += [_scores(each[name]) for each in (found, scaled)]
+        lines.append([text, *cells, *(_first_seed(each[name]) for each in validation)])
+    return _markdown(lines)
+
+
+def test_table() -> str:
+    """Six metrics of the paper, of ours without alignment and of ours scaled to the median."""
+    metrics = ("abs_rel", "rmse", "rms_log", "d1", "d2", "d3")
+    lines = [["row", "source", *metrics], ["---"] * (2 + len(metrics))]
+    paper = {row.name.split()[0].lower(): dict(row.scores.items()) for row in PUBLISHED}
+    scaled = test_rows("median")
+    for name, found in test_rows("none").items():
+        sources = {"paper": paper[name]} if name in paper else {}
+        for source, row in (sources | {"here": found, "here, scaled": scaled[name]}).items():
+            scores = (_number(float(row[metric]), 4) for metric in metrics)
+            lines.append([f"`{found['name']}`", source, *scores])
+    return _markdown(lines)
+
+
+def _first_seed(found: list[_Row]) -> str:
+    """Scores of seed 1, or of the only seed."""
+    return _scores(found[-1])
+
+
+def _scores(row: Mapping[str, str | float]) -> str:
+    return " / ".join(_number(float(row[metric]), digits) for metric, digits in METRICS.items())
+
+
+def tables() -> dict[Path, tuple[str, ...]]:
+    """The tables of each page."""
+    return {PAGE: (table(), intervals()), BENCHMARK: (benchmark(), test_table())}
+
+
+def page(text: str, *tables: str) -> str:
+    """The page with its tables replaced by these, each found by its first line."""
+    for new in tables:
         head = f"\n{new.splitlines()[0]}\n"
         start = text.index(head) + 1
         text = text[:start] + new + text[text.index("\n\n", start) :]
@@ -111,4 +167,5 @@ def _number(value: float, decimals: int) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for path, new in tables().items():
+        path.write_text(page(path.read_text(encoding="utf-8"), *new), encoding="utf-8")
