@@ -69,9 +69,7 @@ class Others(NamedTuple):
     weight: float
     most_difference: float
 
-    def mean(
-        self, name: str, log_depth: npt.NDArray[np.float32]
-    ) -> npt.NDArray[np.float32] | None:
+    def mean(self, name: str, log_depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32] | None:
         """Weighted mean with the stored depth, or None if the two differ too much."""
         stored = cv2.imread(str(next(self.folder.glob(f"{name}.*"))), cv2.IMREAD_GRAYSCALE)
         theirs = np.log(0.2) + cv2.resize(stored.astype(np.float32), log_depth.shape[::-1]) * (

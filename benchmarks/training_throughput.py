@@ -156,7 +156,7 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     dataset = open_nyu(options.data) if options.data else noise()
-    for method, preset in (("proposed", "default"), ("cyclegan", "reduced")):
+    for method, preset in (("proposed", "bundled"), ("cyclegan", "reduced")):
         config = apply_overrides(default_config(method), [preset_file(preset)], NO_VALIDATION)
         name = f"{method} --preset {preset}"
         measure(name, config, dataset, options.steps, options.rounds)

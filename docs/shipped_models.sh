@@ -3,7 +3,7 @@
 # The photographs in photos/rgb, 9,000 of rooms by many cameras, are not part of the project; IMAGES is
 # a folder with the 866 training images of NYU Depth v2. The narrower decoder (NARROW) needs depthcli 0.15.
 set -e
-depthcli train proposed --preset default --data NYU --out runs/default
+depthcli train proposed --preset bundled --data NYU --out runs/default
 depthcli export-onnx runs/default/last.ckpt -o runs/1.1/ --fp16
 depthcli export-onnx runs/default/last.ckpt -o runs/teacher/ --mirror
 depthcli batch photos/rgb -o photos/depth --model runs/teacher --upsample bilinear --format png16

@@ -152,7 +152,7 @@ COMMANDS = {
     ),
     "train": Command(
         (
-            *("train", "proposed", "--data", "data", "--out", "out", "--preset", "default"),
+            *("train", "proposed", "--data", "data", "--out", "out", "--preset", "bundled"),
             *("--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu"),
         ),
         _training,

@@ -146,7 +146,7 @@ def test_a_metric(extended: Extended) -> None:
 
 def test_a_loss(extended: Extended) -> None:
     write_rooms(extended.folder / "berhu")
-    weights = ("--set", "loss.l1=0", "--set", "loss.berhu=10", "--preset", "default")
+    weights = ("--set", "loss.l1=0", "--set", "loss.berhu=10", "--preset", "bundled")
     (losses,) = extended.train("proposed", "berhu", *weights)
     assert set(losses) == {"berhu", "gradient"}
     assert losses["berhu"] > 0
@@ -163,7 +163,7 @@ def test_a_data_set(extended: Extended) -> None:
     made, folder = rooms(), extended.folder / "desk"
     folder.mkdir()
     np.savez(folder / "scene.npz", images=made.images, depths_m=made.depths_m)
-    assert extended.train("proposed", "desk", "--preset", "default")
+    assert extended.train("proposed", "desk", "--preset", "bundled")
     code = "from depthcli.training.checkpoint import Checkpoint; from pathlib import Path; "
     code += "print(Checkpoint.load(Path('desk-run/last.ckpt')).provenance.hfov_deg)"
     assert float(extended.run("-c", code)) == 62.7

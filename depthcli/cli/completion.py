@@ -48,9 +48,9 @@ def cards(incomplete: str) -> list[str]:
 
 def presets(incomplete: str) -> list[str]:
     """Names for ``--preset``."""
-    from depthcli.training.presets import preset_names
+    from depthcli.training.presets import PRESETS
 
-    return starting_with(preset_names(), incomplete)
+    return starting_with(PRESETS, incomplete)
 
 
 def providers(incomplete: str) -> list[str]:

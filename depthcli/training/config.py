@@ -172,7 +172,8 @@ class LossConfig:
     adversarial_backward: bool = True  #: also a discriminator for F's images
     #: ``cut`` compares output with input, ``cfl`` output with paired truth
     contrast: Literal["cut", "cfl"] = "cut"
-    l1_backward: bool = False  #: also eq. 1 between F's output and the paired image
+    #: also eq. 1, with ``l1`` as its weight, between F's output and the paired image
+    l1_backward: bool = False
     flip_contrast: bool = False  #: half of the steps mirror the input of G (FastCUT)
     #: λ of semantic relation consistency (HnegSRC)
     relation: Amount = field(default=0.0, metadata=_weighs())
@@ -280,7 +281,7 @@ def check_config(config: TrainConfig) -> None:
             raise UsageError(f"generator.{name} has to be {count} numbers")
     if generator.name == "encoder" and not isinstance(generator.encoder, str):
         raise UsageError("generator.encoder is the name of a model of timm: set it")
-    needs = [name for name in ("l1", *PAIRED_LOSSES, "l1_backward") if getattr(config.loss, name)]
+    needs = [name for name in ("l1", *PAIRED_LOSSES) if getattr(config.loss, name)]
     needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
     if needs and not config.data.paired:
         raise UsageError(
@@ -288,7 +289,8 @@ def check_config(config: TrainConfig) -> None:
             "remove it or, if the method learns from pairs, set data.paired=true"
         )
     loss, gray = config.loss, {"l1", *PAIRED_LOSSES}
-    others = loss.l1_backward or any(getattr(loss, name) for name in TERMS if name not in gray)
+    others = any(getattr(loss, name) for name in TERMS if name not in gray)
+    others = others or bool(loss.l1 and loss.l1_backward)
     if config.data.channels > 1 and (generator.name != "encoder" or others):
         raise UsageError(
             "data.colour=rgb is for generator.name=encoder with loss.l1 and loss.gradient alone"

@@ -33,7 +33,7 @@ def resolve_config(
         CheckpointError: the checkpoint has another configuration.
     """
     usual = default_config(method)
-    files = [preset_file(preset), *files] if preset else files
+    files = [preset_file(preset, method), *files] if preset else files
     saved = None if folder is None else saved_checkpoint(folder)
     if folder is not None and saved is not None:
         given = replace(apply_overrides(saved.config, files, settings), method=method)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import re
 import shlex
 import tomllib
@@ -13,12 +15,11 @@ from depthcli.cli.app import main
 from depthcli.training.methods.registry import default_config
 from depthcli.training.methods.table import METHODS
 from depthcli.training.presets import preset_file
-from depthcli.training.settings import apply_overrides
+from depthcli.training.settings import apply_overrides, resolve_config
 from docs import write_methods
 
 PAGE = (Path(__file__).parents[2] / "docs" / "methods.md").read_text("utf-8")
-CHOSEN = {"W": "50", "N": "80"}
-"""Stand-ins for what the pilot and the clock decide."""
+MEASURED = Path(__file__).parents[2] / "docs" / "results" / "generators"
 
 
 def _commands() -> list[list[str]]:
@@ -35,7 +36,7 @@ def _commands() -> list[list[str]]:
 
 def _filled(line: str, values: dict[str, str]) -> str:
     line = re.sub(r"\$\w+", lambda named: values[named[0]], line)
-    return re.sub(r"=([WN])\b", lambda letter: f"={CHOSEN[letter[1]]}", line)
+    return re.sub(r"=N\b", "=69", line)
 
 
 def _alone(words: list[str]) -> list[list[str]]:
@@ -60,13 +61,31 @@ def test_every_command_of_the_page_is_one_that_trains(capsys: pytest.CaptureFixt
     for command in commands:
         assert main(["train", *command, "--show-config"]) == 0, command
         shown = tomllib.loads(capsys.readouterr().out)
-        if "table" in command:
-            assert shown["optim"]["ema"] == 0.999
+        assert shown["optim"]["ema"] == 0.999
+
+
+def _row(command: list[str]) -> str:
+    out = Path(command[command.index("--out") + 1])
+    return command[0] if out.name == "table" else re.sub(r"-seed\d$", "", out.name)
+
+
+@pytest.mark.parametrize("card", sorted(MEASURED.glob("*/card.json")), ids=lambda p: p.parent.name)
+def test_commands_give_the_settings_of_the_measured_generators(card: Path) -> None:
+    every = [command for words in _commands() for command in _alone(words)]
+    of_rows = {_row(one): one for one in every if not any("pilot" in word for word in one)}
+    command = of_rows[re.sub(r"-seed\d$", "", card.parent.name)]
+    settings = [command[i + 1] for i, word in enumerate(command) if word == "--set"]
+    config = dataclasses.asdict(resolve_config(command[0], "paper-small", settings=settings))
+    measured = json.loads(card.read_text())["training"]["config"]
+    for part in ("generator", "output", "data", "loss", "optim"):
+        shared = config[part].keys() & measured[part].keys()
+        given = json.loads(json.dumps({name: config[part][name] for name in shared}))
+        assert given == {name: measured[part][name] for name in shared}
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_the_table_trains_every_method_alike(name: str) -> None:
-    config = apply_overrides(default_config(name), [preset_file("table")], [])
+    config = apply_overrides(default_config(name), [preset_file("paper-small")], [])
     usual, optim = default_config(name), config.optim
     assert (config.data.width, config.data.height) == (128, 128)
     assert (config.generator.width, config.generator.blocks) == (16, 6)

@@ -168,7 +168,7 @@ def test_shells_can_complete(cli: Cli, shell: str) -> None:
         ("doctor --provider cp", ["cpu"]),
         ("train cyc", ["cyclegan"]),
         ("train --methods cut,p", ["cut,proposed"]),
-        ("train cut --preset d", ["default"]),
+        ("train cut --preset b", ["bundled"]),
         ("train cut --accelerator m", ["mps"]),
     ],
 )

@@ -50,7 +50,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-COMMON = ("proposed", "--data", "data", "--out", "run", "--preset", "default")
+COMMON = ("proposed", "--data", "data", "--out", "run", "--preset", "bundled")
 COMMON += ("--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu")
 
 
@@ -87,7 +87,7 @@ def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
     assert _train(folder, "--set", "seed=3", "--threads", "2", "--max-minutes", "0").returncode == 0
     begun = Checkpoint.load(folder / "run" / "last.ckpt")
     common = ("--data", "data", "--out", "run", "--accelerator", "cpu", "--quiet")
-    again = ("--preset", "default", "--config", "tiny.toml", "--set", "seed=3")
+    again = ("--preset", "bundled", "--config", "tiny.toml", "--set", "seed=3")
     for given in ((), again):
         done = _run(folder, "proposed", *common, *given, "--max-minutes", "0")
         assert (done.returncode, done.stderr) == (0, "")
@@ -102,7 +102,7 @@ def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
 
 
 def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> None:
-    shown = _run(folder, "proposed", "--preset", "default", "--show-config")
+    shown = _run(folder, "proposed", "--preset", "bundled", "--show-config")
     assert shown.returncode == 0, shown.stderr
     values = tomllib.loads(shown.stdout)
     assert values["generator"]["name"] == "efficient"

@@ -138,7 +138,7 @@ SETTINGS = (
 
 
 def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    words = ["train", "proposed", "--preset", "default"]
+    words = ["train", "proposed", "--preset", "bundled"]
     words += ["--data", "data", "--out", "run", "--accelerator", "cpu", "--threads", "1"]
     words += ["--tensorboard", *more]
     for setting in SETTINGS:

@@ -13,8 +13,8 @@ from depthcli.errors import UsageError
 from depthcli.training.config import LossConfig, TrainConfig, updated
 from depthcli.training.methods.registry import DEFAULTS, default_config
 from depthcli.training.methods.table import METHODS
-from depthcli.training.presets import FOLDER, preset_file
-from depthcli.training.settings import apply_overrides
+from depthcli.training.presets import FOLDER, PRESETS, preset_file
+from depthcli.training.settings import apply_overrides, resolve_config
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 
@@ -110,12 +110,12 @@ UNPAIRED = ("data.paired=false", "loss.l1=0")
 
 
 @pytest.mark.parametrize(
-    "setting", ["l1=1", "gradient=0.5", "l1_backward=true", "contrast=cfl", "contrast=cut"]
+    "setting", ["l1=1", "gradient=0.5", "contrast=cfl", "l1_backward=true", "contrast=cut"]
 )
 def test_losses_against_the_truth_need_pairs(setting: str) -> None:
     loss = f"loss.{setting}"
     apply_overrides(TrainConfig(), [], [loss])
-    if setting == "contrast=cut":
+    if setting in {"l1_backward=true", "contrast=cut"}:  # of an L1 without weight, the former
         assert not apply_overrides(TrainConfig(), [], [*UNPAIRED, loss]).data.paired
         return
     with pytest.raises(UsageError):
@@ -154,6 +154,31 @@ def test_a_preset_holds_only_differences(file: Path) -> None:
         assert any(config[path] != value for config in usual), path
 
 
-def test_unknown_preset_names_the_known() -> None:
+def test_unknown_preset_is_refused() -> None:
     with pytest.raises(UsageError):
         preset_file("huge")
+
+
+def test_presets_of_0_17_keep_their_names() -> None:
+    before = {"full": "paper", "table": "paper-small", "default": "bundled"}
+    assert all(preset_file(old) == preset_file(new) for old, new in before.items())
+
+
+def test_presets_and_files_are_the_same() -> None:
+    assert {file.stem for file in FOLDER.glob("*.toml")} == set(PRESETS)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_preset_is_refused_for_other_methods_than_its_own(preset: str, method: str) -> None:
+    if PRESETS[preset] in ("", method):
+        assert resolve_config(method, preset).method == method
+    else:
+        with pytest.raises(UsageError, match=f"{preset} is for the method {PRESETS[preset]}"):
+            resolve_config(method, preset)
+
+
+@pytest.mark.parametrize("preset", ["paper", "paper-small", "reduced", None])
+def test_proposed_has_the_weights_of_the_pilot(preset: str | None) -> None:
+    config = resolve_config("proposed", preset)
+    assert (config.loss.l1, config.loss.l1_backward, config.generator.name) == (100, True, "resnet")

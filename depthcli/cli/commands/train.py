@@ -25,7 +25,7 @@ from depthcli.cli.process import ending_signals
 from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.training.methods.table import METHODS
-from depthcli.training.presets import preset_names
+from depthcli.training.presets import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -79,7 +79,8 @@ class ConfigOptions:
     """Configuration."""
 
     preset: str | None = usual(
-        f"Configuration preset: {', '.join(preset_names())}.",
+        "Configuration preset: "
+        f"{', '.join(f'{name} (for {own})' if own else name for name, own in PRESETS.items())}.",
         metavar="NAME",
         autocompletion=completion.presets,
     )

@@ -5,19 +5,30 @@ from pathlib import Path
 from depthcli.errors import UsageError
 
 FOLDER = Path(__file__).parent
+PRESETS = {
+    "paper": "",
+    "paper-small": "",
+    "reduced": "",
+    "bundled": "proposed",
+    "finetune": "proposed",
+}
+"""The method that each preset is for; "" for all of them."""
+_NAMES_BEFORE = {"full": "paper", "table": "paper-small", "default": "bundled"}  # 0.17
 
 
-def preset_file(name: str) -> Path:
+def preset_file(name: str, method: str | None = None) -> Path:
     """The TOML file of a preset.
 
     Raises:
-        UsageError: there is no such preset.
+        UsageError: there is no such preset, or it is for another method.
     """
-    if name not in preset_names():
-        raise UsageError(f"no preset '{name}'; choose from {', '.join(preset_names())}")
+    name = _NAMES_BEFORE.get(name, name)
+    if name not in PRESETS:
+        raise UsageError(f"no preset '{name}'; choose from {', '.join(PRESETS)}")
+    if method and PRESETS[name] not in ("", method):
+        fitting = [other for other, own in PRESETS.items() if own in ("", method)]
+        raise UsageError(
+            f"the preset {name} is for the method {PRESETS[name]}, not {method}; "
+            f"choose from {', '.join(fitting)}"
+        )
     return FOLDER / f"{name}.toml"
-
-
-def preset_names() -> tuple[str, ...]:
-    """Names of the presets, in alphabetic order."""
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))

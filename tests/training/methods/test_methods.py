@@ -190,7 +190,7 @@ WEIGHTS = {
         "contrast_y": 0.5,
         "identity": 5,
         "cycle": 10,
-        "l1": 10,
+        "l1": 100,
     },
 }
 SCHEDULES = {
