@@ -223,8 +223,9 @@ class AnchorOptions:
     anchors: str | None = option(
         "Known depth, such as that of a lidar: a CSV table with the columns x, y and "
         "depth_m, or a sparse depth map of the image's size (as 'info' reads; 0 or NaN "
-        "is unknown). For 'batch', a folder with such a file for each image.",
-        metavar="FILE",
+        "is unknown). For 'batch', a folder with such a file for each image. self: what a phone "
+        "stored within each image (HEIC, JPEG).",
+        metavar="FILE|self",
     )
     anchors_scale: float | None = option(
         "Units per metre of --anchors. Default: from the file, else 1000 for integers (needed "

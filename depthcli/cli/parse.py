@@ -174,12 +174,16 @@ def anchors(
             if getattr(options, name) is not None:
                 raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
         return tuple(map(_anchor, options.anchor or ()))
+    from depthcli.io.depth.anchors import SELF, AnchorFiles
+
+    if path == SELF and (options.anchors_scale or options.anchors_kind):
+        raise UsageError(
+            "", "{anchors_scale} and {anchors_kind} are for files, not for {anchors} self"
+        )
     place = path_of(path)
-    if not isinstance(place, RemotePath) and place.is_dir() != is_folder:
+    if path != SELF and not isinstance(place, RemotePath) and place.is_dir() != is_folder:
         kind = "a folder with a file for each image" if is_folder else "a file"
         raise UsageError(f"{safe_name(path)} is not {kind}", option="anchors")
-    from depthcli.io.depth.anchors import AnchorFiles
-
     return AnchorFiles(path, options.anchors_scale, options.anchors_kind, camera)
 
 

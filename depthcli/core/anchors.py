@@ -36,7 +36,7 @@ class AnchorPoints:
         y: (N,) int64, rows from 0 at the top.
         depth_m: (N,) float64, metres along the camera axis.
         size_px: (columns, rows) of the map that they are from; None for a list of points.
-        warnings: about their file, one line each.
+        warnings: about their file, or why it has none, one line each.
     """
 
     x: npt.NDArray[np.int64]
@@ -344,6 +344,8 @@ def fitted(
     """
     if points is None:
         return depth, ()
+    if not points and points.warnings:  # about an image that has none of its own
+        return depth, points.warnings
     try:
         shown = displayed_depth(depth, windows)
         inside = points.within(shown.width, shown.height)

@@ -59,7 +59,7 @@ class PredictRequest:
     destination: Destination[Format] = field(default_factory=picture_destination)
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
-    #: points of known depth, or a file of them for all images
+    #: points of known depth, a file of them for all images, or the images themselves
     anchors: AnchorFiles | tuple[Anchor, ...] = ()
     reading: ReadOptions = AS_STATED  #: how images are read
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats

@@ -12,6 +12,7 @@ from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
+from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.atomic import Guard
@@ -30,16 +31,20 @@ def predict_pictures(
         ModelError: the model cannot be used.
         UsageError: the known depth cannot be read.
     """
-    points = _known_points(request)
+    anchors = request.anchors
+    own = anchors if isinstance(anchors, AnchorFiles) and anchors.is_self else None
+    points = None if own else _known_points(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
-    known = [] if isinstance(request.anchors, tuple) else [path_of(request.anchors.path)]
+    known = [] if isinstance(anchors, tuple) or own else [path_of(anchors.path)]
     inputs = [*known, *(plan.source for plan in plans if plan.source is not None)]
     guard = write.output_guard(inputs, overwrite=request.overwrite)
     for plan in plans:
         try:
             to_files = request.destination.kind is not Kind.STDOUT
             checked = guard.checked(plan.outputs.values() if to_files else ())
+            if own:
+                points = own.of_image(plan.source)
             yield _predict_picture(request, plan, loading, points, checked)
         except (InputError, OutputError) as error:
             yield write.FailedInput(plan.name, error)

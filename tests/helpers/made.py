@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import struct
 import zlib
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PIL import Image
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -43,6 +46,26 @@ def exif(orientation: int = 1, focal_35mm: int | None = None, order: str = "<") 
 def jpeg_with_exif(jpeg: bytes, block: bytes) -> bytes:
     body = b"Exif\0\0" + block
     return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + jpeg[2:]
+
+
+def jpeg_with_depth(
+    photo: bytes, depth: npt.NDArray[np.uint8], *, orientation: int = 1, **facts: str
+) -> bytes:
+    """A JPEG with GDepth, the image of which is in segments of extended XMP."""
+    Image.fromarray(depth).save(file := BytesIO(), "PNG")
+    head = "".join(f' GDepth:{name}="{value}"' for name, value in facts.items())
+    xmp = b"http://ns.adobe.com/xap/1.0/\0<x:xmpmeta" + head.encode() + b"/>"
+    more = b'<x GDepth:Data="' + base64.b64encode(file.getvalue()) + b'"/>'
+    parts = [
+        b"http://ns.adobe.com/xmp/extension/\0"
+        + b"0" * 32
+        + struct.pack(">II", len(more), at)
+        + more[at : at + 200]
+        for at in range(0, len(more), 200)
+    ]
+    image = jpeg_with_exif(photo, exif(orientation))
+    segments = b"".join(segment(0xE1, part) for part in [xmp, *parts[::-1]])
+    return image[:2] + segments + image[2:]
 
 
 def png_with_exif(png: bytes, block: bytes) -> bytes:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
+from helpers import made
 
 from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
-from depthcli.io.depth.anchors import AnchorFiles
+from depthcli.io.depth.anchors import SELF, AnchorFiles
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
@@ -126,3 +127,18 @@ def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
         files.file_for("a.jpg")
     (tmp_path / "a.csv").write_text("x,y,depth_m\n1,2,3\n")
     assert files.file_for("a.jpg") == tmp_path / "a.csv"
+
+
+def test_own_depth_of_an_image_is_used_if_it_is_in_metres(tmp_path: Path) -> None:
+    path, shades = tmp_path / "a.jpg", np.array([[0, 255]], np.uint8)
+    facts = {"Format": "RangeLinear", "Near": "1", "Far": "3"}
+    path.write_bytes(made.jpeg_with_depth(made.jpeg([[128]]), shades, Units="m", **facts))
+    points = AnchorFiles(SELF).of_image(path)
+    assert (points.depth_m.tolist(), points.size_px) == ([1, 3], (2, 1))
+    for data in (
+        made.jpeg_with_depth(made.jpeg([[128]]), shades, **facts),  # without a unit
+        made.jpeg([[128]]),
+    ):
+        path.write_bytes(data)
+        points = AnchorFiles(SELF).of_image(path)
+        assert (len(points), len(points.warnings)) == (0, 1)

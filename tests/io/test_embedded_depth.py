@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import struct
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -25,33 +23,12 @@ SHADES = np.arange(256, dtype=np.uint8).reshape(16, 16)
 EMPTY = made.jpeg([[128]])
 
 
-def segment(body: bytes) -> bytes:
-    return b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
-
-
-def gdepth(*, orientation: int = 1, **facts: str) -> bytes:
-    """A JPEG with GDepth, the image of which is in two segments of extended XMP."""
-    Image.fromarray(SHADES).save(file := BytesIO(), "PNG")
-    head = "".join(f' GDepth:{name}="{value}"' for name, value in facts.items())
-    xmp = b"http://ns.adobe.com/xap/1.0/\0<x:xmpmeta" + head.encode() + b"/>"
-    more = b'<x GDepth:Data="' + base64.b64encode(file.getvalue()) + b'"/>'
-    parts = [
-        b"http://ns.adobe.com/xmp/extension/\0"
-        + b"0" * 32
-        + struct.pack(">II", len(more), at)
-        + more[at : at + 200]
-        for at in range(0, len(more), 200)
-    ]
-    image = made.jpeg_with_exif(EMPTY, made.exif(orientation))
-    return image[:2] + b"".join(map(segment, [xmp, *parts[::-1]])) + image[2:]
-
-
 @pytest.mark.parametrize("form", ["RangeInverse", "RangeLinear"])
 @pytest.mark.parametrize("orientation", [1, 6])
 def test_gdepth_of_a_jpeg_is_read_upright(form: str, orientation: int, tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     facts = {"Format": form, "Near": "0.5", "Far": "8", "Units": "m"}
-    path.write_bytes(gdepth(orientation=orientation, **facts))
+    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, orientation=orientation, **facts))
     depth = read_stored_depth(path).depth
     share = SHADES / 255
     inverse_m, linear_m = 1 / (1 / 0.5 + share * (1 / 8 - 1 / 0.5)), 0.5 + share * 7.5
@@ -69,7 +46,7 @@ def test_dynamic_depth_after_a_jpeg_is_read(tmp_path: Path) -> None:
         f'<Container:Item Item:Semantic="{n}" Item:Length="{size}"/>' for n, size in items
     )
     xmp += "<x " + " ".join(f"DepthMap:{fact}" for fact in facts) + "/>"
-    head = segment(b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode())
+    head = made.segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode())
     (tmp_path / "a.jpg").write_bytes(EMPTY[:2] + head + EMPTY[2:] + depth + other)
     stored = read_stored_depth(tmp_path / "a.jpg").depth
     assert stored.kind is DepthKind.METRIC
@@ -78,9 +55,9 @@ def test_dynamic_depth_after_a_jpeg_is_read(tmp_path: Path) -> None:
 
 def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
-    path.write_bytes(gdepth(Format="RangeLinear", Near="1", Far="2"))
+    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, Format="RangeLinear", Near="1", Far="2"))
     assert read_stored_depth(path).depth.kind is DepthKind.RELATIVE
-    path.write_bytes(gdepth(Format="RangeLinear", Near="1"))
+    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, Format="RangeLinear", Near="1"))
     with pytest.raises(InputError):
         read_stored_depth(path)
     path.write_bytes(EMPTY)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".csv", *READABLE_SUFFIXES)
 """Suffixes of files with known depth."""
+SELF = "self"
+"""In place of a path, the depth that a phone stored within each image."""
 _OUTPUT = ".depth"
 """End of the stems of the outputs of ``convert``."""
 _ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
@@ -27,13 +29,18 @@ _ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 @dataclass(frozen=True, slots=True)
 class AnchorFiles:
-    """A file with known depth, or a folder with one for each picture."""
+    """A file with known depth, a folder with one for each picture, or the pictures themselves."""
 
-    path: str  #: the file or the folder
+    path: str  #: the file, the folder, or ``SELF``
     #: units per metre of PNG and of integers in NPY; None for what the file states, or millimetres
     scale: float | None = None
     kind: DepthEncoding | None = None  #: of the numbers in a map that states none; None for metres
     camera: Intrinsics = UNKNOWN_CAMERA  #: of distances along the ray, as far as the user states it
+
+    @property
+    def is_self(self) -> bool:
+        """Whether it is the depth within each image."""
+        return self.path == SELF
 
     def read(self) -> AnchorPoints:
         """Read the file.
@@ -50,6 +57,16 @@ class AnchorFiles:
     def read_file(self, path: Path) -> AnchorPoints:
         """Read one of the folder's files; raises the errors of :meth:`read`."""
         return read_known_depth(path, self)
+
+    def of_image(self, image: Path | None) -> AnchorPoints:
+        """The depth within an image itself; no points if it has none of metres, and a warning.
+
+        Raises:
+            InputError: it cannot be read, or the image is no file.
+        """
+        if image is None:
+            raise InputError("standard input is no file whose own depth can be read")
+        return _own_depth(image, self.camera)
 
     def file_for(
         self, name: str, *, shares_stem: bool = False, picture: Path | None = None
@@ -132,6 +149,23 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     if not len(points):
         raise InputError(f"{path} has no pixel with depth")
     return replace(points, warnings=found.warnings_with_scale("anchors_scale"))
+
+
+def _own_depth(image: Path, camera: Intrinsics) -> AnchorPoints:
+    from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
+    from depthcli.io.depth.embedded import read_embedded_depth  # noqa: PLC0415
+    from depthcli.io.depth.read import DepthReadOptions  # noqa: PLC0415
+
+    found = read_embedded_depth(image, DepthReadOptions(camera=camera))
+    if found is None or not found.depth.is_metric:
+        kind = "no depth" if found is None else "relative depth, which has no metres,"
+        warning = f"{image} has {kind} of its own, so it is not fitted to any"
+        return replace(AnchorPoints.of(()), warnings=(warning,))
+    points = AnchorPoints.of_map(found.depth.values)
+    if not len(points):
+        raise InputError(f"{image} has no pixel with depth of its own")
+    warnings = found.warnings or (f"{image}: its own depth is in metres",)
+    return replace(points, warnings=warnings)
 
 
 def _table(data: bytes, name: str) -> AnchorPoints:

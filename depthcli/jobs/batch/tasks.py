@@ -35,7 +35,7 @@ class BatchOptions:
     formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
-    #: points of known depth, or a folder with a file of them for each image
+    #: points of known depth, a folder with a file of them for each image, or the images
     anchors: AnchorFiles | tuple[Anchor, ...] = ()
     reading: core_options.ReadOptions = core_options.AS_STATED  #: how images are read
     detail: core_options.Detail = core_options.DEFAULT_DETAIL  #: upsampling and tiles
@@ -58,6 +58,8 @@ class BatchOptions:
         """
         if isinstance(self.anchors, AnchorFiles):
             path = path_of(picture.path)
+            if self.anchors.is_self:
+                return self.anchors.of_image(path)
             file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
             if any(is_same_file(output, file) for output in outputs):
                 raise InputError(f"{file} is its known depth", "choose another {out}")
@@ -120,7 +122,7 @@ class BatchTask(Generic[FormatT]):
             self._check_same_input(row, out)
         if not self.is_listed or (row.status, row.input_sha256, row.key) != now:
             return None
-        if (row.anchors and row.anchors.sha256) != (None if points is None else points.sha256()):
+        if (row.anchors and row.anchors.sha256) != (points.sha256() if points else None):
             return None
         return row if all(manifest.is_intact(out, file) for file in row.outputs) else None
 
