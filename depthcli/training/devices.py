@@ -94,16 +94,6 @@ def _kill(processes: list[subprocess.Popen[bytes]]) -> None:
         process.kill()  # only rank 0 writes files
 
 
-@contextmanager
-def rank_zero_first(fabric: Fabric) -> Iterator[None]:
-    """Run the block in the process of rank 0, then, unless it raised, in the others."""
-    if fabric.global_rank:
-        fabric.barrier()
-    yield
-    if not fabric.global_rank:
-        fabric.barrier()
-
-
 def average_gradients(fabric: Fabric, weights: Iterable[Tensor]) -> None:
     """Replace the gradients by their mean over the processes, in one all-reduce.
 
@@ -116,14 +106,6 @@ def average_gradients(fabric: Fabric, weights: Iterable[Tensor]) -> None:
     parts = mean.split([g.numel() for g in gradients])  # type: ignore[union-attr]
     for gradient, part in zip(gradients, parts, strict=True):
         gradient.copy_(part.view(gradient.shape))
-
-
-def any_process(fabric: Fabric, value: bool) -> bool:
-    """Whether the value is true in any process; the same result in all of them."""
-    if fabric.world_size == 1:
-        return value
-    count = fabric.all_reduce(torch.tensor(float(value), device=fabric.device), reduce_op="sum")
-    return bool(count)
 
 
 def gather_states(fabric: Fabric, state: dict[str, Any]) -> list[dict[str, Any]]:

@@ -324,7 +324,7 @@ def fit(
             checkpoint is kept.
     """
     interrupt = interrupt or Interrupt()
-    with devices.rank_zero_first(fabric):
+    with fabric.rank_zero_first():
         run, batches, validation = _set_up(config, data, folder, fabric, init_weights)
     if fabric.is_global_zero:
         held_out, seen = run.provenance.held_out_ids, run.provenance.init_ids
@@ -342,7 +342,8 @@ def fit(
             if fabric.is_global_zero:
                 callback.on_step_end(run.state, run.steps, losses)
             over = elapsed_s >= 60 * max_minutes or step - before.step >= max_steps
-            stops = devices.any_process(fabric, over or interrupt.number is not None)
+            is_over = over or interrupt.number is not None
+            stops = fabric.strategy.reduce_boolean_decision(is_over, all=False)
             epoch_ends = step % batches.steps_per_epoch == 0
             if epoch_ends:
                 _end_epoch(run, validation, folder, losses)

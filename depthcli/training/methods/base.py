@@ -63,6 +63,11 @@ class Method(nn.Module):
     def load_extra_state(self, state: dict[str, list[Tensor]]) -> None:
         """Restore what :meth:`extra_state` returned."""
 
+    def weighted(self, **losses: Callable[[], Tensor]) -> dict[str, Tensor]:
+        """Weighted terms of losses, each named as its weight; a weight of zero leaves it out."""
+        weights = {name: getattr(self.weights, name) for name in losses}
+        return {name: weights[name] * loss() for name, loss in losses.items() if weights[name]}
+
     def encode(self, depth_m: Tensor) -> Tensor:
         """Depth (B, 1, H, W) in metres to the networks' coding in [-1, 1]."""
         output = self.config.output
@@ -124,10 +129,12 @@ class TwoWay(Method):
 
     def identity_terms(self, x: Tensor, y: Tensor, same_y: Tensor | None) -> dict[str, Tensor]:
         """Eq. 3; ``same_y`` is G(y)."""
-        if not self.weights.identity:
-            return {}
-        same_x = F.l1_loss(generate(required(self.backward_generator), x), x)
-        return {"identity": self.weights.identity * (F.l1_loss(required(same_y), y) + same_x)}
+
+        def identity() -> Tensor:
+            same_x = F.l1_loss(generate(required(self.backward_generator), x), x)
+            return F.l1_loss(required(same_y), y) + same_x
+
+        return self.weighted(identity=identity)
 
 
 def generate(generator: nn.Module, image: Tensor) -> Tensor:
@@ -177,13 +184,19 @@ def patch_heads(generator: Generator, taps: Sequence[str]) -> PatchSampler:
 
 
 def compared_patches(
-    generator: Generator, sampler: PatchSampler | None, source: Tensor, output: Tensor
+    generator: Generator,
+    sampler: PatchSampler | None,
+    source: Tensor,
+    output: Tensor,
+    *,
+    is_mirrored: bool = False,
 ) -> tuple[list[Tensor], list[Tensor]]:
     """Patch vectors (B, P, dim) of each tap: queries of the output, keys of the source."""
     sampler = required(sampler)
     keys, positions = sampler(generator.features(source))
-    queries, _ = sampler(generator.features(output), positions)
-    return queries, keys
+    maps = generator.features(output)
+    maps = [features.flip(3) for features in maps] if is_mirrored else maps
+    return sampler(maps, positions)[0], keys
 
 
 def mean_over_taps(

@@ -1,7 +1,8 @@
 """CUT and FastCUT (Park et al. 2020): one-sided translation with a patch-wise contrastive loss."""
 
-from functools import partial
-from typing import ClassVar
+from collections.abc import Callable
+from functools import cache, partial
+from typing import ClassVar, TypeAlias
 
 import torch
 from torch import Tensor, nn
@@ -11,6 +12,8 @@ from depthcli.training.config import TrainConfig
 from depthcli.training.data import TrainingBatch
 from depthcli.training.methods import base
 from depthcli.training.networks.build import build_discriminator
+
+_Patches: TypeAlias = Callable[[], tuple[list[Tensor], list[Tensor]]]
 
 
 class Cut(base.Method):
@@ -41,16 +44,16 @@ class Cut(base.Method):
         x, y = batch.network_input, self.encode(batch.depth_m)
         if phase == "discriminator":
             self._fakes = self._translate(x)  # the generator's phase, which is next, reuses it
-            fake_y = self._fakes[0].detach()
-            discriminator = base.required(self.discriminator)
-            return {
-                "discriminator": losses.discriminator_loss(
-                    self.weights.gan, discriminator, real=y, fake=fake_y
-                )
-            }
+            fake_y, judge = self._fakes[0].detach(), base.required(self.discriminator)
+            loss = losses.discriminator_loss(self.weights.gan, judge, real=y, fake=fake_y)
+            return {"discriminator": loss}
         fake_y, flipped = self._fakes or self._translate(x)
         self._fakes = None
-        return self._adversarial(y, fake_y) | self._contrastive_terms(x, y, fake_y, flipped=flipped)
+        patches = partial(base.compared_patches, self.generator, self.sampler)
+        of_x = partial(patches, x, fake_y, is_mirrored=flipped)
+        return self._adversarial(y, fake_y) | self._contrastive_terms(
+            of_x, lambda: patches(y, base.generate(self.generator, y))
+        )
 
     def _translate(self, x: Tensor) -> tuple[Tensor, bool]:
         flipped = self.weights.flip_contrast and bool(torch.rand(()) < 0.5)  # noqa: PLR2004
@@ -63,31 +66,12 @@ class Cut(base.Method):
             loss = losses.generator_loss(self.weights.gan, self.discriminator, real=y, fake=fake_y)
         return {"adversarial": self.weights.adversarial * loss}
 
-    def _contrastive_terms(
-        self, x: Tensor, y: Tensor, fake_y: Tensor, *, flipped: bool
-    ) -> dict[str, Tensor]:
-        terms = {}
-        if self.weights.contrast_x:
-            loss = base.mean_over_taps(
-                losses.patch_nce, *self._patch_vectors(x, fake_y, flipped=flipped)
-            )
-            terms["contrast_x"] = self.weights.contrast_x * loss
-        if self.weights.contrast_y:
-            same_y = base.generate(self.generator, y)
-            loss = base.mean_over_taps(losses.patch_nce, *self._patch_vectors(y, same_y))
-            terms["contrast_y"] = self.weights.contrast_y * loss
-        return terms
-
-    def _patch_vectors(
-        self, source: Tensor, output: Tensor, *, flipped: bool = False
-    ) -> tuple[list[Tensor], list[Tensor]]:
-        """Queries of the output and keys of the source, (B, P, dim) of each tap."""
-        sampler = base.required(self.sampler)
-        keys, positions = sampler(self.generator.features(source))
-        maps = self.generator.features(output)
-        maps = [features.flip(3) for features in maps] if flipped else maps
-        queries, _ = sampler(maps, positions)
-        return queries, keys
+    def _contrastive_terms(self, of_x: _Patches, of_y: _Patches) -> dict[str, Tensor]:
+        """Terms of the patches of x and G(x), and of y and G(y)."""
+        return self.weighted(
+            contrast_x=lambda: base.mean_over_taps(losses.patch_nce, *of_x()),
+            contrast_y=lambda: base.mean_over_taps(losses.patch_nce, *of_y()),
+        )
 
 
 class HnegSrc(Cut):
@@ -101,19 +85,10 @@ class HnegSrc(Cut):
         start, end = self.weights.gamma_start, self.weights.gamma_end
         return start + (end - start) * self.share_done
 
-    def _contrastive_terms(
-        self, x: Tensor, y: Tensor, fake_y: Tensor, *, flipped: bool
-    ) -> dict[str, Tensor]:
-        terms, weights = {}, self.weights
-        hard = partial(losses.hdce, gamma=self.gamma)
-        if weights.contrast_x or weights.relation:
-            vectors = self._patch_vectors(x, fake_y, flipped=flipped)
-        if weights.contrast_x:
-            terms["contrast_x"] = weights.contrast_x * base.mean_over_taps(hard, *vectors)
-        if weights.relation:
-            relation = base.mean_over_taps(losses.semantic_relation, *vectors)
-            terms["relation"] = weights.relation * relation
-        if weights.contrast_y:
-            same_y = self._patch_vectors(y, base.generate(self.generator, y))
-            terms["contrast_y"] = weights.contrast_y * base.mean_over_taps(hard, *same_y)
-        return terms
+    def _contrastive_terms(self, of_x: _Patches, of_y: _Patches) -> dict[str, Tensor]:
+        of_x, hard = cache(of_x), partial(losses.hdce, gamma=self.gamma)
+        return self.weighted(
+            contrast_x=lambda: base.mean_over_taps(hard, *of_x()),
+            relation=lambda: base.mean_over_taps(losses.semantic_relation, *of_x()),
+            contrast_y=lambda: base.mean_over_taps(hard, *of_y()),
+        )

@@ -95,12 +95,13 @@ class CycleGan(TwoWay):
         self, batch: TrainingBatch, y: Tensor, outputs: GeneratorOutputs
     ) -> dict[str, Tensor]:
         """Weighted terms; y is the batch's depth, coded."""
-        x, terms = batch.network_input, {}
-        if self.weights.cycle:  # eq. 2
+        x = batch.network_input
+
+        def cycle() -> Tensor:  # eq. 2
             there = F.l1_loss(generate(required(self.backward_generator), outputs.fake_y), x)
-            back = F.l1_loss(generate(self.generator, required(outputs.fake_x)), y)
-            terms["cycle"] = self.weights.cycle * (there + back)
-        terms |= self.identity_terms(x, y, outputs.same_y)
+            return there + F.l1_loss(generate(self.generator, required(outputs.fake_x)), y)
+
+        terms = self.weighted(cycle=cycle) | self.identity_terms(x, y, outputs.same_y)
         return terms | self.adversarial_terms(x, y, outputs.fake_x, outputs.fake_y)
 
     def extra_state(self) -> dict[str, list[Tensor]]:

@@ -71,14 +71,10 @@ class DclGan(base.TwoWay):
         return self._contrast(self._patch_vectors(maps))
 
     def _contrast(self, vectors: DomainFeatures) -> dict[str, Tensor]:
-        weights, terms = self.weights, {}
-        if weights.contrast_x:
-            there = base.mean_over_taps(patch_nce, vectors.fake_y, vectors.real_x)
-            terms["contrast_x"] = weights.contrast_x * there
-        if weights.contrast_y:
-            back = base.mean_over_taps(patch_nce, vectors.fake_x, vectors.real_y)
-            terms["contrast_y"] = weights.contrast_y * back
-        return terms
+        return self.weighted(
+            contrast_x=lambda: base.mean_over_taps(patch_nce, vectors.fake_y, vectors.real_x),
+            contrast_y=lambda: base.mean_over_taps(patch_nce, vectors.fake_x, vectors.real_y),
+        )
 
     def _patch_vectors(self, maps: DomainFeatures) -> DomainFeatures:
         """Patch vectors at the same positions of an image and its translation."""

@@ -65,33 +65,27 @@ class Proposed(CycleGan):
         self, raw_y: Tensor, y: Tensor, valid_mask: Tensor | None
     ) -> dict[str, Tensor]:
         """Eq. 1 and the other losses against ground truth, over pixels with valid depth."""
-        weights, terms, size = self.weights, {}, raw_y.shape[2:]
+        size = raw_y.shape[2:]
         if size != y.shape[2:]:
             y = F.interpolate(y, size=size, mode="area")
             if valid_mask is not None:
                 valid_mask = F.interpolate(valid_mask.float(), size=size, mode="area") == 1
-        if weights.l1:
-            l1 = losses.regularized_l1(raw_y, y, self.generator, weights.weight_penalty, valid_mask)
-            terms["l1"] = weights.l1 * l1
-        for name, function in PAIRED_LOSSES.items():
-            if weight := getattr(weights, name):
-                terms[name] = weight * getattr(losses, function)(raw_y, y, valid_mask)
-        return terms
+        pair, penalty = (raw_y, y), self.weights.weight_penalty
+        l1 = partial(losses.regularized_l1, *pair, self.generator, penalty, valid_mask)
+        others = {name: getattr(losses, function) for name, function in PAIRED_LOSSES.items()}
+        return self.weighted(
+            l1=l1, **{name: partial(loss, *pair, valid_mask) for name, loss in others.items()}
+        )
 
     def _contrastive_terms(
         self, x: Tensor, y: Tensor, outputs: GeneratorOutputs
     ) -> dict[str, Tensor]:
         """Eq. 4: features of the output against those of the input or of the paired truth."""
-        weights, terms = self.weights, {}
         patches = partial(base.compared_patches, self.generator, self.sampler)
-        if weights.contrast_x:
-            paired = weights.contrast == "cfl"
-            loss, source = (losses.cfl_nce, y) if paired else (losses.patch_nce, x)
-            contrast = base.mean_over_taps(loss, *patches(source, outputs.fake_y))
-            terms["contrast_x"] = weights.contrast_x * contrast
-        if weights.contrast_y:
-            contrast = base.mean_over_taps(
-                losses.patch_nce, *patches(y, base.required(outputs.same_y))
-            )
-            terms["contrast_y"] = weights.contrast_y * contrast
-        return terms
+        is_paired, nce = self.weights.contrast == "cfl", losses.patch_nce
+        loss, source = (losses.cfl_nce, y) if is_paired else (nce, x)
+        of_x = partial(patches, source, outputs.fake_y)
+        return self.weighted(
+            contrast_x=lambda: base.mean_over_taps(loss, *of_x()),
+            contrast_y=lambda: base.mean_over_taps(nce, *patches(y, base.required(outputs.same_y))),
+        )

@@ -12,7 +12,9 @@ class BlurDown(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.register_buffer("kernel", _kernel([1.0, 2.0, 1.0], channels), persistent=False)
+        line = torch.tensor([1.0, 2.0, 1.0]) / 4
+        kernel = torch.outer(line, line).expand(channels, 1, -1, -1).clone()
+        self.register_buffer("kernel", kernel, persistent=False)
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) to (B, C, ceil(H/2), ceil(W/2))."""
@@ -20,18 +22,11 @@ class BlurDown(nn.Module):
         return F.conv2d(x, self.kernel.to(x.dtype), stride=2, groups=x.shape[1])
 
 
-def _kernel(taps: list[float], channels: int) -> Tensor:
-    line = torch.tensor(taps)
-    square = torch.outer(line, line) / line.sum() ** 2
-    return square.expand(channels, 1, -1, -1).clone()
-
-
 class InstanceNorm(nn.InstanceNorm2d):
     """Instance norm without affine parameters (Ulyanov et al. 2016).
 
-    The gradients of torch's own (2.13 still) are wrong for one picture in channels-last memory. The
-    batch norm of one picture, which is the same, is used instead, unless no gradients are needed,
-    as for the export.
+    The gradients of torch's own (2.13 still) are wrong for one picture in channels-last memory, so
+    the batch norm of one picture, which is the same, is used where gradients are needed.
     """
 
     def forward(self, x: Tensor) -> Tensor:
@@ -42,25 +37,15 @@ class InstanceNorm(nn.InstanceNorm2d):
 
 
 _STD = 0.02
-_CONVOLUTIONS = (nn.Conv2d, nn.ConvTranspose2d)
 
 
-def init_normal(network: nn.Module) -> None:
-    """Kernels from N(0, 0.02²) and zero biases (CycleGAN)."""
+def init_weights(network: nn.Module, *, xavier: bool) -> None:
+    """Kernels from N(0, 0.02²) (CycleGAN), or Xavier-normal of gain 0.02 (CUT); zero biases."""
     for layer in network.modules():
-        if isinstance(layer, _CONVOLUTIONS):
-            nn.init.normal_(layer.weight, 0.0, _STD)
-            _zero_bias(layer)
-
-
-def init_xavier(network: nn.Module) -> None:
-    """Xavier-normal kernels and matrices of gain 0.02 and zero biases (CUT)."""
-    for layer in network.modules():
-        if isinstance(layer, (*_CONVOLUTIONS, nn.Linear)):
-            nn.init.xavier_normal_(layer.weight, _STD)
-            _zero_bias(layer)
-
-
-def _zero_bias(layer: nn.Module) -> None:
-    if layer.bias is not None:
-        nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
+        if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d | nn.Linear):
+            if xavier:
+                nn.init.xavier_normal_(layer.weight, _STD)
+            else:
+                nn.init.normal_(layer.weight, 0.0, _STD)
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)

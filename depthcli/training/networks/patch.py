@@ -8,7 +8,7 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from depthcli.training.losses import full_precision
-from depthcli.training.networks.layers import BlurDown, InstanceNorm, init_normal, init_xavier
+from depthcli.training.networks.layers import BlurDown, InstanceNorm, init_weights
 
 _SLOPE = 0.2
 
@@ -35,7 +35,7 @@ class PatchGan(nn.Module):
                 layers.append(BlurDown(outputs))
         layers.append(nn.Conv2d(widths[-1], 1, 4, 1, 1))
         self.layers = nn.Sequential(*layers)
-        (init_xavier if antialias else init_normal)(self)
+        init_weights(self, xavier=antialias)
 
     def forward(self, image: Tensor) -> Tensor:
         """Logits of an image: (B, 1, 256, 256) to (B, 1, 30, 30), and so on."""
@@ -61,7 +61,7 @@ class PatchSampler(nn.Module):
             nn.Sequential(nn.Linear(width, dim), nn.ReLU(), nn.Linear(dim, dim))
             for width in channels
         )
-        init_xavier(self)
+        init_weights(self, xavier=True)
 
     def forward(
         self, maps: Sequence[Tensor], positions: Sequence[Tensor] | None = None
@@ -94,7 +94,7 @@ class SimilarityMap(nn.Module):
         super().__init__()
         self.conv = nn.Conv2d(taps, dim, 3, 2)
         self.linear = nn.Sequential(nn.Linear(dim, dim), nn.ReLU(), nn.Linear(dim, dim))
-        init_xavier(self)
+        init_weights(self, xavier=True)
 
     def forward(self, vectors: Sequence[Tensor]) -> Tensor:
         """One unit vector (B, dim) per image, fp32, of the vectors (B, P, C) fp32 of each tap.

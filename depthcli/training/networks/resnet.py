@@ -6,7 +6,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from depthcli.training.networks.layers import BlurDown, InstanceNorm, init_normal, init_xavier
+from depthcli.training.networks.layers import BlurDown, InstanceNorm, init_weights
 
 
 class ResnetGenerator(nn.Module):
@@ -43,7 +43,7 @@ class ResnetGenerator(nn.Module):
         self.up1 = _up(4 * width, 2 * width, antialias=antialias)
         self.up2 = _up(2 * width, width, antialias=antialias)
         self.head = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(width, 1, 7))
-        (init_xavier if antialias else init_normal)(self)
+        init_weights(self, xavier=antialias)
         self.input_gain = nn.Parameter(torch.zeros(())) if residual == "input" else None
 
     def tap_channels(self, tap: str) -> int:
