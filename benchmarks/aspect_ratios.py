@@ -20,7 +20,7 @@ import numpy as np
 
 import depthcli
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import Detail, Upsampling
+from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
 from depthcli.evaluation.task import plan_nyu
@@ -107,7 +107,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int)
     options = parser.parse_args()
     task = plan_nyu(open_nyu(options.data), options.split, options.limit)
-    plain = Detail(Upsampling.BILINEAR)
+    plain = UpsamplingOptions(Upsampling.BILINEAR)
     pipeline = depthcli.load_model(options.model, provider="cpu", threads=1, detail=plain).pipeline
     crops = Crops(task, pipeline)
     print(f"{pipeline.card.name} {pipeline.card.version}, {len(task.test)} pictures")

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, TypeVar
 import cv2
 from tools import write_pictures
 
-from depthcli.core.options import Detail, Upsampling
+from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
@@ -85,7 +85,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
     cv2.setNumThreads(1)
     settings = dict(setting.split("=", 1) for setting in how.provider_option)
     loader = SessionLoader(how.model, how.provider, threads=1, provider_options=settings)
-    pipeline = Pipeline(loader.load(), Detail(how.upsample))
+    pipeline = Pipeline(loader.load(), UpsamplingOptions(how.upsample))
     options = WriterOptions()
     model = pipeline.session.model
     origin = CacheKey("0" * 64, model.card.name, model.sha256, "")

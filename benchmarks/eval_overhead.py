@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from depthcli.core.options import Detail, Upsampling
+from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import one_thread_each, ordered_map, usable_cores
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
@@ -87,7 +87,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
     dataset = open_nyu(options.data)
-    model = open_model(SessionLoader(threads=1), Detail(Upsampling.BILINEAR))
+    model = open_model(SessionLoader(threads=1), UpsamplingOptions(Upsampling.BILINEAR))
     folder = tempfile.TemporaryDirectory()
     out = Path(folder.name)
     ways: dict[str, Callable[[range], object]] = {

@@ -128,7 +128,7 @@ def main() -> None:
     parser.add_argument("--widths", type=int, nargs="+", default=WIDTHS)
     parser.add_argument("--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"))
     options = parser.parse_args()
-    plain = depthcli.Detail(upsampling="bilinear")
+    plain = depthcli.UpsamplingOptions(upsampling="bilinear")
     models = [
         depthcli.load_model(model, provider="cpu", threads=1, detail=plain).pipeline
         for model in options.model

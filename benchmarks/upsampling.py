@@ -19,7 +19,7 @@ import numpy as np
 from tools import alternate
 
 import depthcli
-from depthcli.core.options import AUTO_TILE, Detail, Upsampling
+from depthcli.core.options import AUTO_TILE, Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
 from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from depthcli.inference.session import Session
 
 WAYS = {
-    "bilinear": Detail(Upsampling.BILINEAR),
-    "guided": Detail(Upsampling.GUIDED),
-    "bilinear, tiles": Detail(Upsampling.BILINEAR, AUTO_TILE),
-    "guided, tiles": Detail(Upsampling.GUIDED, AUTO_TILE),
+    "bilinear": UpsamplingOptions(Upsampling.BILINEAR),
+    "guided": UpsamplingOptions(Upsampling.GUIDED),
+    "bilinear, tiles": UpsamplingOptions(Upsampling.BILINEAR, AUTO_TILE),
+    "guided, tiles": UpsamplingOptions(Upsampling.GUIDED, AUTO_TILE),
 }
 
 

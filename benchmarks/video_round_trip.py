@@ -36,7 +36,7 @@ def main() -> None:
         formats = ("--format", "mkv", "--format", "png16")
         subprocess.run([sys.executable, "-m", *command, *formats], check=True)
         stored, pngs = DepthVideo(out / "room.depth.mkv"), sorted(out.glob("*.png"))
-        pipeline = depthcli.load_model(detail=depthcli.Detail()).pipeline
+        pipeline = depthcli.load_model(detail=depthcli.UpsamplingOptions()).pipeline
         frames = differing = 0
         with VideoSource(video) as source:
             print(f"frame rate {source.rate} of the video, {stored.rate} of mkv")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 import cv2
 from tools import write_video
 
-from depthcli.core.options import Detail
+from depthcli.core.options import UpsamplingOptions
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
@@ -61,7 +61,7 @@ class Stages:
 def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     """CPU seconds of all stages of a frame, each in its turn, the mean over a few frames."""
     cv2.setNumThreads(1)
-    pipeline = Pipeline(SessionLoader(threads=1).load(), Detail())
+    pipeline = Pipeline(SessionLoader(threads=1).load(), UpsamplingOptions())
     settings = VideoSettings()
     work, stages = FrameStages(pipeline, settings), Stages()
     plan = plan_video(VideoRequest(str(video), video_destination(f"{folder}/", FORMATS)))

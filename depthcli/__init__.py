@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from depthcli.api.files import DepthVideo, VideoSource, read_depth
     from depthcli.api.model import DepthModel, load_model
     from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-    from depthcli.core.options import Detail, Projection, Upsampling
+    from depthcli.core.options import Projection, Upsampling, UpsamplingOptions
     from depthcli.core.point_cloud import PointCloud
     from depthcli.core.types import AnchorFit, DepthKind, Frame, Provenance
     from depthcli.errors import (
@@ -57,7 +57,6 @@ __all__ = [
     "DepthVideo",
     "DepthcliError",
     "DepthcliWarning",
-    "Detail",
     "EngineError",
     "Frame",
     "InputError",
@@ -76,6 +75,7 @@ __all__ = [
     "Session",
     "TrainingError",
     "Upsampling",
+    "UpsamplingOptions",
     "UsageError",
     "VideoSource",
     "__version__",
@@ -91,7 +91,7 @@ _HOMES = {
     "depthcli.api.files": ("DepthVideo", "VideoSource", "read_depth"),
     "depthcli.api.model": ("DepthModel", "load_model"),
     "depthcli.core.camera": ("Anchor", "CameraSource", "Intrinsics"),
-    "depthcli.core.options": ("Detail", "Projection", "Upsampling"),
+    "depthcli.core.options": ("Detail", "Projection", "Upsampling", "UpsamplingOptions"),
     "depthcli.core.point_cloud": ("PointCloud",),
     "depthcli.core.types": ("AnchorFit", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),

@@ -315,7 +315,9 @@ def test_a_model_in_another_unit_than_its_card_gives_a_warning(
 
 def test_errors_name_parameters_of_python(tmp_path: Path) -> None:
     folder, large = write_model(tmp_path / "m"), np.zeros((400, 600), np.uint8)
-    tight = depthcli.load_model(folder, provider="cpu", detail=depthcli.Detail(tile_px=2))
+    tight = depthcli.load_model(
+        folder, provider="cpu", detail=depthcli.UpsamplingOptions(tile_px=2)
+    )
     for use in (tight.predict, lambda one: list(tight.predict_many([one]))):
         with pytest.raises(depthcli.InputError) as error:
             use(large)

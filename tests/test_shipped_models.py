@@ -51,7 +51,7 @@ def true_m() -> np.ndarray:
 
 def _depth(model: str, **detail: str) -> depthcli.DepthMap:
     pipeline = depthcli.load_model(
-        ROOT / "models" / model, provider="cpu", detail=depthcli.Detail(**detail)
+        ROOT / "models" / model, provider="cpu", detail=depthcli.UpsamplingOptions(**detail)
     ).pipeline
     return pipeline.predict(depthcli.read_image(ROOT / "docs" / "room.jpg")).depth
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from depthcli.api.depth_map import Anchors, DepthMap, anchor_points
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import DEFAULT_DETAIL, Detail
+from depthcli.core.options import DEFAULT_UPSAMPLING, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
 from depthcli.core.types import Frame, displayed_depth, displayed_frame
 from depthcli.errors import DepthcliWarning, UsageError
@@ -76,7 +76,7 @@ def load_model(
     *,
     provider: str = AUTO,
     threads: int | None = None,
-    detail: Detail = DEFAULT_DETAIL,
+    detail: UpsamplingOptions = DEFAULT_UPSAMPLING,
     provider_options: Mapping[str, str] | None = None,
 ) -> DepthModel:
     """Find and load a model.

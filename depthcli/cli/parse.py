@@ -14,9 +14,9 @@ from depthcli.core.options import (
     AUTO_TILE,
     Colormap,
     DepthEncoding,
-    Detail,
     Near,
     ReadOptions,
+    UpsamplingOptions,
     short_repr,
 )
 from depthcli.errors import InputError, UsageError
@@ -54,7 +54,7 @@ def session_loader(
     return SessionLoader(model, runtime.provider, threads or runtime.threads, options)
 
 
-def detail(options: groups.DetailOptions) -> Detail:
+def detail(options: groups.DetailOptions) -> UpsamplingOptions:
     """Upsampling and tiles.
 
     Raises:
@@ -62,10 +62,10 @@ def detail(options: groups.DetailOptions) -> Detail:
     """
     tile = options.tile
     if tile is None or tile == "auto":
-        return Detail(options.upsample, None if tile is None else AUTO_TILE)
+        return UpsamplingOptions(options.upsample, None if tile is None else AUTO_TILE)
     if not re.fullmatch(r"0*[1-9][0-9]{0,8}", tile):
         raise UsageError(f"{short_repr(tile)} is neither auto nor a width in pixels", option="tile")
-    return Detail(options.upsample, int(tile))
+    return UpsamplingOptions(options.upsample, int(tile))
 
 
 def writer_options(options: groups.WritingOptions) -> WriterOptions:

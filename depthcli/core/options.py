@@ -129,7 +129,7 @@ MAX_PIXELS = 250_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Detail:
+class UpsamplingOptions:
     """Upsampling and tiling from a network's output to a full-size image.
 
     Attributes:
@@ -154,8 +154,9 @@ class Detail:
             raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
 
 
-DEFAULT_DETAIL = Detail()
+DEFAULT_UPSAMPLING = UpsamplingOptions()
 """Guided upsampling, no tiles."""
+Detail = UpsamplingOptions  # its name until 0.17
 
 
 def check_pixel_count(name: str, width: int, height: int, max_pixels: int = MAX_PIXELS) -> None:

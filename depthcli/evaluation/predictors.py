@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from depthcli.core.camera import Intrinsics, hfov_deg
-from depthcli.core.options import DEFAULT_DETAIL, DepthEncoding, Detail
+from depthcli.core.options import DEFAULT_UPSAMPLING, DepthEncoding, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
@@ -92,7 +92,9 @@ class ModelPredictor(Predictor):
         return self.pipeline.predict(sample.frame, sample.camera).depth
 
 
-def open_model(loader: SessionLoader, detail: Detail = DEFAULT_DETAIL) -> ModelPredictor:
+def open_model(
+    loader: SessionLoader, detail: UpsamplingOptions = DEFAULT_UPSAMPLING
+) -> ModelPredictor:
     """Find a model and load it.
 
     Raises:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from depthcli.core.anchors import AnchorPoints, fitted
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import AUTO_TILE, DEFAULT_DETAIL, Detail, Projection
+from depthcli.core.options import AUTO_TILE, DEFAULT_UPSAMPLING, Projection, UpsamplingOptions
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
 from depthcli.errors import InputError, Message, ModelError
 from depthcli.inference.camera import frame_warnings, intrinsics_of, metric_camera, metric_scale
@@ -39,7 +39,7 @@ class Pipeline:
         detail: how full-size depth is made from its output.
     """
 
-    def __init__(self, session: Session, detail: Detail = DEFAULT_DETAIL) -> None:
+    def __init__(self, session: Session, detail: UpsamplingOptions = DEFAULT_UPSAMPLING) -> None:
         self.session = session
         self.detail = detail
 
@@ -256,7 +256,7 @@ def _finished(
     return Prediction(found, (*warnings, *of_file, *of_anchors))
 
 
-def tile_width_px(spec: InputSpec, frame: Frame, detail: Detail) -> int | None:
+def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> int | None:
     """Width of the tiles of a picture in its pixels; None if it is not tiled.
 
     Raises:

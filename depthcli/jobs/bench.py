@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from depthcli.core.options import Detail, Upsampling
+from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import one_thread_each, ordered_map, share_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import Latency, measure_latencies
@@ -68,7 +68,8 @@ def run_bench(
     workers, threads = share_cores(request.workers)
     each = replace(request.model, threads=threads)
     alone, shared = (
-        Pipeline(loader.load(), Detail(request.upsampling)) for loader in (request.model, each)
+        Pipeline(loader.load(), UpsamplingOptions(request.upsampling))
+        for loader in (request.model, each)
     )
     session, card = alone.session, alone.card
     for warning in session.warnings:

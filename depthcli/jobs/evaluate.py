@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from depthcli.core.options import Detail, Mask, Weights
+from depthcli.core.options import Mask, UpsamplingOptions, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
@@ -60,9 +60,9 @@ class EvalRequest:
     shown_ids: tuple[str, ...] | None = None
 
     @property
-    def detail(self) -> Detail:
+    def detail(self) -> UpsamplingOptions:
         """Upsampling and tiles of the models' depth."""
-        return Detail(self.options.protocol.upsampling, self.options.protocol.tile_px)
+        return UpsamplingOptions(self.options.protocol.upsampling, self.options.protocol.tile_px)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,13 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail, ReadOptions
+from depthcli.core.options import (
+    AS_STATED,
+    DEFAULT_UPSAMPLING,
+    MAX_PIXELS,
+    ReadOptions,
+    UpsamplingOptions,
+)
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FILE_SUFFIXES, Format, WriterOptions, format_of, stem_of
@@ -63,7 +69,7 @@ class PredictRequest:
     anchors: AnchorFiles | tuple[Anchor, ...] = ()
     reading: ReadOptions = AS_STATED  #: how images are read
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
-    detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size picture
+    detail: UpsamplingOptions = DEFAULT_UPSAMPLING  #: how depth becomes that of a full-size picture
     max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read; None for that of the process

@@ -19,7 +19,7 @@ from helpers.tiny import load
 from lightning_fabric import Fabric
 
 from depthcli.cli.app import main
-from depthcli.core.options import Detail, Upsampling
+from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
@@ -92,7 +92,7 @@ def _json(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 def _plainly(model: Path, data: Path) -> dict[str, float]:
     """Two of the metrics, picture by picture and pixel by pixel."""
     dataset = open_nyu(data)
-    pipeline = load(model, detail=Detail(Upsampling.BILINEAR))
+    pipeline = load(model, detail=UpsamplingOptions(Upsampling.BILINEAR))
     abs_rel, d1 = [], []
     for i in (dataset.ids.index(name) for name in HELD_OUT):
         truth = dataset.depth_m(i).ravel().tolist()

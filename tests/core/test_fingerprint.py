@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from depthcli.core.options import Detail, Upsampling
+from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.validation import fingerprint
 
 
@@ -20,7 +20,14 @@ class Options:
 
 
 def test_it_is_the_same_for_ever() -> None:
-    facts = ("a", Options(0.5), Detail(tile_px=3), Fraction(1, 3), Path("a/b"), {"b": 1, "a": [2]})
+    facts = (
+        "a",
+        Options(0.5),
+        UpsamplingOptions(tile_px=3),
+        Fraction(1, 3),
+        Path("a/b"),
+        {"b": 1, "a": [2]},
+    )
     expected = "0e22506284a064af321cc2052952ca1cf2147915f51ef7847b9a37e9b87e8734"
     assert fingerprint(*facts) == expected
 

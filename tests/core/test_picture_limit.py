@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from depthcli.core.options import AUTO_TILE, Detail, Upsampling, check_pixel_count
+from depthcli.core.options import AUTO_TILE, Upsampling, UpsamplingOptions, check_pixel_count
 from depthcli.errors import InputError, UsageError
 
 
@@ -17,10 +17,10 @@ def test_as_many_pixels_as_allowed_pass() -> None:
 
 
 def test_choices_are_taken_as_plain_words_too() -> None:
-    assert Detail(upsampling="bilinear").upsampling is Upsampling.BILINEAR  # type: ignore[arg-type]
+    assert UpsamplingOptions(upsampling="bilinear").upsampling is Upsampling.BILINEAR  # type: ignore[arg-type]
 
 
 def test_tiles_of_a_negative_width_are_refused() -> None:
-    assert Detail(tile_px=AUTO_TILE).tile_px == AUTO_TILE == 0
+    assert UpsamplingOptions(tile_px=AUTO_TILE).tile_px == AUTO_TILE == 0
     with pytest.raises(UsageError):
-        Detail(tile_px=-1)
+        UpsamplingOptions(tile_px=-1)

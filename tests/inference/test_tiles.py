@@ -9,7 +9,7 @@ import onnx
 import pytest
 from helpers.tiny import load, tiny_onnx, write_model
 
-from depthcli.core.options import AUTO_TILE, Detail, Upsampling
+from depthcli.core.options import AUTO_TILE, Upsampling, UpsamplingOptions
 from depthcli.core.types import DepthKind, Frame, Transform
 from depthcli.errors import UsageError
 from depthcli.inference.pipeline import Pipeline, tile_width_px
@@ -107,7 +107,7 @@ def test_a_map_with_holes_is_left_as_it_is() -> None:
 
 
 @pytest.fixture
-def camera(tmp_path: Path) -> Callable[[Detail], Pipeline]:
+def camera(tmp_path: Path) -> Callable[[UpsamplingOptions], Pipeline]:
     """The tiny model, 16×12, with a choice of detail."""
     folder = write_model(tmp_path / "tiny")
     return lambda detail: load(folder, provider="cpu", detail=detail)
@@ -119,22 +119,24 @@ def textured(height: int = 96, width: int = 128) -> Frame:
     return Frame(patches.repeat(4, 0).repeat(4, 1))
 
 
-def test_tiles_make_the_map_sharper(camera: Callable[[Detail], Pipeline]) -> None:
+def test_tiles_make_the_map_sharper(camera: Callable[[UpsamplingOptions], Pipeline]) -> None:
     frame = textured()
     truth = 1 + 8 / 255 * frame.pixels.max(axis=2)
     errors = [
-        np.abs(camera(Detail(Upsampling.BILINEAR, tile)).predict(frame).depth.values - truth).mean()
+        np.abs(
+            camera(UpsamplingOptions(Upsampling.BILINEAR, tile)).predict(frame).depth.values - truth
+        ).mean()
         for tile in (None, 32)
     ]
     assert errors[1] < 0.8 * errors[0]
 
 
 def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_picture_reaches(
-    camera: Callable[[Detail], Pipeline],
+    camera: Callable[[UpsamplingOptions], Pipeline],
 ) -> None:
     """Tiles of 32 of 128 columns: the joined map is four times as fine as the whole picture's."""
     frame = textured()
-    pipeline = camera(Detail(Upsampling.GUIDED, 32))
+    pipeline = camera(UpsamplingOptions(Upsampling.GUIDED, 32))
     spec = pipeline.card.output
 
     def predict(part: Frame) -> np.ndarray:
@@ -164,16 +166,19 @@ def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_picture_reaches(
     ],
 )
 def test_width_of_tiles(
-    camera: Callable[[Detail], Pipeline], tile: int | None, width: int, expected: int | None
+    camera: Callable[[UpsamplingOptions], Pipeline],
+    tile: int | None,
+    width: int,
+    expected: int | None,
 ) -> None:
     frame = Frame(np.zeros((8, width), np.uint8))
-    spec = camera(Detail()).card.input
-    assert tile_width_px(spec, frame, Detail(tile_px=tile)) == expected
+    spec = camera(UpsamplingOptions()).card.input
+    assert tile_width_px(spec, frame, UpsamplingOptions(tile_px=tile)) == expected
 
 
 @pytest.mark.parametrize("upsampling", list(Upsampling))
 def test_memory_stays_within_what_was_counted(
-    camera: Callable[[Detail], Pipeline], upsampling: Upsampling
+    camera: Callable[[UpsamplingOptions], Pipeline], upsampling: Upsampling
 ) -> None:
     import tracemalloc  # noqa: PLC0415 - only here
 
@@ -181,7 +186,7 @@ def test_memory_stays_within_what_was_counted(
     frame = Frame(np.full((height, width, 3), 100, np.uint8))
     # Pixels are there already; depth and bands are what may come on top.
     limit = frame.pixels.nbytes + 4 * height * width + 8_000_000
-    pipeline = camera(Detail(upsampling, AUTO_TILE))
+    pipeline = camera(UpsamplingOptions(upsampling, AUTO_TILE))
     tracemalloc.start()
     depth = pipeline.predict(frame).depth
     peak = tracemalloc.get_traced_memory()[1]
@@ -196,7 +201,7 @@ def test_memory_stays_within_what_was_counted(
 )
 def test_detail_that_means_nothing(values: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        Detail(**values)  # type: ignore[arg-type]
+        UpsamplingOptions(**values)  # type: ignore[arg-type]
 
 
 def test_a_model_without_a_unit_is_tiled_too(tmp_path: Path) -> None:
@@ -208,6 +213,6 @@ def test_a_model_without_a_unit_is_tiled_too(tmp_path: Path) -> None:
         output__min_m=None,
         output__max_m=None,
     )
-    values = load(folder, detail=Detail(tile_px=32)).predict(textured()).depth.values
+    values = load(folder, detail=UpsamplingOptions(tile_px=32)).predict(textured()).depth.values
     assert values.shape == (96, 128)
     assert np.isfinite(values).all()

@@ -17,7 +17,7 @@ from helpers.tiny import write_picture
 from helpers.videos import write_mp4
 
 from depthcli.core.camera import Anchor
-from depthcli.core.options import Detail, Upsampling
+from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.errors import ModelError, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import NameFilter
@@ -40,7 +40,7 @@ OPTIONS = BatchOptions(
     (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),
     WriterOptions(png_scale=256.0, colormap="turbo", legend=True),
     anchors=(Anchor(3, 4, 2.5),),
-    detail=Detail(Upsampling.BILINEAR),
+    detail=UpsamplingOptions(Upsampling.BILINEAR),
     max_pixels=10_000,
 )
 

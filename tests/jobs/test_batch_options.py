@@ -11,7 +11,7 @@ from helpers.videos import flat_frames, with_sound, write_mp4
 from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import GPU_BATCH, Detail, Upsampling
+from depthcli.core.options import GPU_BATCH, Upsampling, UpsamplingOptions
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 WRITING = WriterOptions(png_scale=256.0, half=True, colormap="turbo", legend=True)
-DETAIL = Detail(Upsampling.BILINEAR)
+DETAIL = UpsamplingOptions(Upsampling.BILINEAR)
 
 
 @pytest.mark.parametrize("camera", [Intrinsics(hfov_deg=80.0), Intrinsics(focal_px=40.0)])

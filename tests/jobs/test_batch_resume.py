@@ -11,7 +11,7 @@ from helpers.tiny import synthetic_picture, write_picture
 from helpers.videos import flat_frames, write_video
 
 from depthcli.core.camera import Anchor, Intrinsics
-from depthcli.core.options import AUTO_TILE, Detail, ReadOptions, Upsampling
+from depthcli.core.options import AUTO_TILE, ReadOptions, Upsampling, UpsamplingOptions
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
@@ -45,8 +45,8 @@ def test_valid_outputs_are_kept(tmp_path: Path) -> None:
         BatchOptions((Format.PNG16, Format.JSON)),
         BatchOptions(writing=WriterOptions(png_scale=256.0)),
         BatchOptions(writing=WriterOptions(png_normalize=True)),
-        BatchOptions(detail=Detail(Upsampling.BILINEAR)),
-        BatchOptions(detail=Detail(tile_px=AUTO_TILE)),
+        BatchOptions(detail=UpsamplingOptions(Upsampling.BILINEAR)),
+        BatchOptions(detail=UpsamplingOptions(tile_px=AUTO_TILE)),
         BatchOptions(camera=Intrinsics(focal_px=300.0)),
         BatchOptions(camera=Intrinsics(hfov_deg=80.0)),
         BatchOptions(reading=ReadOptions(white_level=4095)),

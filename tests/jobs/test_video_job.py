@@ -21,7 +21,7 @@ from helpers.watched import Watched
 import depthcli
 from depthcli._version import __version__
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import Detail
+from depthcli.core.options import UpsamplingOptions
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
@@ -469,7 +469,7 @@ def test_every_output_holds_the_same_millimetres(
     )
     names = [f"clip{name.facts.suffix}" for name in VideoFormat]
     assert sorted(done.outputs) == sorted(str(out / name) for name in names)
-    pipeline = load(tmp_path / "model", detail=Detail())
+    pipeline = load(tmp_path / "model", detail=UpsamplingOptions())
     with VideoSource(clip) as source:
         expected = [np.rint(pipeline.predict(f).depth.values * 1000) for f in source.frames()]
     steps = list(DepthVideo(out / "clip.depth.mkv").steps())

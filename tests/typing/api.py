@@ -58,7 +58,9 @@ assert_type(read.fit_anchors([(0, 0, 1.5), depthcli.Anchor(9, 9, 3.0)]), depthcl
 for stored in depthcli.DepthVideo("walk.mkv"):
     assert_type(stored, depthcli.DepthMap)
 
-pipeline = depthcli.load_model(detail=depthcli.Detail(depthcli.Upsampling.BILINEAR)).pipeline
+pipeline = depthcli.load_model(
+    detail=depthcli.UpsamplingOptions(depthcli.Upsampling.BILINEAR)
+).pipeline
 found = pipeline.predict(depthcli.Frame(camera_frame)).depth
 assert_type(depthcli.DepthMap.of(found), depthcli.DepthMap)
 

@@ -38,7 +38,9 @@ class BatchOptions:
     #: points of known depth, a folder with a file of them for each image, or the images
     anchors: AnchorFiles | tuple[Anchor, ...] = ()
     reading: core_options.ReadOptions = core_options.AS_STATED  #: how images are read
-    detail: core_options.Detail = core_options.DEFAULT_DETAIL  #: upsampling and tiles
+    detail: core_options.UpsamplingOptions = (
+        core_options.DEFAULT_UPSAMPLING
+    )  #: upsampling and tiles
     max_pixels: int = core_options.MAX_PIXELS  #: larger pictures are refused
     column: str | None = None  #: of archives, the one with the images; None for the only one
     overwrite: bool = False  #: whether outputs may replace files of other programs

@@ -11,7 +11,13 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, BinaryIO
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, MAX_PIXELS, Detail, ReadOptions
+from depthcli.core.options import (
+    AS_STATED,
+    DEFAULT_UPSAMPLING,
+    MAX_PIXELS,
+    ReadOptions,
+    UpsamplingOptions,
+)
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions, format_of
@@ -60,7 +66,7 @@ class VideoSettings:
     lock_s: float = LOCK_S
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
     reading: ReadOptions = AS_STATED  #: how the images of a sequence are read
-    detail: Detail = DEFAULT_DETAIL  #: how depth becomes that of a full-size frame
+    detail: UpsamplingOptions = DEFAULT_UPSAMPLING  #: how depth becomes that of a full-size frame
     stream: int | None = None  #: number of the video stream; None for the one with most frames
     eye: Eye | None = None  #: view of a stereo video; None for whole frames
     max_pixels: int = MAX_PIXELS  #: videos with larger frames are refused

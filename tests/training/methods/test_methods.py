@@ -14,7 +14,7 @@ from helpers.tiny_methods import batch, tiny, tiny_method
 from lightning_fabric import Fabric
 from torch import Tensor
 
-from depthcli.core.options import Detail, Upsampling
+from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import UsageError
 from depthcli.export.onnx import ExportOptions, export_checkpoint
@@ -103,7 +103,7 @@ def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> Non
     fit(tiny(name), room_data(), tmp_path, fabric, Callback(), max_steps=2)
     done = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "model.onnx", ExportOptions())
     assert done.card.training["method"] == name
-    bilinear = Detail(Upsampling.BILINEAR)
+    bilinear = UpsamplingOptions(Upsampling.BILINEAR)
     pipeline = load(tmp_path / "model.onnx", provider="cpu", detail=bilinear)
     frame = Frame(rooms().image(0))
     depth = pipeline.predict(frame).depth
