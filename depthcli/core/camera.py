@@ -78,12 +78,7 @@ class Intrinsics:
     is_distorted: bool = False
 
     def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            UsageError: the focal length is not a number above 0, or the field of view not 0.1 to
-                179.9 degrees.
-        """
+        """Check the ranges."""
         focal_px, hfov_deg = self.focal_px, self.hfov_deg
         if focal_px is not None and not 0 < focal_px < math.inf:
             raise UsageError(f"a focal length of {focal_px} pixels is not a number above 0")

@@ -141,11 +141,7 @@ class UpsamplingOptions:
     tile_px: int | None = None
 
     def __post_init__(self) -> None:
-        """Accept strings for the choices.
-
-        Raises:
-            UsageError: a value is not valid.
-        """
+        """Accept strings for the choices."""
         if self.upsampling not in tuple(Upsampling):
             names = " or ".join(Upsampling)
             raise UsageError(f"upsampling is {names}, not {self.upsampling!r}")
@@ -160,11 +156,7 @@ Detail = UpsamplingOptions  # its name until 0.17
 
 
 def check_pixel_count(name: str, width: int, height: int, max_pixels: int = MAX_PIXELS) -> None:
-    """Refuse an image by the size that its header claims, before any of it is decoded.
-
-    Raises:
-        InputError: it has more than ``max_pixels``.
-    """
+    """Refuse an image by the size that its header claims, before any of it is decoded."""
     if width * height > max_pixels:
         raise InputError(
             f"{name} claims {width}×{height} pixels, more than {max_pixels:,}",

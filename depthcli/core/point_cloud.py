@@ -49,9 +49,6 @@ def point_cloud(
         depth: a metric map.
         focal_px: focal length in pixels of the map; if they are not square, in widths of them.
         frame: the picture, for colours.
-
-    Raises:
-        UsageError: the map has no metres.
     """
     if not depth.is_metric:
         raise UsageError(

@@ -23,11 +23,7 @@ _LIT_SHARE = 0.01  # a few bright pixels on black are highlights
 
 
 def check_pixels(pixels: npt.NDArray[Any]) -> None:
-    """Check that pixels are (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
-
-    Raises:
-        InputError: another shape or type, or floats that are not in [0, 1].
-    """
+    """Check that pixels are (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]."""
     if not isinstance(pixels, np.ndarray):
         raise InputError(f"pixels have to be an array of NumPy, not {type(pixels).__name__}")
     shape, dtype = pixels.shape, pixels.dtype
@@ -221,13 +217,7 @@ class Frame:
     view: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the pixels and their shape.
-
-        Raises:
-            InputError: another shape or type, or floats that are not in [0, 1]; or a pixel aspect
-                that is not from 0.001 to 1000.
-            UsageError: there is no such projection.
-        """
+        """Check the pixels and their shape."""
         check_pixels(self.pixels)
         low, high = PIXEL_ASPECTS
         if not low <= self.pixel_aspect <= high:
@@ -456,11 +446,7 @@ def _median(values: npt.NDArray[np.float32]) -> float:
 
 
 def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
-    """Depth that states a given camera; what of it is not given stays as it is.
-
-    Raises:
-        InputError: the camera is for another aspect ratio.
-    """
+    """Depth that states a given camera; what of it is not given stays as it is."""
     source = depth.provenance or Provenance()
     found, focal_px = source, camera.focal_for(depth.width)
     centre_px = camera.centre_for(depth.width, depth.height)

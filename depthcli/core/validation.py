@@ -86,11 +86,7 @@ def validated(kind: type[_T], value: object) -> _T:
 
 
 def merged(base: _T, changes: object) -> _T:
-    """A copy of a dataclass with some fields changed; nested dataclasses are merged as well.
-
-    Raises:
-        FieldError: something is unknown, of another type or out of range.
-    """
+    """A copy of a dataclass with some fields changed; nested dataclasses are merged as well."""
     given: Any = base
     hints, _ = _hints(cast("Any", type(base)))
     bases = {

@@ -99,11 +99,7 @@ class DepthDataset(ABC):
         """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Depth of pair ``i`` before filling: (H, W) float32 metres, 0 where nothing was measured.
-
-        Raises:
-            DatasetError: there is none or it cannot be read.
-        """
+        """Measured depth of pair ``i``, not filled: (H, W) float32 metres, 0 = none."""
         raise DatasetError(f"there is no raw depth of {self.pairs[i].id}")
 
 
@@ -152,11 +148,7 @@ def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> f
 
 
 def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
-    """Divide a data set whose ids are label numbers; the test part may be empty.
-
-    Raises:
-        DatasetError: an id is not a label number, or the official split of a pair is not known.
-    """
+    """Divide a data set whose ids are label numbers; the test part may be empty."""
     labels = [_label(dataset_id) for dataset_id in dataset.ids]
     counts = _COUNTS[name]
     match name:
@@ -240,9 +232,6 @@ def data_fingerprint(dataset: DepthDataset) -> str:
     """Checksum of ids, focal lengths and file sizes in bytes; not of the folder's path.
 
     Of a data set that is not made of image files, such as a .mat file, it has no sizes.
-
-    Raises:
-        OSError: a file is missing.
     """
     sizes = [[file.stat().st_size for file in dataset.files(i)] for i in range(len(dataset))]
     return fingerprint(list(dataset.ids), list(dataset.focal_px), sizes if any(sizes) else [])

@@ -56,11 +56,7 @@ def as_dataset_error() -> Iterator[None]:
 
 
 def read_truth(path: Path, options: DepthReadOptions) -> StoredDepth:
-    """Measured depth of a file in any format that is read.
-
-    Raises:
-        DatasetError: the file is missing, damaged, or not metric.
-    """
+    """Measured depth of a file in any format that is read."""
     with as_dataset_error():
         stored = read_stored_depth(path, options)
     if not stored.depth.is_metric:
@@ -81,19 +77,12 @@ def read_depth_m(path: Path, units_per_metre: float | None = None) -> npt.NDArra
     """Depth of a file: (H, W) float32 metres, 0 where there is none.
 
     ``units_per_metre`` is the value of one metre; None for what the file states.
-
-    Raises:
-        DatasetError: the file is missing, damaged, or not metric.
     """
     return metres(read_truth(path, DepthReadOptions(units_per_metre)))
 
 
 def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
-    """Pixels of an image: (H, W, 3) RGB uint8, upright; gray has three equal channels.
-
-    Raises:
-        DatasetError: the file is missing, truncated, or not an image.
-    """
+    """Pixels of an image: (H, W, 3) RGB uint8, upright; gray has three equal channels."""
     with as_dataset_error():
         pixels: npt.NDArray[Any] = read.read_image(path).pixels
     if pixels.dtype == np.uint16:
@@ -109,11 +98,7 @@ def check_unit(
     range_m: tuple[float, float] = PLAUSIBLE_M,
     advice: str = _UNIT_ADVICE,
 ) -> None:
-    """Check the unit of a data set's depth, by the medians of some maps in metres.
-
-    Raises:
-        DatasetError: the median of the medians is outside the range.
-    """
+    """Check the unit of a data set's depth, by the medians of some maps in metres."""
     medians = [float(np.median(d[d > 0])) for d in maps_m if (d > 0).any()]
     typical_m, (low_m, high_m) = float(np.median(medians or [0])), range_m
     if not low_m <= typical_m <= high_m:
@@ -138,28 +123,16 @@ class FolderDataset(DepthDataset):
     paired: bool = True  #: whether image and depth show the same
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """Image of pair ``i``: (H, W, 3) RGB uint8.
-
-        Raises:
-            DatasetError: it cannot be read.
-        """
+        """Image of pair ``i``: (H, W, 3) RGB uint8."""
         return read_image_rgb(_file(self.pairs[i].image))
 
     def frame(self, i: int) -> Frame:
-        """Image of pair ``i`` with what its file states.
-
-        Raises:
-            DatasetError: it cannot be read.
-        """
+        """Image of pair ``i`` with what its file states."""
         with as_dataset_error():
             return read.read_image(_file(self.pairs[i].image))
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Depth of pair ``i`` in the view of its image: (H, W) float32 metres, 0 = none.
-
-        Raises:
-            DatasetError: it cannot be read, or is of another view than the image.
-        """
+        """Depth of pair ``i`` in the view of its image: (H, W) float32 metres, 0 = none."""
         pair = self.pairs[i]
         depth_m = metres(self.stored(i)) * np.float32(pair.scale)
         return (
@@ -167,11 +140,7 @@ class FolderDataset(DepthDataset):
         )
 
     def stored(self, i: int) -> StoredDepth:
-        """The depth file of pair ``i``.
-
-        Raises:
-            DatasetError: it cannot be read, or is not metric.
-        """
+        """The depth file of pair ``i``."""
         pair = self.pairs[i]
         camera = pair.depth_camera if pair.depth_camera.has_focal else pair.camera
         return read_truth(_file(pair.depth), replace(self.reading, camera=camera))
@@ -190,9 +159,6 @@ class FolderDataset(DepthDataset):
         Args:
             hfov_deg: horizontal field of view of that camera, degrees.
             aspect: width over height of its images; all are stretched to one input.
-
-        Raises:
-            DatasetError: an image cannot be read.
         """
         angle, scaled = 2 * math.tan(math.radians(hfov_deg) / 2), []
         for i, focal_px in enumerate(self.focal_px):
@@ -201,11 +167,7 @@ class FolderDataset(DepthDataset):
         return replace(self, pairs=tuple(scaled))
 
     def with_stated_focal_px(self) -> Self:
-        """The focal lengths that the depth images state, if cameras.csv has none.
-
-        Raises:
-            DatasetError: some state it and others do not, or a file cannot be read.
-        """
+        """The focal lengths that the depth images state, if cameras.csv has none."""
         if self.focal_px:
             return self
         with as_dataset_error():
@@ -377,10 +339,6 @@ def open_unpaired_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> F
     """List the files of ``rgb/`` and ``depth/``; names and sizes need not match.
 
     It is as long as the longer list, and the shorter one is repeated.
-
-    Raises:
-        DatasetError: a folder is missing or empty, or the depth cannot be read or is in another
-            unit.
     """
     images, depths = layouts.list_unpaired(path)
     pairs = []

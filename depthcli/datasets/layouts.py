@@ -122,11 +122,7 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
 
 
 def list_unpaired(root: Path) -> tuple[list[Path], list[Path]]:
-    """Images of ``rgb/`` and depth files of ``depth/``, sorted by name.
-
-    Raises:
-        DatasetError: a folder is missing or holds no such file.
-    """
+    """Images of ``rgb/`` and depth files of ``depth/``, sorted by name."""
     files = list_files(root, ("rgb", "depth"))
     images, depths = (matching(root, files, e) for e in (_PLAIN.image, _PLAIN.depth))
     if not (images and depths):
@@ -135,11 +131,7 @@ def list_unpaired(root: Path) -> tuple[list[Path], list[Path]]:
 
 
 def list_files(root: Path, folders: Iterable[str] = ("",)) -> list[str]:
-    """Paths of the files below some folders of ``root``, relative to it; hidden ones are not.
-
-    Raises:
-        DatasetError: ``root`` is not a folder.
-    """
+    """Paths of the files below some folders of ``root``, relative to it; hidden ones are not."""
     if not root.is_dir():
         raise DatasetError(f"{root} is not a folder")
     walked = (entry for folder in folders for entry in os.walk(root / folder, followlinks=True))
@@ -149,11 +141,7 @@ def list_files(root: Path, folders: Iterable[str] = ("",)) -> list[str]:
 
 
 def matching(root: Path, files: Iterable[str], expression: str) -> dict[str, Path]:
-    """Files whose path is of an expression, by its groups.
-
-    Raises:
-        DatasetError: two have the same groups.
-    """
+    """Files whose path is of an expression, by its groups."""
     compiled, found = re.compile(expression, re.IGNORECASE), dict[str, Path]()
     for file in files:
         match = compiled.fullmatch(file)

@@ -63,9 +63,6 @@ def open_mat(path: Path) -> NyuMat:
     """Open the file and check its layout, and that the median depth is plausible.
 
     An index.csv beside it supplies the official split, which the file lacks.
-
-    Raises:
-        DatasetError: h5py is not installed, or the file is damaged or has another layout.
     """
     try:
         import h5py  # noqa: PLC0415 - optional, and only this format needs it
@@ -130,22 +127,14 @@ def open_nyu(path: Path) -> DepthDataset:
 
 
 def has_own_index(folder: Path) -> bool:
-    """Whether a folder's index.csv is of pairs of one's own, with other ids than NYU's numbers.
-
-    Raises:
-        DatasetError: the index cannot be read.
-    """
+    """Whether a folder's index.csv is of pairs of one's own, with other ids than NYU's numbers."""
     if (folder / MAT_NAME).is_file() or not (folder / INDEX_NAME).is_file():
         return False
     return not all(map(is_label, read_index(folder / INDEX_NAME)))
 
 
 def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> folders.FolderDataset:
-    """Open a folder with rgb/, depth/ and index.csv, of NYU Depth v2 or of one's own.
-
-    Raises:
-        DatasetError: the set is missing, incomplete, damaged, or in another unit.
-    """
+    """Open a folder with rgb/, depth/ and index.csv, of NYU Depth v2 or of one's own."""
     index = read_index(path / INDEX_NAME)
     if all(map(is_label, index)):
         known = DepthReadOptions(unstated_scale=MILLIMETRES)
@@ -167,11 +156,7 @@ def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> fo
 
 
 def read_index(path: Path) -> dict[str, Pair]:
-    """Ids, scenes and official split of an index.csv, by id.
-
-    Raises:
-        DatasetError: the file is missing, lacks a column or repeats an id.
-    """
+    """Ids, scenes and official split of an index.csv, by id."""
     with folders.as_dataset_error():
         table = CsvTable(read_bytes(path), str(path))
         rows = [row.cells for row in table]

@@ -36,9 +36,6 @@ class TrainingData(NamedTuple):
         """Add further pairs, scaled to this data's camera if their focal lengths are known.
 
         Those of cameras.csv, else those that the depth images state.
-
-        Raises:
-            DatasetError: only some of the depth images state theirs, or one cannot be read.
         """
         known = pseudo_labels.with_stated_focal_px()
         if known.focal_px:

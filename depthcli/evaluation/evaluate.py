@@ -72,11 +72,7 @@ def entry_for(
     train_overlap: int | None = None,
     mark: str = "",
 ) -> Entry:
-    """An entry with those of the alignments that suit the predictor's kind of depth.
-
-    Raises:
-        UsageError: none is left.
-    """
+    """An entry with those of the alignments that suit the predictor's kind of depth."""
     suitable = tuple(a for a in dict.fromkeys(wanted) if a in SUITABLE[predictor.kind])
     if not suitable:
         raise UsageError(
@@ -171,11 +167,7 @@ def evaluate(
 
 
 def check_against(name: str, rows: Sequence[str], protocol: EvalProtocol = HEADLINE) -> None:
-    """Check that a row can be compared with others, image by image.
-
-    Raises:
-        UsageError: there is no such row, or no other, or the average is over pooled pixels.
-    """
+    """Check that a row can be compared with others, image by image."""
     if protocol.averaging is Averaging.POOLED:
         raise UsageError(
             "it compares means over images", "remove {average} pooled", option="against"
@@ -400,10 +392,6 @@ def score(
 
     Returns:
         A row for each alignment of each entry, in their order.
-
-    Raises:
-        DatasetError: a pair cannot be read or does not fit the protocol.
-        DepthcliError: a predictor failed.
     """
     rows = [_RowAccumulator(e, alignment, protocol) for e in entries for alignment in e.alignments]
     advance = progress.begin("comparing images", len(test))

@@ -37,11 +37,7 @@ class Figure:
 def choose_pictures(
     task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES
 ) -> tuple[int, ...]:
-    """Positions of the images to show: the given ids, or ``count``, evenly over the scenes.
-
-    Raises:
-        UsageError: an id is not among the images that are compared.
-    """
+    """Positions of the images to show: the given ids, or ``count``, evenly over the scenes."""
     places = dict(zip(task.ids, task.test, strict=True))
     unknown = [name for name in ids if name not in places]
     if unknown:
@@ -76,10 +72,6 @@ def draw_figures(
 
     ``shown`` has the title and the predictor of each column. Every row has the range of its ground
     truth. Non-metric depth is aligned to it first.
-
-    Raises:
-        DatasetError: a pair cannot be read.
-        DepthcliError: a predictor failed.
     """
     advance, rows = progress.begin("drawing pictures", len(positions)), []
     for position in positions:

@@ -84,22 +84,14 @@ class ModelPredictor(Predictor):
     latency_ms: float = math.nan  #: median of the network for one image; NaN if not measured
 
     def predict(self, sample: Sample) -> DepthMap:
-        """Depth at the image's size.
-
-        Raises:
-            DepthcliError: the model failed.
-        """
+        """Depth at the image's size."""
         return self.pipeline.predict(sample.frame, sample.camera).depth
 
 
 def open_model(
     loader: SessionLoader, detail: UpsamplingOptions = DEFAULT_UPSAMPLING
 ) -> ModelPredictor:
-    """Find a model and load it.
-
-    Raises:
-        ModelError: it is missing or cannot be used.
-    """
+    """Find a model and load it."""
     pipeline = Pipeline(loader.load(), detail)
     name = str(loader.model or pipeline.card.name)
     kind = pipeline.card.output.kind
@@ -116,11 +108,7 @@ class FilePredictor(Predictor):
     warnings: tuple[str, ...] = ()  #: about the first file, one line each
 
     def predict(self, sample: Sample) -> DepthMap:
-        """Depth of one image as it was written, any size.
-
-        Raises:
-            DatasetError: the file is damaged, or states another kind than the first one.
-        """
+        """Depth of one image as it was written, any size."""
         path = Path(self.name) / f"{sample.id}{self.suffix}"
         stored = _read(path, self.reading, sample)
         if stored.depth.kind is not self.kind:
@@ -141,9 +129,6 @@ def open_predictions(
         folder: the folder; ``ID.depth.npy`` and so on are accepted, too.
         samples: the images.
         reading: what is known about files that state nothing.
-
-    Raises:
-        DatasetError: the folder or a prediction is missing, or the first file is damaged.
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
@@ -208,9 +193,6 @@ def fit_trivial(
 
     Only depth in the open interval (``min_m``, ``max_m``) is used; with 0 workers, pairs are read
     in the calling thread.
-
-    Raises:
-        DatasetError: no training pair, no valid pixel, or pairs of different sizes.
     """
     sums, counts = np.array([]), np.array([], np.int64)
     advance = progress.begin("mean of training images", len(train))

@@ -93,9 +93,6 @@ class EvalProtocol:
         """Select the pixels of one image to evaluate.
 
         Depth, and raw depth for the raw-valid mask, are (H, W) float32 metres, 0 for none.
-
-        Raises:
-            DatasetError: the depth does not have the protocol's size.
         """
         height, width = depth_m.shape
         if self.full_size_px is not None and (width, height) != self.full_size_px:

@@ -66,11 +66,7 @@ class EvalTask:
 def plan_nyu(
     dataset: base.DepthDataset, split: base.SplitName, limit: int | None = None
 ) -> EvalTask:
-    """The test images of a split, or at most ``limit`` of them, evenly over it.
-
-    Raises:
-        DatasetError: the data set has no test image of the split.
-    """
+    """The test images of a split, or at most ``limit`` of them, evenly over it."""
     divided = base.split_nyu(dataset, split)
     if not divided.test:
         raise DatasetError(
@@ -96,11 +92,6 @@ def plan_runs(
     """Choose images that no run was trained on, at most ``limit``, evenly over the split.
 
     ``val`` is the pairs that the runs held out.
-
-    Raises:
-        DatasetError: it is not NYU Depth v2, a pair of the runs is missing, or the split has no
-            test image.
-        UsageError: the runs hold out different pairs, or one was trained on the test images.
     """
     if not all(map(base.is_label, dataset.ids)):
         raise DatasetError(
@@ -147,10 +138,6 @@ def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...
     """Runs that differ only in their seed, by their common name.
 
     ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
-
-    Raises:
-        UsageError: runs of one name differ in settings, data or initial weights, or have the same
-            seed.
     """
     groups: dict[str, list[TrainedRun]] = {}
     for run in runs:

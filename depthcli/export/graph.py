@@ -158,11 +158,7 @@ def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]])
 
 
 def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.float32]]:
-    """Network inputs of up to 64 pictures of a folder and its subfolders, spread evenly by name.
-
-    Raises:
-        UsageError: the folder has no picture.
-    """
+    """Network inputs of up to 64 pictures of a folder and its subfolders, spread evenly by name."""
     listed = list_folder(str(folder)).media
     files = sorted(Path(file.path) for file in listed if not is_video(file.name))
     if not files:

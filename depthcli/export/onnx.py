@@ -75,11 +75,7 @@ def card_path(model: Path) -> Path:
 
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
-    """The card of a checkpoint's generator, without the facts of the file.
-
-    Raises:
-        UsageError: the value of an option is not valid in a card, or contradicts the checkpoint.
-    """
+    """The card of a checkpoint's generator, without the facts of the file."""
     config = saved.config
     codec = config.output.codec
     hfov_deg = _hfov_deg(options.hfov_deg, saved.provenance.hfov_deg)
@@ -238,11 +234,7 @@ CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.o
 
 
 def find_runs(folder: Path) -> tuple[Path, ...]:
-    """The folder itself or its subfolders that have a checkpoint, sorted by name.
-
-    Raises:
-        UsageError: there is none.
-    """
+    """The folder itself or its subfolders that have a checkpoint, sorted by name."""
     if (folder / CHECKPOINT).is_file():
         return (folder,)
     found = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
@@ -252,11 +244,7 @@ def find_runs(folder: Path) -> tuple[Path, ...]:
 
 
 def open_run(folder: Path) -> TrainedRun:
-    """Facts about a run from its checkpoint.
-
-    Raises:
-        CheckpointError: it cannot be used.
-    """
+    """Facts about a run from its checkpoint."""
     generator, saved = load_generator(folder / CHECKPOINT)
     config, state, provenance = saved.config, saved.state, saved.provenance
     return TrainedRun(
@@ -287,10 +275,6 @@ def export_run(run: TrainedRun, fallback_folder: Path, weights: Weights = Weight
     """Export a run's model, unless that was done already for the same checkpoint.
 
     The file is in the run's folder, or in ``fallback_folder`` if that cannot be written.
-
-    Raises:
-        CheckpointError: the checkpoint cannot be used.
-        ParityError: the exported model differs from torch's network.
     """
     checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAMES[weights]
     with checkpoint.open("rb") as file:

@@ -42,9 +42,6 @@ def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsic
 
     Its focal length is the given one, else that of the image's EXIF, else that of the camera that
     the model learned; None if none is known.
-
-    Raises:
-        InputError: the given camera is for another aspect ratio.
     """
     aspect = frame.pixel_aspect if given.pixel_aspect is None else given.pixel_aspect
     width, height = frame.display_size_px

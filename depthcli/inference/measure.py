@@ -64,11 +64,7 @@ _GRAY = 128
 
 
 def try_session(session: Session) -> None:
-    """Run a loaded model on a gray picture of its own size.
-
-    Raises:
-        ModelError: it does not run, or has no finite output.
-    """
+    """Run a loaded model on a gray picture of its own size."""
     spec = session.model.card.input
     _predict_gray(session, spec.height, spec.width)
 
@@ -77,9 +73,6 @@ def try_other_size(session: Session) -> None:
     """Run a model on a wider picture, if its card states that its input may have any size.
 
     Graphs of dynamic axes may still hold constants that suit one size, such as embeddings.
-
-    Raises:
-        ModelError: it does not run.
     """
     model = session.model
     spec = model.card.input
@@ -95,11 +88,7 @@ def try_other_size(session: Session) -> None:
 
 
 def check_network(error: Exception, session: Session) -> None:
-    """Check the network after it failed on an input; it may work for the next one.
-
-    Raises:
-        ModelError: the same, if the network also fails on a plain gray picture.
-    """
+    """Check the network after it failed on an input; it may work for the next one."""
     if isinstance(error, ModelError):
         try:
             try_session(session)

@@ -39,9 +39,6 @@ def panorama_distance(
     Args:
         frame: an equirectangular image of all directions.
         predict: metres along the axis, (h, w) float32, of a view of :data:`HFOV_DEG`.
-
-    Raises:
-        InputError: the image is not twice as wide as high.
     """
     if abs(frame.width - 2 * frame.height) > 2:  # noqa: PLR2004
         raise InputError(

@@ -257,11 +257,7 @@ def _finished(
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> int | None:
-    """Width of the tiles of a picture in its pixels; None if it is not tiled.
-
-    Raises:
-        InputError: tiles of this width have less detail than the network's input.
-    """
+    """Width of the tiles of a picture in its pixels; None if it is not tiled."""
     if detail.tile_px is None:
         return None
     width, chosen = frame.width, detail.tile_px

@@ -46,12 +46,7 @@ def available_providers() -> tuple[str, ...]:
 
 
 def wanted_providers(provider: str) -> tuple[str, ...]:
-    """The providers to try, best first, for ``auto`` or a name of ``PROVIDERS``.
-
-    Raises:
-        ProviderError: this onnxruntime does not have it.
-        UsageError: no provider has this name.
-    """
+    """The providers to try, best first, for ``auto`` or a name of ``PROVIDERS``."""
     available = available_providers()
     if provider == AUTO:
         return tuple(name for name in _AUTO_ORDER if name in available)

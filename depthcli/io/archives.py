@@ -32,11 +32,7 @@ Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]
 
 
 def holds_images(path: Path, column: str | None = None) -> bool:
-    """Whether a file is an archive, and no Parquet list of paths.
-
-    Raises:
-        UsageError: it is Parquet that cannot be read.
-    """
+    """Whether a file is an archive, and no Parquet list of paths."""
     if not _is_parquet(path):
         return path.suffix.lower() == ".tar"
     if not path.is_file():

@@ -21,11 +21,7 @@ class CsvRow(NamedTuple):
     cells: Mapping[str, str]  #: by column; "" where the row is too short
 
     def number(self, column: str, rule: Rule) -> float:
-        """The number in a cell.
-
-        Raises:
-            InputError: it is no number, or out of range.
-        """
+        """The number in a cell."""
         word = self.cells[column]
         try:
             number = float(word)
@@ -48,21 +44,13 @@ class CsvTable:
     """
 
     def __init__(self, data: bytes, name: str) -> None:
-        """Read the first line.
-
-        Raises:
-            InputError: it is not CSV.
-        """
+        """Read the first line."""
         text = StringIO(data.decode("utf-8-sig", "surrogateescape"), newline="")
         self._name, self._lines = name, csv.reader(text, strict=True, skipinitialspace=True)
         self.columns = [word.strip() for word in next(self._cells(), [])]
 
     def __iter__(self) -> Iterator[CsvRow]:
-        """The rows after the first line that are not empty, once.
-
-        Raises:
-            InputError: one is not CSV.
-        """
+        """The rows after the first line that are not empty, once."""
         empty = dict.fromkeys(self.columns, "")
         for cells in filter(None, self._cells()):
             if len(cells) > len(self.columns):

@@ -39,9 +39,6 @@ def align(
     Returns:
         (N,) float64, metres, not clamped: NaN where there was no prediction, infinity where the
         fitted disparity is not positive. A prediction without a usable pixel is returned unchanged.
-
-    Raises:
-        ValueError: the alignment is not defined for this kind of prediction.
     """
     if alignment not in SUITABLE[kind]:
         raise ValueError(f"{kind} depth cannot be aligned by {alignment}")

@@ -49,9 +49,6 @@ class DepthPixels:
             predicted_m: the same shape, metres; NaN counts as ``min_m``, infinity as ``max_m``.
             min_m: nearest depth that counts, > 0.
             max_m: farthest depth that counts.
-
-        Raises:
-            ValueError: the shapes differ.
         """
         if truth_m.shape != predicted_m.shape:
             raise ValueError(f"truth is {truth_m.shape} but prediction is {predicted_m.shape}")

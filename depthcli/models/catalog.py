@@ -25,11 +25,7 @@ def ready_names() -> tuple[str, ...]:
 
 
 def ready_fields(name: str) -> dict[str, Any]:
-    """A ready card's JSON object, without the fields that depend on the file.
-
-    Raises:
-        UsageError: there is no such card.
-    """
+    """A ready card's JSON object, without the fields that depend on the file."""
     if name not in ready_names():
         raise UsageError(
             f"no ready card named {name!r}; see 'depthcli models cards', or give a .json file"
@@ -39,11 +35,7 @@ def ready_fields(name: str) -> dict[str, Any]:
 
 
 def ready_card(name: str) -> ModelCard:
-    """A ready card, with placeholders for opset and IR version.
-
-    Raises:
-        UsageError: there is no such card.
-    """
+    """A ready card, with placeholders for opset and IR version."""
     fields = ready_fields(name) | {"onnx": _NO_FILE_YET}
     return ModelCard.from_json(json.dumps(fields), where=f"card {name}")
 
@@ -71,11 +63,7 @@ class ModelLocation(NamedTuple):
 
 
 def find_location(name_or_path: str | os.PathLike[str] | None = None) -> ModelLocation:
-    """Find a model without reading it.
-
-    Raises:
-        ModelError: there is no such model, or the search failed.
-    """
+    """Find a model without reading it."""
     name = os.fspath(DEFAULT_MODEL if name_or_path is None else name_or_path)
     separators = {os.sep, os.altsep or os.sep}
     is_path = name in {".", ".."} or name.endswith(_ONNX_SUFFIX) or bool(separators & {*name})
@@ -181,11 +169,7 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
 
 
 def read_model(location: ModelLocation) -> Model:
-    """Read and check a model.
-
-    Raises:
-        ModelError: no card, damaged, external data, or a checksum that differs.
-    """
+    """Read and check a model."""
     card = None
     if location.card:
         card = ModelCard.from_json(read_card(location.card), where=str(location.card))
@@ -214,11 +198,7 @@ def read_model(location: ModelLocation) -> Model:
 
 
 def read_onnx(path: Path) -> bytes:
-    """The bytes of a complete ONNX file whose weights are all inside.
-
-    Raises:
-        ModelError: it is not one.
-    """
+    """The bytes of a complete ONNX file whose weights are all inside."""
     data = _read_limited(path, MAX_BYTES)
     onnx_file.refuse_external_data(data, str(path))
     onnx_file.read_facts(data, str(path))
@@ -226,11 +206,7 @@ def read_onnx(path: Path) -> bytes:
 
 
 def read_card(path: Path) -> bytes:
-    """The text of a card's file.
-
-    Raises:
-        ModelError: it cannot be read, or is too large for a card.
-    """
+    """The text of a card's file."""
     return _read_limited(path, _MAX_CARD_BYTES)
 
 
@@ -265,11 +241,7 @@ def _read_limited(path: Path, max_bytes: int) -> bytes:
 
 
 def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:
-    """Compare a file's size in bytes and SHA-256 in hex with those in its card, if it has them.
-
-    Raises:
-        ModelError: they differ.
-    """
+    """Compare a file's size in bytes and SHA-256 in hex with those in its card, if it has them."""
     again = "download or export the model again"
     if card.size_bytes is not None and card.size_bytes != size:
         raise ModelError(f"{path} has {size} bytes, its card says {card.size_bytes}; {again}")

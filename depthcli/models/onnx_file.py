@@ -41,11 +41,7 @@ class OnnxFacts(NamedTuple):
 
 
 def read_facts(data: bytes, where: str) -> OnnxFacts:
-    """The facts of an ONNX file's bytes; ``where`` names the file in messages.
-
-    Raises:
-        ModelError: the bytes are not a complete ONNX file.
-    """
+    """The facts of an ONNX file's bytes; ``where`` names the file in messages."""
     entries: dict[str, str] = {}
     has_graph, opset, ir = False, 0, 0
     with _damage_refused(where):
@@ -66,11 +62,7 @@ def read_facts(data: bytes, where: str) -> OnnxFacts:
 
 
 def refuse_external_data(data: bytes, where: str) -> None:
-    """Refuse a model with weights in other files, which no checksum covers.
-
-    Raises:
-        ModelError: some tensor is stored elsewhere, or the bytes are damaged.
-    """
+    """Refuse a model with weights in other files, which no checksum covers."""
     with _damage_refused(where):
         elsewhere = _has_external_tensor(data)
     if elsewhere:

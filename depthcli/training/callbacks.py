@@ -51,9 +51,6 @@ class TensorBoardLogger(Callback):
     """Writes event files to ``tensorboard/`` in the folder of a run, then calls ``callback``.
 
     Steps that a resumed run repeats replace the earlier ones.
-
-    Raises:
-        TrainingError: the package ``tensorboard`` is not installed.
     """
 
     def __init__(self, callback: Callback, folder: Path, config: TrainConfig) -> None:
@@ -115,11 +112,7 @@ def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
 
 
 def truncate_log(path: Path, step: int) -> None:
-    """Remove lines after a step, which the resumed run writes again, and an incomplete line.
-
-    Raises:
-        OutputError: the log cannot be replaced; it is unchanged.
-    """
+    """Remove lines after a step, which the resumed run writes again, and an incomplete line."""
     content = path.read_bytes() if path.exists() else b""
     kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
     if kept != content:

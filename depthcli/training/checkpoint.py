@@ -58,11 +58,7 @@ class Checkpoint:
     others: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
     def save(self, path: Path) -> None:
-        """Write to a temporary file beside ``path``, then rename it.
-
-        Raises:
-            CheckpointError: it cannot be written.
-        """
+        """Write to a temporary file beside ``path``, then rename it."""
         content = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         for name in ("config", "state", "provenance"):
             content[name] = dataclasses.asdict(content[name])
@@ -142,11 +138,7 @@ def _from_version_1(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:
-    """The generator of a checkpoint in evaluation mode, with averaged or raw weights.
-
-    Raises:
-        CheckpointError: the checkpoint cannot be read or does not fit its configuration.
-    """
+    """The generator of a checkpoint in evaluation mode, with averaged or raw weights."""
     checkpoint = Checkpoint.load(path)
     generator = build_generator(checkpoint.config.generator, checkpoint.config.data.channels)
     state = checkpoint.ema_generator if weights is Weights.AVERAGED else None
@@ -167,11 +159,7 @@ METRICS_LOG = "metrics.jsonl"
 
 @contextmanager
 def write_errors(folder: Path) -> Iterator[None]:
-    """Raise failed writes in the block as a TrainingError.
-
-    Raises:
-        TrainingError: a file in the folder cannot be written.
-    """
+    """Raise failed writes in the block as a TrainingError."""
     try:
         yield
     except (OSError, OutputError) as error:
@@ -183,10 +171,6 @@ def write_errors(folder: Path) -> Iterator[None]:
 
 
 def saved_checkpoint(folder: Path) -> Checkpoint | None:
-    """The checkpoint of a folder; None if there is none.
-
-    Raises:
-        CheckpointError: it cannot be used.
-    """
+    """The checkpoint of a folder; None if there is none."""
     path = folder / CHECKPOINT
     return Checkpoint.load(path) if path.is_file() else None

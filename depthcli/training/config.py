@@ -253,11 +253,7 @@ class TrainConfig:
 
 
 def updated(config: T, changes: object) -> T:
-    """A copy with some fields replaced; nested mappings replace fields of nested dataclasses.
-
-    Raises:
-        UsageError: a name is unknown or a value has the wrong type.
-    """
+    """A copy with some fields replaced; nested mappings replace fields of nested dataclasses."""
     try:
         return merged(config, changes)
     except FieldError as refused:
@@ -265,11 +261,7 @@ def updated(config: T, changes: object) -> T:
 
 
 def check_config(config: TrainConfig) -> None:
-    """Check values that depend on each other; the types of the fields check single values.
-
-    Raises:
-        UsageError: a value is out of range; the message names the setting.
-    """
+    """Check values that depend on each other; the types of the fields check single values."""
     if config.output.min_m >= config.output.max_m:
         raise UsageError("output.min_m has to be below output.max_m")
     if config.optim.epochs < 1:

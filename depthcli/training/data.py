@@ -185,9 +185,6 @@ class Batches:
         processes: number of processes.
         pseudo_labels: pairs with less reliable depth, ``data.pseudo_label_share`` of each batch; an
             epoch is a pass through ``store``.
-
-    Raises:
-        UsageError: the batch cannot be divided among the processes or between both stores.
     """
 
     def __init__(

@@ -38,11 +38,7 @@ class AveragingStrategy(DDPStrategy):
 
 
 def open_fabric(accelerator: str, precision: Precision, devices: int = 1) -> Fabric:
-    """Device, precision and processes of a run.
-
-    Raises:
-        UsageError: they are not available here.
-    """
+    """Device, precision and processes of a run."""
     logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would log under --quiet
     strategy = AveragingStrategy() if devices > 1 else "auto"
     try:

@@ -37,10 +37,6 @@ def weights_file(source: Path) -> Path:
 
     Args:
         source: a checkpoint, or a model as :func:`~depthcli.models.catalog.find_model` takes it.
-
-    Raises:
-        CheckpointError: there is no such checkpoint.
-        ModelError: there is no such model, or it is damaged.
     """
     if _is_encoder_file(source) or (source.suffix != ".onnx" and source.is_file()):
         return source

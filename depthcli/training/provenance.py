@@ -119,11 +119,7 @@ def common_ids(
 
 
 def check_pseudo_labels(data: TrainingData, provenance: DataProvenance) -> None:
-    """Check that the pseudo labels have none of the pairs that the run holds out.
-
-    Raises:
-        DatasetError: they have some.
-    """
+    """Check that the pseudo labels have none of the pairs that the run holds out."""
     common = common_ids(data, provenance.held_out_ids, provenance.pseudo_label_ids)
     if common:
         raise DatasetError(

@@ -73,22 +73,13 @@ class Run:
         return self.average.network if self.average else self.method.generator
 
     def load_init_weights(self, paths: Sequence[Path]) -> None:
-        """Load the mean weights of exported models or checkpoints.
-
-        Raises:
-            CheckpointError: they do not fit.
-            ModelError: a model cannot be read.
-        """
+        """Load the mean weights of exported models or checkpoints."""
         self.provenance = load_init_weights(self.method.generator, paths, self.provenance)
         if self.average:
             self.average = WeightAverage(self.method.generator, self.config.optim.ema)
 
     def step(self, batch: TrainingBatch) -> dict[str, float]:
-        """One optimization step of every phase; the loss terms by name.
-
-        Raises:
-            TrainingError: a term is not finite.
-        """
+        """One optimization step of every phase; the loss terms by name."""
         share = self.config.optim.lr_factor(self.state.step, self.steps_per_epoch)
         self.method.share_done = self.state.step / self.steps
         losses: dict[str, Tensor] = {}
@@ -113,12 +104,7 @@ class Run:
         return finite_losses(losses, self.fabric)
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint from rank 0; all processes must call this.
-
-        Raises:
-            CheckpointError: it cannot be written; the previous one is kept.
-            TrainingError: a weight is not finite; the previous one is kept.
-        """
+        """Write a checkpoint from rank 0; all processes must call this."""
         self.check_weights()
         own = process_state(self.method, self.fabric.device)
         others = devices.gather_states(self.fabric, own)
@@ -137,11 +123,7 @@ class Run:
         ).save(path)
 
     def check_weights(self) -> None:
-        """Check the weights before they are saved: a finite loss can have a gradient that is not.
-
-        Raises:
-            TrainingError: a weight is not finite; the message names its network and the step.
-        """
+        """Check weights before they are saved: a finite loss can have a gradient that is not."""
         for name, network in self.method.named_children():
             finite = [weight.isfinite().all() for weight in network.state_dict().values()]
             if finite and not bool(torch.stack(finite).all()):
@@ -149,12 +131,7 @@ class Run:
                 raise TrainingError(problem, _ADVICE)
 
     def resume(self, path: Path) -> None:
-        """Restore the state of a checkpoint, if there is one.
-
-        Raises:
-            CheckpointError: it belongs to another configuration, other data, or another number of
-                processes.
-        """
+        """Restore the state of a checkpoint, if there is one."""
         if not path.exists():
             return
         saved = Checkpoint.load(path)
@@ -250,11 +227,7 @@ def _weights(optimizer: Optimizer) -> list[Tensor]:
 
 
 def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
-    """The loss terms as floats, averaged over the processes, in one transfer from the device.
-
-    Raises:
-        TrainingError: one of them is not finite; the message names it.
-    """
+    """The loss terms as floats, averaged over the processes, in one transfer from the device."""
     together = torch.stack([term.detach().float() for term in losses.values()])
     if fabric.world_size > 1:
         together = fabric.all_reduce(together, reduce_op="mean")  # type: ignore[assignment]

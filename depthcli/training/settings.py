@@ -51,12 +51,7 @@ def resolve_config(
 def apply_overrides(
     base: TrainConfig, files: Iterable[Path], settings: Iterable[str]
 ) -> TrainConfig:
-    """Apply TOML files, then ``a.b=c`` settings, to a base configuration.
-
-    Raises:
-        UsageError: a name is unknown, a value has the wrong type or is out of range, or a file is
-            not TOML.
-    """
+    """Apply TOML files, then ``a.b=c`` settings, to a base configuration."""
     for file in files:
         try:
             base = updated(base, tomllib.loads(file.read_text("utf-8")))

@@ -121,10 +121,6 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     Args:
         path: the file.
         stated: scale, kind and camera; its path is not used.
-
-    Raises:
-        InputError: it cannot be read, or holds no known depth, or there is a scale and its format
-            has none.
     """
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.read import DepthReadOptions, read_stored_depth  # noqa: PLC0415

@@ -38,11 +38,7 @@ Found: TypeAlias = tuple[npt.NDArray[np.float32], dict[str, str], tuple[str, ...
 
 
 def read_embedded_depth(path: Path, options: DepthReadOptions) -> StoredDepth | None:
-    """Depth within an image, of a size of its own; None if there is none.
-
-    Raises:
-        InputError: the image or its depth is damaged.
-    """
+    """Depth within an image, of a size of its own; None if there is none."""
     data = read_bytes(path)
     if data.startswith(JPEG_START):
         found = _of_jpeg(data, str(path))

@@ -101,9 +101,6 @@ class StoredDepth:
             metadata: what the file and its sidecar state.
             options: what the user states.
             frame: with the windows of an EXR.
-
-        Raises:
-            InputError: there is no pixel, or distance or disparity without a camera.
         """
         if not stored.size:
             raise InputError(f"{path} has no pixels")
@@ -186,9 +183,6 @@ def stored_depth(
             file states them.
         options: what the user states.
         frame: with the windows of an EXR.
-
-    Raises:
-        InputError: there is no pixel, or distance or disparity without a camera.
     """
     height, width = stored.shape
     size_px = frame.display_size_px if frame else (width, height)
@@ -306,11 +300,7 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:
-    """Metadata of a depth file and its sidecar, texts by name; a PNG is not decoded for it.
-
-    Raises:
-        InputError: missing or damaged.
-    """
+    """Metadata of a depth file and its sidecar, texts by name; a PNG is not decoded for it."""
     if path.suffix.lower() == ".png":
         texts: Mapping[str, str] = resolve_name("depthcli.io.formats.png16:read_metadata")(path)
         return texts

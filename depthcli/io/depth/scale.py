@@ -34,11 +34,7 @@ class DepthScale(NamedTuple):
 
 
 def check_units_per_metre(scale: float) -> None:
-    """Check a number of units per metre.
-
-    Raises:
-        UsageError: it is not a number above 0.
-    """
+    """Check a number of units per metre."""
     if not 0 < scale < math.inf:
         raise UsageError(f"a scale of {scale:g} units per metre is not a number above 0")
 
@@ -60,9 +56,6 @@ def depth_scale(
             metres in floats.
         is_integer: whether the numbers are integers.
         has_unit: whether they have a unit even if none is stated.
-
-    Raises:
-        UsageError: an option is not a number above 0.
     """
     if option is None and metadata.get("scale") in NORMALIZED:
         return None
@@ -91,9 +84,6 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
     Returns:
         (H, W) uint16, rounded to nearest: 0 where there is no depth, at least 1 and at most 65535
         elsewhere; and the number of pixels at 65535 or beyond.
-
-    Raises:
-        UsageError: the scale is not a number above 0.
     """
     check_units_per_metre(scale)
     height, width = values.shape

@@ -306,9 +306,6 @@ def choose_depth(
 
     Returns:
         The name of the channel, and one line; each None if there is none.
-
-    Raises:
-        InputError: there is no depth in such a layer.
     """
     names = list(channels)
     found = [n for n in names if last_part(n) in _DEPTHS and not is_of_vectors(n, names)]

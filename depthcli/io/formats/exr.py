@@ -79,11 +79,7 @@ def _windowed(
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
-    """Depth of an EXR of any program, over its data window.
-
-    Raises:
-        InputError: missing, damaged, without depth, or too large.
-    """
+    """Depth of an EXR of any program, over its data window."""
     channels = read_exr_channels(path)
     name, doubt = choose_depth(str(path), channels, options.layer)
     if name is None or _is_coloured(name, channels):

@@ -53,11 +53,7 @@ class NpzWriter:
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
-    """Depth of one array of floats, or of integers of a known scale.
-
-    Raises:
-        InputError: it cannot be read, is no depth map, or holds metric integers without a scale.
-    """
+    """Depth of one array of floats, or of integers of a known scale."""
     data, own = read_bytes(path), dict[str, str]()
     try:
         with warnings.catch_warnings():

@@ -89,11 +89,7 @@ def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
-    """Depth of a 16-bit gray PNG or PGM of any program.
-
-    Raises:
-        InputError: it cannot be read, or is not 16-bit gray.
-    """
+    """Depth of a 16-bit gray PNG or PGM of any program."""
     data = read_bytes(path)
     steps = decode(data, str(path), max_pixels=OPENCV_MAX_PIXELS)
     if steps.dtype != np.uint16 or steps.ndim != _GRAY_RANK:
@@ -104,11 +100,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:
-    """Metadata of a PNG and its sidecar, texts by name; the pixels are not decoded.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Metadata of a PNG and its sidecar, texts by name; the pixels are not decoded."""
     data = read_bytes(path)
     return with_sidecar(path, _own_texts(data), image_size(data) or (0, 0)).texts
 

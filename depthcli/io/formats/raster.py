@@ -46,11 +46,7 @@ class FloatWriter:
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
-    """Depth of a gray file of any program, in the format that its suffix names.
-
-    Raises:
-        InputError: it cannot be read, or is not gray.
-    """
+    """Depth of a gray file of any program, in the format that its suffix names."""
     suffix, data = path.suffix.lower(), read_bytes(path)
     if suffix == ".pfm":
         values = _pfm(data, path)

@@ -111,11 +111,7 @@ def with_sidecar(
 
 
 def remove_video_sidecar(path: Path) -> None:
-    """Remove the sidecar of a video's numbered files, if depthcli wrote it.
-
-    Raises:
-        OutputError: it cannot be removed.
-    """
+    """Remove the sidecar of a video's numbered files, if depthcli wrote it."""
     try:
         if "times_s" in _read_sidecar(path):
             path.unlink()

@@ -151,11 +151,7 @@ def decode_heif(data: bytes) -> Decoded:
 
 
 def depth_images(data: bytes) -> list[tuple[npt.NDArray[Any], dict[str, Any]]]:
-    """Depth images of the primary image, (H, W) upright, with what is stated of their numbers.
-
-    Raises:
-        InputError: it is damaged, or pillow-heif is missing.
-    """
+    """Depth images of the primary image, (H, W) upright, with what is stated of their numbers."""
     file = _opened(data)
     found = file[file.primary_index].info.get("depth_images", ())
     return [(np.asarray(image), image.info["metadata"]) for image in found]

@@ -86,9 +86,6 @@ def fill_transparent(
 
     Returns:
         The pixels, and where they were replaced; None if they are not anywhere.
-
-    Raises:
-        InputError: it is transparent everywhere.
     """
     opaque = float(alpha.max())  # which is 1023 in an AVIF of 10 bits
     hidden = alpha < opaque / 2
@@ -109,11 +106,7 @@ def fill_transparent(
 
 
 def check_levels(white_level: int | None, black_level: int = 0) -> None:
-    """Check the values of white and black.
-
-    Raises:
-        UsageError: one is not a whole number of 16 bits, or black is not below white.
-    """
+    """Check the values of white and black."""
     levels = (("white", WHITE_LEVEL, white_level), ("black", BLACK_LEVEL, black_level))
     for name, rule, level in levels:
         is_number = isinstance(level, int | np.integer)
@@ -139,9 +132,6 @@ def as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     """Pixels as one of the three types of a frame.
 
     Floats that are not a number or infinite become 0, the rest is clipped to [0, 1].
-
-    Raises:
-        InputError: integers of other sizes, or floats in another range than [0, 1].
     """
     if pixels.dtype in (np.uint8, np.uint16):
         return pixels

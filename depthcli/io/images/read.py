@@ -96,11 +96,7 @@ class CheckedImage(NamedTuple):
     container: _Container
 
     def decode(self) -> Decoded:
-        """Decode its pixels.
-
-        Raises:
-            InputError: truncated, damaged, or too large for the memory.
-        """
+        """Decode its pixels."""
         with _errors_about(self.name):
             return self.container.decode(self.data)
 
@@ -287,11 +283,7 @@ def read_image(
 
 
 def masked(frame: Frame, alpha: npt.NDArray[Any]) -> Frame:
-    """The frame without what is transparent in it.
-
-    Raises:
-        InputError: all of it is.
-    """
+    """The frame without what is transparent in it."""
     found = fill_transparent(frame.pixels, alpha)
     if found is None:
         return frame

@@ -40,9 +40,6 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
         source: a file of text, or a table by its suffix: ``.parquet`` (a file, or a folder of
             them), ``.csv`` or ``.tsv`` with the names of the columns in the first line.
         column: of a table, the one with the paths; None for the only one, or ``path``.
-
-    Raises:
-        UsageError: the list cannot be read, or has no such column.
     """
     if is_remote(source):
         return _remote_list(source, column)
@@ -98,9 +95,6 @@ def parse_list(data: bytes) -> list[str]:
     """Paths of a list, in its order.
 
     One a line, or separated by NUL bytes (``find -print0``), which allows newlines in names.
-
-    Raises:
-        UsageError: it is in UTF-16, as some shells of Windows write it.
     """
     _check_encoding(data)
     data = data.removeprefix(BOM_UTF8)

@@ -205,9 +205,6 @@ def row_files(folder: Path, shard: Shard) -> list[Path]:
     """The files that can hold rows of a shard's inputs, the latest last.
 
     Those of other shards of the same number are left out, because they hold other inputs.
-
-    Raises:
-        UsageError: one is in Parquet, as versions before 0.16 could write it.
     """
     found = []
     for path in (*folder.glob("manifest*"), *folder.glob(".depthcli-batch*")):
@@ -240,11 +237,7 @@ class RowFile:
     """A file of rows as JSON, one a line; other lines are passed over."""
 
     def __init__(self, path: Path, end: int | None = None) -> None:
-        """Open a file for reading, and with a second handle of it for appending.
-
-        Raises:
-            UsageError: it is a manifest that depthcli did not write.
-        """
+        """Open a file for reading, and with a second handle of it for appending."""
         self.path = path
         size = regular_size(path)
         self._file = path.open("rb")
@@ -316,11 +309,7 @@ class RowsFolder:
                 self._upload_rows(self._out)
 
     def finish(self) -> None:
-        """Upload the manifest and delete the parts of the journal, or upload the rest of it.
-
-        Raises:
-            OutputError: that failed; what was uploaded stays.
-        """
+        """Upload the manifest and delete the parts of the journal, or upload the rest of it."""
         if self._out is None:
             return
         with self._lock:

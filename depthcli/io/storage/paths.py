@@ -270,9 +270,6 @@ def regular_size(path: Path) -> int:
 
     Pipes and devices may never end, nor may some special files such as ``/proc/kmsg``, whose size
     is 0.
-
-    Raises:
-        OSError: it is missing, or is not a regular file.
     """
     try:
         status = path.stat()
@@ -326,9 +323,6 @@ def local_copy(
 
     The copy has the same name, and is removed after the block, whose errors name the path, not the
     copy.
-
-    Raises:
-        InputError: it cannot be read, or has more than ``max_bytes``.
     """
     if not isinstance(path, RemotePath):
         yield path

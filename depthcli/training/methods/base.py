@@ -150,11 +150,7 @@ def upsampled_like(image: Tensor, like: Tensor) -> Tensor:
 
 
 def required(part: _Part | None) -> _Part:
-    """A network or an output that a loss with a weight above zero needs.
-
-    Raises:
-        ValueError: it is None.
-    """
+    """A network or an output that a loss with a weight above zero needs."""
     if part is None:
         raise ValueError("a weight above zero builds what its loss needs")
     return part

@@ -13,11 +13,7 @@ DEFAULTS = Path(__file__).parent / "defaults"
 
 
 def method_class(name: str) -> type[Method]:
-    """The class of a method; imports its module, and with it torch.
-
-    Raises:
-        UsageError: there is no such method.
-    """
+    """The class of a method; imports its module, and with it torch."""
     if name not in METHODS:
         raise UsageError(f"no method '{name}'; choose from {', '.join(METHODS)}")
     found: type[Method] = resolve_name(f"depthcli.training.methods.{METHODS[name]}")
@@ -29,9 +25,6 @@ def default_config(method: str) -> TrainConfig:
 
     That of the paper's method without the losses and the pairing that this one does not support,
     overridden by its file in ``defaults/``.
-
-    Raises:
-        UsageError: there is no such method.
     """
     kind, file = method_class(method), DEFAULTS / f"{method}.toml"
     absent = {term: 0.0 for term in TERMS if term not in kind.TERMS}
@@ -41,21 +34,13 @@ def default_config(method: str) -> TrainConfig:
 
 
 def build_method(config: TrainConfig) -> Method:
-    """The method of a configuration, newly initialized.
-
-    Raises:
-        UsageError: there is no such method, or a loss would have no effect.
-    """
+    """The method of a configuration, newly initialized."""
     check_terms(config)
     return method_class(config.method)(config)
 
 
 def check_terms(config: TrainConfig) -> None:
-    """Check that the method uses all losses of the configuration.
-
-    Raises:
-        UsageError: one of them would have no effect.
-    """
+    """Check that the method uses all losses of the configuration."""
     method = method_class(config.method)
     supported = ", loss.".join(sorted(method.TERMS))
     weights = {name: getattr(config.loss, name) for name in TERMS}

@@ -64,9 +64,6 @@ class EncoderGenerator(DecodingGenerator):
             weights: a state dict for pictures of three channels, whose tensors have the order and
                 the shapes of timm's; further ones, such as a classifier's, are ignored. None
                 downloads those of timm.
-
-        Raises:
-            CheckpointError: the file cannot be read or has other tensors, or the hub has none.
         """
         network = timm_features(self.name, 3, pretrained=weights is None)
         if weights is not None:
@@ -123,11 +120,7 @@ class _PaddedConvolution(torch.autograd.Function):
 
 
 def timm_features(name: str, channels: int, *, pretrained: bool = False) -> Any:  # noqa: ANN401
-    """Feature maps of a model of timm, newly initialized.
-
-    Raises:
-        UsageError: timm lacks such a model, or cannot make an encoder of it.
-    """
+    """Feature maps of a model of timm, newly initialized."""
     timm = _import_timm()
     if not timm.is_model(name.partition(".")[0]):
         raise UsageError(f"timm has no model '{name}': see timm.list_models()")
@@ -175,11 +168,7 @@ def _conv_norms(network: nn.Module, channels: int) -> Iterator[tuple[nn.Conv2d, 
 
 
 def _in_order(wanted: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
-    """Tensors of a weight file under the names of a network, assigned by their order.
-
-    Raises:
-        CheckpointError: the file cannot be read, or a tensor has another shape.
-    """
+    """Tensors of a weight file under the names of a network, assigned by their order."""
     try:
         stored = torch.load(path, map_location="cpu", weights_only=True)
         tensors = [value for name, value in stored.items() if _COUNTERS not in name]
