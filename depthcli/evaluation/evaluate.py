@@ -30,7 +30,7 @@ from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundar
 from depthcli.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.metrics.alignment import SUITABLE, is_reversed
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
-from depthcli.metrics.depth import Accumulator, PixelSums, Scores
+from depthcli.metrics.depth import PixelSums, Scores, mean_scores
 from depthcli.training.provenance import TrainedRun
 
 _PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in report.PUBLISHED]
@@ -83,11 +83,6 @@ def entry_for(
     return Entry(predictor, suitable, train_overlap, mark)
 
 
-def has_trivial(task: EvalTask, options: EvalOptions) -> bool:
-    """Whether the table has rows that ignore the image."""
-    return options.trivial and bool(task.split.train)
-
-
 class _Line(NamedTuple):
     """The predictors that one name of the table stands for: one, or the seeds of a training run."""
 
@@ -117,7 +112,7 @@ def evaluate(
             seed, or there is no row to compare with the others.
     """
     lines = _lines(task, predictors, options)
-    trivial = TRIVIAL_NAMES if has_trivial(task, options) else ()
+    trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if options.against is not None:
         names = [*trivial, *(line.name for line in lines)]
         check_against(options.against, names, options.protocol)
@@ -145,7 +140,10 @@ def evaluate(
         differences = differences_from(options.against, by_name, task.scenes)
     if not options.per_image:
         each = [[replace(row, images=()) for row in rows] for rows in each]
-    rows = [row for line, own in zip(lines, each, strict=True) for row in _merged(line, own)]
+    rows: list[report.ReportRow] = []
+    for line, own in zip(lines, each, strict=True):
+        kinds = dict.fromkeys(row.alignment for row in own) if line.runs else {}
+        rows += own if not kinds else [_mean_row(line, own, alignment) for alignment in kinds]
     before: tuple[report.ReportRow, ...] = ()
     after: tuple[report.ReportRow, ...] = ()
     if any(line.runs for line in lines):
@@ -208,15 +206,11 @@ def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions
     return [_Line(name, tuple(entries)) for name, entries in groups.values()]
 
 
-def _merged(line: _Line, rows: Sequence[report.ReportRow]) -> Sequence[report.ReportRow]:
-    """The rows of a line; of a training run, one for each alignment, with means over its seeds."""
-    if not line.runs:
-        return rows
-    alignments = dict.fromkeys(row.alignment for row in rows)
-    return [_mean_row(line, [r for r in rows if r.alignment is wanted]) for wanted in alignments]
-
-
-def _mean_row(line: _Line, seeds: Sequence[report.ReportRow]) -> report.ReportRow:
+def _mean_row(
+    line: _Line, rows: Sequence[report.ReportRow], alignment: Alignment | None
+) -> report.ReportRow:
+    """Means over the seeds of a training run."""
+    seeds = [row for row in rows if row.alignment is alignment]
     values = np.array([row.scores.values for row in seeds])
     std = Scores(tuple(map(float, values.std(0, ddof=1)))) if len(seeds) > 1 else None
     first = seeds[0]
@@ -315,65 +309,52 @@ class _ImageSums(NamedTuple):
     outside: tuple[int, int]  #: pixels whose true depth is outside the range, and with true depth
 
 
-class _RowAccumulator:
-    """Accumulates the scores of a row over the images."""
+def _row_of(
+    entry: Entry, alignment: Alignment, averaging: Averaging, scored: Mapping[str, _ImageSums]
+) -> report.ReportRow:
+    """The row of an entry, of its scored images by id."""
+    predictor, images = entry.predictor, scored.values()
+    model = predictor.pipeline.session.model if isinstance(predictor, ModelPredictor) else None
+    boundaries = [image.boundary for image in images if image.boundary is not None]
+    image_count = sum(image.sums.pixel_count > 0 for image in images)
+    row = report.ReportRow(
+        name=predictor.name,
+        source=predictor.source,
+        alignment=alignment,
+        image_count=image_count,
+        scores=mean_scores((image.sums for image in images), averaging),
+        empty_count=len(images) - image_count,
+        model_sha256=model.sha256 if model else None,
+        images=tuple(
+            report.ImageScores(name, image.sums.scores(), image.boundary)
+            for name, image in scored.items()
+        ),
+        boundary=mean_boundary_scores(boundaries) if boundaries else None,
+        train_overlap=entry.train_overlap,
+        reversed_count=sum(image.is_reversed for image in images),
+        stated=predictor.stated,
+        pixel_count=sum(image.sums.pixel_count for image in images),
+        missing_count=sum(image.missing_count for image in images),
+        outside=(sum(i.outside[0] for i in images), sum(i.outside[1] for i in images)),
+    )
+    return replace(row, note="; ".join(_footnotes(row, entry.mark)))
 
-    def __init__(self, entry: Entry, alignment: Alignment, protocol: EvalProtocol) -> None:
-        self._entry, self._alignment = entry, alignment
-        self._total = Accumulator(protocol.averaging)
-        self._boundaries: list[BoundaryScores] = []
-        self._images: list[report.ImageScores] = []
-        self._reversed_count = self._pixel_count = self._missing_count = 0
-        self._outside = (0, 0)
 
-    def add(self, image_id: str, image: _ImageSums) -> None:
-        scores = self._total.add(image.sums)
-        self._reversed_count += image.is_reversed
-        self._pixel_count += image.sums.pixel_count
-        self._missing_count += image.missing_count
-        self._outside = self._outside[0] + image.outside[0], self._outside[1] + image.outside[1]
-        if image.boundary is not None:
-            self._boundaries.append(image.boundary)
-        self._images.append(report.ImageScores(image_id, scores, image.boundary))
-
-    def close(self) -> report.ReportRow:
-        predictor, total = self._entry.predictor, self._total
-        model = predictor.pipeline.session.model if isinstance(predictor, ModelPredictor) else None
-        return report.ReportRow(
-            name=predictor.name,
-            source=predictor.source,
-            alignment=self._alignment,
-            image_count=total.image_count,
-            scores=total.compute(),
-            empty_count=total.empty_count,
-            note="; ".join(self._footnotes()),
-            model_sha256=model.sha256 if model else None,
-            images=tuple(self._images),
-            boundary=mean_boundary_scores(self._boundaries) if self._boundaries else None,
-            train_overlap=self._entry.train_overlap,
-            reversed_count=self._reversed_count,
-            stated=predictor.stated,
-            pixel_count=self._pixel_count,
-            missing_count=self._missing_count,
-            outside=self._outside,
-        )
-
-    def _footnotes(self) -> Iterator[str]:
-        name, count = self._entry.predictor.name, self._reversed_count
-        images = self._total.image_count
-        if self._entry.mark:
-            yield self._entry.mark
-        if self._missing_count:
-            yield report.missing_text(name, self._missing_count, self._pixel_count)
-        if count and self._entry.predictor.source is not report.Source.TRIVIAL:
-            usual = ": its kind of depth may be wrong" if 2 * count > images else ""
-            if self._alignment is not Alignment.NONE:
-                yield (
-                    f"{name}: the fit ({self._alignment}) reversed the order of depth in {count} "
-                    f"of {images} images{usual}"
-                )
-            elif usual:
-                yield f"{name}: near and far are exchanged in {count} of {images} images{usual}"
+def _footnotes(row: report.ReportRow, mark: str) -> Iterator[str]:
+    name, count, images = row.name, row.reversed_count, row.image_count
+    if mark:
+        yield mark
+    if row.missing_count:
+        yield report.missing_text(name, row.missing_count, row.pixel_count)
+    if count and row.source is not report.Source.TRIVIAL:
+        usual = ": its kind of depth may be wrong" if 2 * count > images else ""
+        if row.alignment is not Alignment.NONE:
+            yield (
+                f"{name}: the fit ({row.alignment}) reversed the order of depth in {count} "
+                f"of {images} images{usual}"
+            )
+        elif usual:
+            yield f"{name}: near and far are exchanged in {count} of {images} images{usual}"
 
 
 def score(
@@ -393,7 +374,8 @@ def score(
     Returns:
         A row for each alignment of each entry, in their order.
     """
-    rows = [_RowAccumulator(e, alignment, protocol) for e in entries for alignment in e.alignments]
+    rows = [(entry, alignment) for entry in entries for alignment in entry.alignments]
+    scored: list[dict[str, _ImageSums]] = [{} for _ in rows]
     advance = progress.begin("comparing images", len(test))
 
     def score_one(position: int) -> list[_ImageSums]:
@@ -401,10 +383,11 @@ def score(
 
     with one_thread_each(workers), closing(ordered_map(score_one, test, workers=workers)) as images:
         for position, image in zip(test, images, strict=True):
-            for row, one in zip(rows, image, strict=True):
-                row.add(dataset.ids[position], one)
+            for own, one in zip(scored, image, strict=True):
+                own[dataset.ids[position]] = one
             advance(1)
-    return tuple(row.close() for row in rows)
+    each = zip(rows, scored, strict=True)
+    return tuple(_row_of(*row, protocol.averaging, images) for row, images in each)
 
 
 def _score_image(

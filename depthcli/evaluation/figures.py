@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -53,10 +54,7 @@ def choose_pictures(
     return tuple(sorted(by_scene[k] for k in chosen))
 
 
-@dataclass(frozen=True, slots=True)
-class _FigureRow:
-    """One row of a figure."""
-
+class _FigureRow(NamedTuple):
     picture: npt.NDArray[np.uint8]  #: (H, W, 3) RGB uint8, gray
     depths: tuple[DepthMap, ...]  #: prediction of each predictor, then ground truth; metres
     limits_m: tuple[float, float]  #: near and far end of the colour scale, metres
@@ -80,15 +78,13 @@ def draw_figures(
     columns = ["input", *(title for title, _ in shown), "truth"]
     ids = ", ".join(task.dataset.ids[i] for i in positions)
     rule = f"pictures {ids} from top to bottom; each row has the range of its truth"
-    gray = contact_sheet(
-        [_pictures_of_row(row, Colormap.GRAY, legend=False) for row in rows], columns
-    )
-    coloured = contact_sheet(
-        [_pictures_of_row(row, _COLORMAP, legend=True) for row in rows], columns
+    gray, coloured = (
+        encode_png(contact_sheet([_pictures_of_row(row, colours) for row in rows], columns))
+        for colours in (Colormap.GRAY, _COLORMAP)
     )
     return (
-        Figure("depth-gray", f"Depth in gray, near is white; {rule}.", encode_png(gray)),
-        Figure("depth-colour", f"Depth in colour; {rule}, on the right.", encode_png(coloured)),
+        Figure("depth-gray", f"Depth in gray, near is white; {rule}.", gray),
+        Figure("depth-colour", f"Depth in colour; {rule}, on the right.", coloured),
     )
 
 
@@ -121,20 +117,13 @@ def _fit_to_truth(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap
     return DepthMap(metres)
 
 
-def _pictures_of_row(
-    row: _FigureRow, colormap: Colormap, *, legend: bool
-) -> list[npt.NDArray[np.uint8]]:
-    near, far = row.limits_m
+def _pictures_of_row(row: _FigureRow, colormap: Colormap) -> list[npt.NDArray[np.uint8]]:
+    """The cells of a row, of one size; colours have a legend."""
+    (rows, columns), (near, far) = row.picture.shape[:2], row.limits_m
     writer = PreviewWriter(colormap, vmin=near, vmax=far)
-    shape = row.picture.shape
-    cells = [_cell_image(image, shape) for image in (row.picture, *map(writer.render, row.depths))]
-    if legend:
+    size = _CELL_WIDTH_PX, max(1, round(rows * _CELL_WIDTH_PX / columns))
+    images = (row.picture, *map(writer.render, row.depths))
+    cells = [np.rint(resize_area(i.astype(np.float32), *size)).astype(np.uint8) for i in images]
+    if colormap is not Colormap.GRAY:
         cells[-1] = with_legend(cells[-1], colour_table(colormap), near, far, DepthKind.METRIC)
     return cells
-
-
-def _cell_image(image: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> npt.NDArray[np.uint8]:
-    """An image resized to the cell size of its row."""
-    height = max(1, round(shape[0] * _CELL_WIDTH_PX / shape[1]))
-    shrunk = resize_area(image.astype(np.float32), _CELL_WIDTH_PX, height)
-    return np.rint(shrunk).astype(np.uint8)

@@ -91,7 +91,7 @@ def run_evaluation(
     runs = _open_runs(request.runs, failed) if request.runs else []
     task = _plan_task(request, runs)
     positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
-    trivial = TRIVIAL_NAMES if table.has_trivial(task, options) else ()
+    trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if not (request.models or request.predictions or runs or trivial):
         raise UsageError(
             "nothing to compare",

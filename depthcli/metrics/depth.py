@@ -10,8 +10,9 @@ Deep Network", NeurIPS 2014, and the KITTI depth benchmark for ``silog``.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import reduce
 from typing import Self, TypeAlias
 
 import cv2
@@ -172,46 +173,21 @@ class PixelSums:
         return Scores(tuple(m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics))
 
 
-class Accumulator:
-    """Scores of a stream of images in constant memory.
+def mean_scores(images: Iterable[PixelSums], averaging: Averaging = Averaging.IMAGE) -> Scores:
+    """Average over the images with a valid pixel; NaN for every metric if none has one.
 
     >>> import numpy as np
     >>> from depthcli.metrics.pixels import DepthPixels
     >>> truth = np.array([1.0, 2.0, 4.0])
-    >>> total = Accumulator()
-    >>> total.add(PixelSums.of(DepthPixels.of(truth, truth * 1.1)))["d1"]
-    1.0
-    >>> round(total.compute()["abs_rel"], 6)
+    >>> round(mean_scores([PixelSums.of(DepthPixels.of(truth, truth * 1.1))])["abs_rel"], 6)
     0.1
     """
-
-    def __init__(self, averaging: Averaging = Averaging.IMAGE) -> None:
-        self.averaging = averaging
-        self.image_count = 0
-        self.empty_count = 0
-        self._pixels: PixelSums | None = None
-        self._image_sums = (0.0,) * len(METRICS)
-
-    def add(self, sums: PixelSums) -> Scores:
-        """Add the sums of one image and return its own scores.
-
-        An image without a valid pixel has no scores: it is counted in ``empty_count`` and not
-        averaged.
-        """
-        scores = sums.scores()
-        if not sums.pixel_count:
-            self.empty_count += 1
-            return scores
-        self.image_count += 1
-        self._pixels = self._pixels + sums if self._pixels else sums
-        added = zip(self._image_sums, scores.values, strict=True)
-        self._image_sums = tuple(a + b for a, b in added)
-        return scores
-
-    def compute(self) -> Scores:
-        """Average over all images so far; NaN for every metric if there were none."""
-        if self._pixels is None:
-            return Scores.of()
-        if self.averaging is Averaging.POOLED:
-            return self._pixels.scores()
-        return Scores(tuple(total / self.image_count for total in self._image_sums))
+    known = [sums for sums in images if sums.pixel_count]
+    if not known:
+        return Scores.of()
+    if averaging is Averaging.POOLED:
+        return reduce(PixelSums.__add__, known).scores()
+    total = (0.0,) * len(METRICS)
+    for sums in known:  # sum() rounds otherwise from Python 3.12 on
+        total = tuple(a + b for a, b in zip(total, sums.scores().values, strict=True))
+    return Scores(tuple(value / len(known) for value in total))

@@ -18,7 +18,7 @@ from depthcli.datasets.base import DepthDataset
 from depthcli.errors import TrainingError
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.metrics.depth import Accumulator, PixelSums, Scores
+from depthcli.metrics.depth import PixelSums, Scores, mean_scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.checkpoint import TrainState, write_errors
 from depthcli.training.config import TrainConfig
@@ -165,7 +165,7 @@ class Validation:
         By the headline protocol of the evaluation; depth that is scaled to one camera is compared
         in true metres.
         """
-        total, codec = Accumulator(), self.config.output.codec
+        sums, codec = list[PixelSums](), self.config.output.codec
         farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
         for start in range(0, len(self), _BATCH_SIZE):
             rows = range(start, min(start + _BATCH_SIZE, len(self)))
@@ -176,8 +176,8 @@ class Validation:
                 grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
                 predicted_m = grown_m[0, 0].numpy() / scale
                 pixels = DepthPixels.of(truth_m, predicted_m, max_m=farthest_m)
-                total.add(PixelSums.of(pixels))
-        return total.compute()
+                sums.append(PixelSums.of(pixels))
+        return mean_scores(sums)
 
 
 def write_samples(

@@ -8,7 +8,7 @@ import pytest
 
 from depthcli.core.options import Averaging
 from depthcli.metrics import depth as accumulate
-from depthcli.metrics.depth import METRICS, Accumulator, PixelSums, Scores
+from depthcli.metrics.depth import METRICS, PixelSums, Scores, mean_scores
 from depthcli.metrics.pixels import DepthPixels
 
 
@@ -27,49 +27,33 @@ def _at_once(name: str, pixels: DepthPixels) -> float:
     return metric.finish(*(total / len(pixels) for total in metric.sums(pixels)))
 
 
-@pytest.mark.parametrize("name", METRICS)
-def test_per_image_average_counts_every_image_the_same(name: str) -> None:
-    total = Accumulator(Averaging.IMAGE)
-    own = [total.add(PixelSums.of(image))[name] for image in _images()]
-    assert own == pytest.approx([_at_once(name, image) for image in _images()], rel=1e-9)
-    assert total.compute()[name] == pytest.approx(sum(own) / 3, rel=1e-12)
+def _mean(averaging: Averaging, images: list[DepthPixels]) -> Scores:
+    return mean_scores(map(PixelSums.of, images), averaging)
 
 
 @pytest.mark.parametrize("name", METRICS)
-def test_pooled_average_counts_every_pixel_the_same(name: str) -> None:
-    total = Accumulator(Averaging.POOLED)
-    for image in _images():
-        total.add(PixelSums.of(image))
+def test_averages_count_images_or_pixels_the_same(name: str) -> None:
+    images = _images()
+    own = [_at_once(name, image) for image in images]
+    assert _mean(Averaging.IMAGE, images)[name] == pytest.approx(sum(own) / 3, rel=1e-9)
     together = DepthPixels.of(
-        np.concatenate([image.truth_m for image in _images()]),
-        np.concatenate([image.predicted_m for image in _images()]),
+        np.concatenate([image.truth_m for image in images]),
+        np.concatenate([image.predicted_m for image in images]),
     )
-    assert total.compute()[name] == pytest.approx(_at_once(name, together), rel=1e-9)
+    pooled = _mean(Averaging.POOLED, images)[name]
+    assert pooled == pytest.approx(_at_once(name, together), rel=1e-9)
 
 
-def test_the_two_averages_differ() -> None:
-    scores = []
-    for averaging in Averaging:
-        total = Accumulator(averaging)
-        for image in _images():
-            total.add(PixelSums.of(image))
-        scores.append(total.compute()["rmse"])
-    assert abs(scores[0] - scores[1]) > 0.01
-
-
-def test_image_without_valid_pixel_is_counted_and_left_out() -> None:
-    total = Accumulator()
-    total.add(PixelSums.of(DepthPixels.of(np.array([2.0]), np.array([3.0]))))
-    nothing = total.add(PixelSums.of(DepthPixels.of(np.array([0.0]), np.array([3.0]))))
-    assert math.isnan(nothing["abs_rel"])
-    assert (total.image_count, total.empty_count) == (1, 1)
-    assert total.compute()["abs_rel"] == 0.5
+def test_image_without_valid_pixel_is_left_out() -> None:
+    one = DepthPixels.of(np.array([2.0]), np.array([3.0]))
+    nothing = DepthPixels.of(np.array([0.0]), np.array([3.0]))
+    assert math.isnan(PixelSums.of(nothing).scores()["abs_rel"])
+    assert _mean(Averaging.IMAGE, [one, nothing])["abs_rel"] == 0.5
 
 
 @pytest.mark.parametrize("averaging", Averaging)
 def test_nothing_seen_is_not_a_number(averaging: Averaging) -> None:
-    total = Accumulator(averaging)
-    assert all(math.isnan(value) for value in total.compute().values)
+    assert all(math.isnan(value) for value in _mean(averaging, []).values)
 
 
 def test_scores_by_name() -> None:
