@@ -152,12 +152,7 @@ def append_whole(file: FileIO, data: bytes) -> int:
 
 def is_same_file(path: Path, source: Path) -> bool:
     """Whether an output path is an existing file, even through folders that do not exist yet."""
-    if isinstance(source, RemotePath) or isinstance(path, RemotePath):
-        return path == source
-    try:
-        return path.samefile(source)
-    except OSError:
-        return os.path.realpath(path) == os.path.realpath(source)
+    return _identity(path) == _identity(source)
 
 
 _OPEN_STREAM = re.compile(r"/dev/(stdin|stdout|stderr|fd/\d+)|/proc/(self|\d+)/fd/\d+")
@@ -196,18 +191,14 @@ def workspace(root: Path) -> Iterator[Path]:
         with folder_lock(root) as is_free:
             if not is_free:
                 raise UsageError(f"another depthcli is changing {root}; wait for it")
-            _remove_folder(work)
+            shutil.rmtree(work, ignore_errors=True)
             work.mkdir()
             try:
                 yield work
             finally:
-                _remove_folder(work)
+                shutil.rmtree(work, ignore_errors=True)
     except OSError as error:
         raise OutputError(f"cannot write {root}: {error.strerror or error}") from error
-
-
-def _remove_folder(folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
 
 
 def replace_folder(made: Path, target: Path, last: str) -> None:

@@ -13,7 +13,7 @@ import time
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import count
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from depthcli.core.options import INSTALL_CLOUD, INSTALL_WEB
 from depthcli.errors import UsageError
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from obstore.store import ClientConfig, ObjectStore, RetryConfig
+
+    from depthcli.io.storage.paths import RemotePath
 
 RETRIES_VARIABLE = "DEPTHCLI_RETRIES"
 _HTTP_URI = r"(?i)(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
@@ -52,26 +54,7 @@ _REASONS = {
 }
 
 
-class Address(NamedTuple):
-    """The address of an object or a folder."""
-
-    base: str  #: scheme and bucket, or server: ``s3://bucket``
-    key: str  #: name in it, without a slash at its beginning
-    query: str  #: of an HTTP address
-    name: str  #: what messages call it
-
-    @property
-    def is_http(self) -> bool:
-        """Whether it is a file behind HTTP."""
-        return self.base.startswith("http")
-
-    @property
-    def url(self) -> str:
-        """The whole address, with its password and its query."""
-        return f"{self.base}/{self.key}" + (f"?{self.query}" if self.query else "")
-
-
-def head(address: Address) -> tuple[int, int, Mapping[str, str]]:
+def head(address: RemotePath) -> tuple[int, int, Mapping[str, str]]:
     """Size in bytes, time in seconds since the epoch, and user metadata of an object."""
     if address.is_http:
         with _as_os_errors(address):
@@ -81,7 +64,7 @@ def head(address: Address) -> tuple[int, int, Mapping[str, str]]:
     return found.meta["size"], time_s, dict(found.attributes)
 
 
-def fetch(address: Address, max_bytes: int | None = None) -> tuple[int, Iterator[bytes]]:
+def fetch(address: RemotePath, max_bytes: int | None = None) -> tuple[int, Iterator[bytes]]:
     """Size of an object, and its content, a few megabytes at a time, by one request."""
     if address.is_http:
         with _as_os_errors(address):
@@ -90,7 +73,7 @@ def fetch(address: Address, max_bytes: int | None = None) -> tuple[int, Iterator
         found = _send_request("get", address)
         size, content = found.meta["size"], found.stream(min_chunk_size=_PART_BYTES)
     if max_bytes is not None and size > max_bytes:
-        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", address.name)
+        raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", str(address))
 
     def parts() -> Iterator[bytes]:
         with _as_os_errors(address):
@@ -99,12 +82,12 @@ def fetch(address: Address, max_bytes: int | None = None) -> tuple[int, Iterator
     return size, parts()
 
 
-def read(address: Address, max_bytes: int | None = None) -> bytes:
+def read(address: RemotePath, max_bytes: int | None = None) -> bytes:
     """An object's content."""
     return b"".join(fetch(address, max_bytes)[1])
 
 
-def read_first(address: Address, length: int) -> bytes:
+def read_first(address: RemotePath, length: int) -> bytes:
     """The first ``length`` bytes of an object, without downloading the rest."""
     if address.is_http:
         with _as_os_errors(address):
@@ -117,18 +100,18 @@ def read_first(address: Address, length: int) -> bytes:
         raise
 
 
-def put(address: Address, file: Path, metadata: Mapping[str, str] | None = None) -> None:
+def put(address: RemotePath, file: Path, metadata: Mapping[str, str] | None = None) -> None:
     """Upload a file, in parts if it is large. The object appears, or is replaced, at the end."""
     part_bytes = max(_PART_BYTES, file.stat().st_size // _MAX_PARTS)
     _send_request("put", address, file, chunk_size=part_bytes, attributes=dict(metadata or {}))
 
 
-def delete(address: Address) -> None:
+def delete(address: RemotePath) -> None:
     """Delete an object; a missing one is not an error."""
     _send_request("delete", address)
 
 
-def list_names(address: Address, after: str = "") -> Iterator[str]:
+def list_names(address: RemotePath, after: str = "") -> Iterator[str]:
     """Names below a folder, in the order of the store, that come after a name."""
     start = f"{address.key}/" if address.key else ""
     pages: Iterator[Any] | None = None
@@ -156,7 +139,7 @@ def masked(text: str) -> str:
     return re.sub(_HTTP_URI, lambda found: found[1] + found[2], text)
 
 
-def _send_request(verb: str, address: Address, *words: Any, **options: Any) -> Any:  # noqa: ANN401
+def _send_request(verb: str, address: RemotePath, *words: Any, **options: Any) -> Any:  # noqa: ANN401
     """Make a request."""
     return _with_retries(
         address,
@@ -166,7 +149,7 @@ def _send_request(verb: str, address: Address, *words: Any, **options: Any) -> A
     )
 
 
-def _with_retries(address: Address, request: Callable[[], Any]) -> Any:  # noqa: ANN401
+def _with_retries(address: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401
     """Make a request again if its body is interrupted: obstore resumes only object downloads."""
     for tries in count():
         with _as_os_errors(address):
@@ -200,13 +183,13 @@ def _http() -> Any:  # noqa: ANN401 - a module
     return http
 
 
-def _library(address: Address) -> Any:  # noqa: ANN401 - a module
+def _library(address: RemotePath) -> Any:  # noqa: ANN401 - a module
     try:
         import obstore.exceptions  # noqa: PLC0415 - in an extra
     except ModuleNotFoundError:
         install = INSTALL_WEB if address.base.startswith("http") else INSTALL_CLOUD
         reason = f"this needs obstore; install it with: {install}"
-        raise OSError(errno.ENOPKG, reason, address.name) from None
+        raise OSError(errno.ENOPKG, reason, str(address)) from None
     return obstore
 
 
@@ -250,7 +233,7 @@ def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
 
 
 @contextmanager
-def _as_os_errors(address: Address) -> Iterator[None]:
+def _as_os_errors(address: RemotePath) -> Iterator[None]:
     """Raise the library's errors as ``OSError``, of one line each."""
     found = _http().ERRORS if address.is_http else (_library(address).exceptions.BaseError,)
     try:
@@ -264,6 +247,6 @@ def _as_os_errors(address: Address) -> Iterator[None]:
         origin = None if address.query or "@" in address.base else error
         for sign, (number, reason) in _REASONS.items():
             if sign in text:
-                raise OSError(number, reason, address.name) from origin
+                raise OSError(number, reason, str(address)) from origin
         first = masked(text.partition("\n")[0])
-        raise OSError(errno.EIO, first, address.name) from origin
+        raise OSError(errno.EIO, first, str(address)) from origin

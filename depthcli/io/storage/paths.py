@@ -119,9 +119,9 @@ class RemotePath(Path, PurePosixPath):
         return "/".join(self.parts[2:])
 
     @property
-    def address(self) -> objects.Address:
-        """The address for requests."""
-        return objects.Address(self.base, self.key, self.query, str(self))
+    def url(self) -> str:
+        """The whole address, with its password and its query."""
+        return f"{self.base}/{self.key}" + (f"?{self.query}" if self.query else "")
 
     @property
     def is_http(self) -> bool:
@@ -139,13 +139,12 @@ class RemotePath(Path, PurePosixPath):
         return str(self)
 
     def __reduce__(self) -> Any:  # noqa: ANN401 - what pickle asks for
-        query = f"?{self.query}" if self.query else ""
-        return path_of, (f"{self.base}/{self.key}{query}",)
+        return path_of, (self.url,)
 
     def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
         """Size and time of the object; a prefix with objects below it is a folder."""
         try:
-            size, time_s = objects.head(self.address)[:2]
+            size, time_s = objects.head(self)[:2]
         except FileNotFoundError:
             if not self.is_dir():
                 raise
@@ -165,7 +164,7 @@ class RemotePath(Path, PurePosixPath):
         try:
             # A signed address allows reading only; without the right to list, S3 answers 403 for
             # missing objects.
-            return bool(self.query or objects.head(self.address))
+            return bool(self.query or objects.head(self))
         except (FileNotFoundError, PermissionError):
             return False
 
@@ -193,17 +192,17 @@ class RemotePath(Path, PurePosixPath):
 
     def unlink(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
         """Delete the object."""
-        objects.delete(self.address)
+        objects.delete(self)
 
     def read_bytes(self) -> bytes:
         """The whole object."""
-        return objects.read(self.address)
+        return objects.read(self)
 
     def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
         """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes."""
         if first < 0:
-            return objects.read(self.address, max_bytes)
-        return objects.read_first(self.address, first)
+            return objects.read(self, max_bytes)
+        return objects.read_first(self, first)
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
         """Open the content for reading; the mode is ``rb``."""
@@ -221,7 +220,7 @@ class RemotePath(Path, PurePosixPath):
 
         They come page by page, from the one after a name: memory does not grow with their number.
         """
-        return objects.list_names(self.address, after)
+        return objects.list_names(self, after)
 
 
 def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
@@ -343,7 +342,7 @@ def download(
     path: RemotePath, file: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
 ) -> None:
     """Download an object to a file, with a few megabytes in memory."""
-    size, content = objects.fetch(path.address, max_bytes)
+    size, content = objects.fetch(path, max_bytes)
     advance = progress.begin(path.name, size, "bytes")
     with file.open("wb") as target:
         for part in content:
@@ -358,13 +357,13 @@ def uploaded(path: RemotePath) -> Iterator[Path]:
         yield file
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
-        objects.put(path.address, file, {SHA256_KEY: digest})
+        objects.put(path, file, {SHA256_KEY: digest})
 
 
 def object_checksum(path: RemotePath) -> tuple[int, str] | None:
     """Size and SHA-256 of an object, read only without a checksum in its metadata; None if none."""
     try:
-        size, _, metadata = objects.head(path.address)
+        size, _, metadata = objects.head(path)
         return size, metadata.get(SHA256_KEY) or hashlib.sha256(path.read_bytes()).hexdigest()
     except FileNotFoundError:
         return None
