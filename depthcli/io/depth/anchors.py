@@ -52,10 +52,6 @@ class AnchorFiles:
         path = path_of(self.path)
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path} holds no known depth", f"give a file with {_ALTERNATIVES}")
-        return self.read_file(path)
-
-    def read_file(self, path: Path) -> AnchorPoints:
-        """Read one of the folder's files; raises the errors of :meth:`read`."""
         return read_known_depth(path, self)
 
     def of_image(self, image: Path | None) -> AnchorPoints:

@@ -93,15 +93,7 @@ class StoredDepth:
         options: DepthReadOptions,
         frame: Frame | None = None,
     ) -> Self:
-        """Depth of a file: its numbers, and what the file and the user state about them.
-
-        Args:
-            path: the file.
-            stored: (H, W), integers, of which 0 is no depth, or floats.
-            metadata: what the file and its sidecar state.
-            options: what the user states.
-            frame: with the windows of an EXR.
-        """
+        """Depth of a file, whose numbers, metadata and frame are as of :func:`stored_depth`."""
         if not stored.size:
             raise InputError(f"{path} has no pixels")
         texts, is_integer = metadata.texts, stored.dtype.kind in "iu"
@@ -179,8 +171,7 @@ def stored_depth(
     Args:
         path: the file.
         stored: (H, W), integers, of which 0 is no depth, or floats.
-        own: texts by name of :func:`~depthcli.io.depth.metadata.metadata_texts`, as far as the
-            file states them.
+        own: what the file itself states, as of :func:`~depthcli.io.depth.metadata.metadata_texts`.
         options: what the user states.
         frame: with the windows of an EXR.
     """
@@ -284,12 +275,10 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
     path = path_of(path)
     which = readable_format(path)
     if which is None and path.suffix.lower() in _IMAGES:
-        reader = resolve_name(
-            "depthcli.io.depth.embedded:read_embedded_depth"
-        )  # which imports this
-        embedded: StoredDepth | None = reader(path, options)
-        if embedded is not None:
-            return embedded
+        # By name, as it imports this file.
+        reader = resolve_name("depthcli.io.depth.embedded:read_embedded_depth")
+        if embedded := reader(path, options):
+            return embedded  # type: ignore[no-any-return]
     if which is None:
         raise InputError(
             f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)",

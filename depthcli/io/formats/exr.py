@@ -106,11 +106,8 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
 def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:
     """Whether a channel belongs to a colour picture; gray may be stored as three equal colours."""
     layer = layer_of(name)
-    others = [] if name == layer + "Z" else [channels.get(layer + colour) for colour in _COLOURS]
-    return not all(other is None or _is_same(other, channels[name]) for other in others)
-
-
-def _is_same(one: StoredChannel, other: StoredChannel) -> bool:
-    """Whether two channels have the same values, as gray has that is stored as three colours."""
-    shown, other_shown = (stored.over(stored.part.display) for stored in (one, other))
-    return np.array_equal(shown, other_shown, equal_nan=True)
+    names = [] if name == layer + "Z" else [layer + colour for colour in _COLOURS]
+    shown, *others = (
+        channels[one].over(channels[one].part.display) for one in (name, *names) if one in channels
+    )
+    return not all(np.array_equal(shown, other, equal_nan=True) for other in others)

@@ -28,10 +28,7 @@ _STILL = frozenset((b"IHDR", b"PLTE", b"tRNS", b"eXIf", b"IDAT", b"IEND"))
 
 
 def chunk(kind: bytes, body: bytes | bytearray | memoryview) -> tuple[bytes | memoryview, ...]:
-    """The parts of a chunk, which the caller joins with all others in one copy.
-
-    The kind has four letters, the body at most ``MAX_LENGTH`` bytes.
-    """
+    """The parts of a chunk, which the caller joins with all others in one copy."""
     check = zlib.crc32(body, zlib.crc32(kind))
     return struct.pack(">I4s", len(body), kind), memoryview(body), struct.pack(">I", check)
 

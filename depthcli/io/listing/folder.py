@@ -38,13 +38,9 @@ def is_own_exr(data: bytes) -> bool:
 
 
 def is_own_output(path: str) -> bool:
-    """Whether a file found in a folder is an output of depthcli.
-
-    Videos are recognized by their names alone; images are opened only if their names match.
-    """
-    if re.search(_VIDEO_NAME, path):
-        return True
-    return re.search(_PICTURE_NAME, path) is not None and is_own_picture(path)
+    """Whether a file found in a folder is an output: a video by its name, an image if opened."""
+    is_named = re.search(_PICTURE_NAME, path)
+    return bool(re.search(_VIDEO_NAME, path) or (is_named and is_own_picture(path)))
 
 
 HEIF_SUFFIXES = (".heic", ".heif", ".hif")
@@ -151,24 +147,28 @@ class Listing(NamedTuple):
             self.skipped.append(Skipped(name, reason))
 
 
+def _suffix(name: str) -> str:
+    return os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
+
+
 def is_video(name: str) -> bool:
     """Whether a name's suffix is a video's."""
-    return os.path.splitext(name)[1].lower() in VIDEO_SUFFIXES  # noqa: PTH122 - names, not paths
+    return _suffix(name) in VIDEO_SUFFIXES
 
 
 def is_archive(name: str) -> bool:
     """Whether a name's suffix is that of a data set in one file, a tar shard or Parquet."""
-    return os.path.splitext(name)[1].lower() in ARCHIVE_SUFFIXES  # noqa: PTH122 - names, not paths
+    return _suffix(name) in ARCHIVE_SUFFIXES
 
 
 def is_exr(name: str) -> bool:
     """Whether a name's suffix is that of OpenEXR, which holds images or depth."""
-    return os.path.splitext(name)[1].lower() == EXR_SUFFIX  # noqa: PTH122 - names, not paths
+    return _suffix(name) == EXR_SUFFIX
 
 
 def is_picture(name: str) -> bool:
     """Whether a name's suffix is that of an image that is read here, EXR apart."""
-    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
+    suffix = _suffix(name)
     return suffix in PICTURE_SUFFIXES or (suffix in EXTRAS and is_installed(EXTRAS[suffix][0]))
 
 
@@ -183,7 +183,7 @@ def why_skipped(path: str) -> str | None:
     if name.startswith("."):
         return HIDDEN
     if not is_media(name):
-        return os.path.splitext(name)[1].lower() or "without suffix"  # noqa: PTH122
+        return _suffix(name) or "without suffix"
     return OWN if is_own_output(path) else None
 
 
@@ -196,15 +196,13 @@ def list_folder(
 ) -> Listing:
     """Walk a tree, depth first; links to folders are followed, loops are not.
 
+    Files are not opened, except PNGs named like outputs.
+
     Args:
         root: the folder, which may be in a store.
         leave_out: a folder that is not entered, under any of its names; it may be missing.
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
         refusal: why a file of this path is no input; None if it is one.
-
-    Returns:
-        What is there; files are not opened (except PNGs named like outputs), so any of them may
-        turn out to be unreadable.
 
     Raises:
         UsageError: a store cannot be listed, or there is nothing below the root.

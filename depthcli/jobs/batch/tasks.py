@@ -14,7 +14,7 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.anchors import AnchorFiles
+from depthcli.io.depth.anchors import AnchorFiles, read_known_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import InputFile, RealPaths, is_archive, is_video
 from depthcli.io.manifest import files as manifest
@@ -65,7 +65,7 @@ class BatchOptions:
             file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
             if any(is_same_file(output, file) for output in outputs):
                 raise InputError(f"{file} is its known depth", "choose another {out}")
-            return self.anchors.read_file(file)
+            return read_known_depth(file, self.anchors)
         return AnchorPoints.of(self.anchors) if self.anchors else None
 
 
