@@ -9,12 +9,11 @@ from pathlib import Path
 from depthcli.core.progress import Interrupt
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.training_data import open_training_data
-from depthcli.training import devices
 from depthcli.training.callbacks import Callback, TensorBoardLogger
 from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.init_weights import weights_file
-from depthcli.training.run import fit
+from depthcli.training.run import fit, open_fabric, set_threads
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +32,6 @@ class TrainRequest:
     init_weights: tuple[Path, ...] = ()
     minutes: float = math.inf  #: wall-clock minutes after which it stops
     accelerator: str = "auto"  #: auto, cpu, cuda or mps
-    devices: int = 1  #: GPUs, or CPU processes
     threads: int | None = None  #: CPU threads; None for those of the folder's run, or all cores
     tensorboard: bool = False  #: also write event files for TensorBoard
     #: signals that stop it after the current step, with a checkpoint
@@ -46,16 +44,13 @@ class TrainResult:
 
     state: TrainState  #: how far the run has come
     signal_number: int | None  #: the signal that ended it, or None
-    is_global_zero: bool  #: whether this is the process with global rank 0
 
 
 def train(request: TrainRequest, callback: Callback) -> TrainResult:
     """Train until the schedule, the time limit or a signal ends it.
 
-    With several devices the command is launched once per device.
-
     Raises:
-        UsageError: the accelerator, devices or settings do not fit together.
+        UsageError: the accelerator or settings do not fit together.
         DatasetError: the data set cannot be used.
         ModelError: there is no such model to start from, or it is damaged.
         CheckpointError: the folder holds another run, or a checkpoint cannot be read or written.
@@ -63,7 +58,7 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
     """
     config, out, wanted = request.config, request.out, request.config.data
     init_weights = [weights_file(source) for source in request.init_weights]
-    fabric = devices.open_fabric(request.accelerator, config.precision, request.devices)
+    fabric = open_fabric(request.accelerator, config.precision)
     data = open_training_data(
         request.data,
         paired=wanted.paired,
@@ -74,9 +69,9 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
     if request.pseudo_labels is not None:
         data = data.with_pseudo_labels(open_paired_folder(request.pseudo_labels))
     interrupt = Interrupt(*request.signals)
-    with devices.launched(fabric), ExitStack() as stack:
-        devices.set_threads(request.threads, out, fabric.world_size)
-        if request.tensorboard and fabric.is_global_zero:
+    with ExitStack() as stack:
+        set_threads(request.threads, out)
+        if request.tensorboard:
             callback = stack.enter_context(closing(TensorBoardLogger(callback, out, config)))
         state = fit(
             config,
@@ -88,4 +83,4 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
             max_minutes=request.minutes,
             interrupt=interrupt,
         )
-    return TrainResult(state, interrupt.number, fabric.is_global_zero)
+    return TrainResult(state, interrupt.number)

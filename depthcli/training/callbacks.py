@@ -30,7 +30,7 @@ _SAMPLES = 6
 
 
 class Callback:
-    """Called during training, in the process with global rank 0. The base class does nothing."""
+    """Called during training. The base class does nothing."""
 
     def on_train_start(self, *, lacks_scenes: bool, seen_held_out: int) -> None:
         """Called before the first step, also of a resumed run.

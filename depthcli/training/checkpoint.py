@@ -54,8 +54,6 @@ class Checkpoint:
     device_rng: torch.Tensor | None = None  #: state of the accelerator's generator; None on a CPU
     #: state of the loss scaler; empty for a precision without one
     precision: dict[str, Any] = dataclasses.field(default_factory=dict)
-    #: ``extra``, ``rng`` and ``device_rng`` of the processes after the first
-    others: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
     def save(self, path: Path) -> None:
         """Write to a temporary file beside ``path``, then rename it."""
@@ -100,6 +98,7 @@ class Checkpoint:
             raise CheckpointError(f"{path} was made by another version of depthcli", "use that one")
         try:
             content = content if version == _VERSION else _from_version_1(content)
+            content.pop("others", None)  # states of further processes, of 0.17
             for name in ("reconstruction", "hidden"):  # settings of 0.15 without effect here
                 content["config"]["loss"].pop(name, None)
             content["config"] = merged(TrainConfig(), content["config"])

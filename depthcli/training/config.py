@@ -24,6 +24,7 @@ _LEVELS = {
 }
 _TERM = "term"
 
+Precision: TypeAlias = Literal["32-true", "bf16-mixed", "16-mixed"]
 Count: TypeAlias = Annotated[int, Rule("a whole number from 0 up", lambda n: n >= 0)]
 Positive: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda n: n >= 1)]
 Seed: TypeAlias = Annotated[
@@ -244,7 +245,7 @@ class TrainConfig:
     #: epochs from one checkpoint to the next; a run that stops always writes one
     save_every: Positive = 1
     #: Fabric's name of it: ``32-true``, ``bf16-mixed`` or ``16-mixed``
-    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    precision: Precision = "32-true"
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     data: DataConfig = field(default_factory=DataConfig)

@@ -177,12 +177,9 @@ class Batches:
     Args:
         store: the training pairs.
         data: size, pairing and augmentation.
-        batch_size: pairs per batch, of all processes together; the last incomplete batch of an
-            epoch is dropped.
+        batch_size: pairs per batch; the last incomplete batch of an epoch is dropped.
         seed: of order and augmentation.
         device: the batch is moved to it before augmentation.
-        process: rank of this process; each gets its own part of every batch.
-        processes: number of processes.
         pseudo_labels: pairs with less reliable depth, ``data.pseudo_label_share`` of each batch; an
             epoch is a pass through ``store``.
     """
@@ -194,18 +191,9 @@ class Batches:
         batch_size: int,
         seed: int,
         device: torch.device,
-        process: int = 0,
-        processes: int = 1,
         pseudo_labels: PairStore | None = None,
     ) -> None:
         self.store, self.data, self.seed, self.device = store, data, seed, device
-        if batch_size % processes or len(store) < processes:
-            raise UsageError(
-                f"optim.batch_size={batch_size} of {len(store)} pairs is shared by {processes} "
-                f"devices: set it to a multiple of {processes}"
-            )
-        if pseudo_labels and processes > 1:
-            raise UsageError("pseudo labels are for one device", "remove {devices}")
         self.pseudo_labels = pseudo_labels
         self._pseudo_label_count = (
             round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
@@ -218,11 +206,8 @@ class Batches:
                 f"{self._pseudo_label_count} of the {len(pseudo_labels)} pseudo labels in each "
                 "batch: it has to be at least 1, less than the batch, and not more than there are"
             )
-        own = batch_size - self._pseudo_label_count
-        self.batch_size = min(own, len(store) // processes * processes)
+        self.batch_size = min(batch_size - self._pseudo_label_count, len(store))
         self.steps_per_epoch = len(store) // self.batch_size
-        self.own_size = (self.batch_size + self._pseudo_label_count) // processes
-        self._own = slice(process * self.own_size, (process + 1) * self.own_size)
 
     def __getitem__(self, step: int) -> TrainingBatch:
         """Batch of a step, counted from 0 over the whole run."""
@@ -235,15 +220,10 @@ class Batches:
             others = self._augmented(self.store, rows, size, random, part=1)
             views = Views(views.network_input, others.depth_m, others.valid_mask)
         if self.pseudo_labels is None:
-            return self._part(TrainingBatch(*views))
+            return TrainingBatch(*views)
         pseudo_label_rows = self._rows(self.pseudo_labels, step, self._pseudo_label_count, stream=4)
         more = self._augmented(self.pseudo_labels, pseudo_label_rows, size, random)
         return _concatenated(views, more)
-
-    def _part(self, whole: TrainingBatch) -> TrainingBatch:
-        """This process's part of a batch."""
-        valid_mask = None if whole.valid_mask is None else whole.valid_mask[self._own]
-        return TrainingBatch(whole.network_input[self._own], whole.depth_m[self._own], valid_mask)
 
     def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
         """Rows (``size``,) int64 of a step; the store is shuffled anew for each epoch."""

@@ -1,6 +1,7 @@
 """One run: networks, optimizers and weight average; the training loop, saving and resuming."""
 
 import copy
+import logging
 import math
 import time
 from collections.abc import Sequence
@@ -10,33 +11,56 @@ from typing import Any
 
 import torch
 from lightning_fabric import Fabric
+from lightning_fabric.utilities.exceptions import MisconfigurationException
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from depthcli.core.parallel import usable_cores
 from depthcli.core.progress import Interrupt
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError, UsageError
-from depthcli.training import callbacks, devices, provenance
+from depthcli.training import callbacks, provenance
 from depthcli.training.checkpoint import (
     CHECKPOINT,
     METRICS_LOG,
     Checkpoint,
     TrainState,
+    saved_checkpoint,
     write_errors,
 )
-from depthcli.training.config import OptimConfig, TrainConfig
+from depthcli.training.config import OptimConfig, Precision, TrainConfig
 from depthcli.training.data import Batches, PairStore, TrainingBatch
 from depthcli.training.init_weights import load_init_weights
 from depthcli.training.methods.base import Method, Phase
 from depthcli.training.methods.registry import build_method
 from depthcli.training.networks.encoder import EncoderGenerator
 
-_RANK_STRIDE = 1_000_003  # between the seeds of processes, far from those that users choose
 _ACCELERATORS = {"cuda": torch.cuda, "mps": torch.mps}
 _ADVICE = (
     "lower optim.learning_rate or use precision=32-true, and go on from the last checkpoint, "
     "which is kept"
 )
+
+
+def open_fabric(accelerator: str, precision: Precision) -> Fabric:
+    """Device and precision of a run."""
+    logging.getLogger("lightning_fabric").setLevel(logging.ERROR)  # it would log under --quiet
+    try:
+        return Fabric(accelerator=accelerator, devices=1, precision=precision)
+    except (ImportError, MisconfigurationException, RuntimeError, ValueError) as error:
+        told = f"cannot train on {accelerator} with precision={precision} here: {error}"
+        raise UsageError(told) from error
+
+
+def set_threads(given: int | None, folder: Path) -> None:
+    """Set torch's CPU threads: the number given, else the checkpoint's, else one per free core.
+
+    Another number would change the last digits of a resumed run.
+    """
+    saved = saved_checkpoint(folder) if given is None else None
+    if saved is not None:
+        given = min(usable_cores(), saved.state.threads)
+    torch.set_num_threads(given or usable_cores())
 
 
 class Run:
@@ -64,8 +88,6 @@ class Run:
         self.optimizers = dict(zip(phases, ready, strict=True))
         decay = config.optim.ema
         self.average = WeightAverage(self.method.generator, decay) if decay else None
-        if fabric.global_rank:  # the same weights, but other dropout, patches and pools
-            torch.manual_seed(config.seed + _RANK_STRIDE * fabric.global_rank)
 
     @property
     def ema_generator(self) -> nn.Module:
@@ -90,7 +112,6 @@ class Run:
             losses |= {name: term.detach() for name, term in terms.items()}
             optimizer.zero_grad()
             self.fabric.backward(torch.stack(list(terms.values())).sum())
-            devices.average_gradients(self.fabric, _weights(optimizer))
             if self.config.optim.clip_norm and phase == "generator":
                 limit = self.config.optim.clip_norm
                 # A loss that is not finite is an error below, which names it; the scaler of
@@ -101,15 +122,11 @@ class Run:
             optimizer.step()
         if self.average:
             self.average.update(self.method.generator, self.state.step + 1)
-        return finite_losses(losses, self.fabric)
+        return finite_losses(losses)
 
     def save(self, path: Path) -> None:
-        """Write a checkpoint from rank 0; all processes must call this."""
+        """Write a checkpoint."""
         self.check_weights()
-        own = process_state(self.method, self.fabric.device)
-        others = devices.gather_states(self.fabric, own)
-        if not self.fabric.is_global_zero:
-            return
         Checkpoint(
             config=self.config,
             state=self.state,
@@ -118,8 +135,7 @@ class Run:
             ema_generator=self.average.network.state_dict() if self.average else None,
             optimizers={phase: o.state_dict() for phase, o in self.optimizers.items()},
             precision=self.fabric.strategy.precision.state_dict(),
-            others=others,
-            **own,
+            **random_state(self.method, self.fabric.device),
         ).save(path)
 
     def check_weights(self) -> None:
@@ -139,11 +155,6 @@ class Run:
         mismatches += provenance.data_differences(saved.provenance, self.provenance)
         if mismatches:
             raise provenance.mismatch_error(path, mismatches)
-        processes = len(saved.others) + 1
-        if processes != self.fabric.world_size:
-            raise CheckpointError(
-                f"{path} belongs to a run on {processes} devices", "give as many {devices}"
-            )
         try:
             self._load(saved)
         except (LookupError, RuntimeError, TypeError, ValueError) as error:
@@ -163,9 +174,7 @@ class Run:
             self.average.network.load_state_dict(saved.ema_generator or {})
         if saved.precision:
             self.fabric.strategy.precision.load_state_dict(saved.precision)
-        first = {"rng": saved.rng, "device_rng": saved.device_rng, "extra": saved.extra}
-        own = [first, *saved.others][self.fabric.global_rank]
-        load_process_state(self.method, self.fabric.device, own)
+        load_random_state(self.method, self.fabric.device, saved)
 
 
 class WeightAverage:
@@ -222,15 +231,9 @@ def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[di
     return [group for group in groups if group["params"]]
 
 
-def _weights(optimizer: Optimizer) -> list[Tensor]:
-    return [weight for group in optimizer.param_groups for weight in group["params"]]
-
-
-def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]:
-    """The loss terms as floats, averaged over the processes, in one transfer from the device."""
+def finite_losses(losses: dict[str, Tensor]) -> dict[str, float]:
+    """The loss terms as floats, in one transfer from the device."""
     together = torch.stack([term.detach().float() for term in losses.values()])
-    if fabric.world_size > 1:
-        together = fabric.all_reduce(together, reduce_op="mean")  # type: ignore[assignment]
     values = dict(zip(losses, together.tolist(), strict=True))
     for name, value in values.items():
         if not math.isfinite(value):
@@ -238,8 +241,8 @@ def finite_losses(losses: dict[str, Tensor], fabric: Fabric) -> dict[str, float]
     return values
 
 
-def process_state(method: Method, device: torch.device) -> dict[str, Any]:
-    """State that differs between processes, on the CPU, by the checkpoint's keys."""
+def random_state(method: Method, device: torch.device) -> dict[str, Any]:
+    """Generators of random numbers and what they chose, on the CPU, by the checkpoint's keys."""
     accelerator = _ACCELERATORS.get(device.type)
     return {
         "rng": torch.get_rng_state(),
@@ -250,16 +253,16 @@ def process_state(method: Method, device: torch.device) -> dict[str, Any]:
     }
 
 
-def load_process_state(method: Method, device: torch.device, state: dict[str, Any]) -> None:
-    """Restore a state returned by :func:`process_state`."""
+def load_random_state(method: Method, device: torch.device, saved: Checkpoint) -> None:
+    """Restore a state of :func:`random_state`."""
     method.load_extra_state(
-        {name: [image.to(device) for image in images] for name, images in state["extra"].items()}
+        {name: [image.to(device) for image in images] for name, images in saved.extra.items()}
     )
-    torch.set_rng_state(state["rng"])
-    accelerator, saved = _ACCELERATORS.get(device.type), state["device_rng"]
+    torch.set_rng_state(saved.rng)
+    accelerator, state = _ACCELERATORS.get(device.type), saved.device_rng
     # The states of different kinds of accelerators, between which a run can move, differ in size.
-    if accelerator and saved is not None and len(saved) == len(accelerator.get_rng_state(device)):
-        accelerator.set_rng_state(saved, device)
+    if accelerator and state is not None and len(state) == len(accelerator.get_rng_state(device)):
+        accelerator.set_rng_state(state, device)
 
 
 def fit(
@@ -280,7 +283,7 @@ def fit(
         config: of the run; for a resumed run, equal to that of the checkpoint.
         data: pairs; whole scenes are held out for validation.
         folder: receives checkpoint, metrics log and sample images.
-        fabric: device, precision and processes; launched, if it has several.
+        fabric: device and precision.
         callback: called after each step and epoch.
         init_weights: exported models or checkpoints; a new run starts from the mean of them.
         max_minutes: wall-clock minutes after which it stops; it can be resumed.
@@ -297,14 +300,12 @@ def fit(
             checkpoint is kept.
     """
     interrupt = interrupt or Interrupt()
-    with fabric.rank_zero_first():
-        run, batches, validation = _set_up(config, data, folder, fabric, init_weights)
-    if fabric.is_global_zero:
-        held_out, seen = run.provenance.held_out_ids, run.provenance.init_ids
-        callback.on_train_start(
-            lacks_scenes=bool(config.data.holdout_every) and not held_out,
-            seen_held_out=len(provenance.common_ids(data, held_out, seen)),
-        )
+    run, batches, validation = _set_up(config, data, folder, fabric, init_weights)
+    held_out, seen = run.provenance.held_out_ids, run.provenance.init_ids
+    callback.on_train_start(
+        lacks_scenes=bool(config.data.holdout_every) and not held_out,
+        seen_held_out=len(provenance.common_ids(data, held_out, seen)),
+    )
     started, before = time.monotonic(), run.state
     with interrupt:
         while run.state.step < run.steps:
@@ -312,18 +313,16 @@ def fit(
             step, elapsed_s = run.state.step + 1, time.monotonic() - started
             seconds = before.seconds + elapsed_s
             run.state = replace(run.state, step=step, seconds=seconds, scores={})
-            if fabric.is_global_zero:
-                callback.on_step_end(run.state, run.steps, losses)
+            callback.on_step_end(run.state, run.steps, losses)
             over = elapsed_s >= 60 * max_minutes or step - before.step >= max_steps
-            is_over = over or interrupt.number is not None
-            stops = fabric.strategy.reduce_boolean_decision(is_over, all=False)
+            stops = over or interrupt.number is not None
             epoch_ends = step % batches.steps_per_epoch == 0
             if epoch_ends:
                 _end_epoch(run, validation, folder, losses)
             due = epoch_ends and run.state.epoch % config.save_every == 0
             if due or stops or step == run.steps:
                 run.save(folder / CHECKPOINT)
-            if epoch_ends and fabric.is_global_zero:
+            if epoch_ends:
                 callback.on_epoch_end(run.state)
             if stops:
                 break
@@ -343,9 +342,8 @@ def _end_epoch(
         run.state = replace(run.state, scores=dict(scores.items()))
         with write_errors(folder):
             callbacks.write_samples(folder, epoch, validation, run.ema_generator, run.fabric)
-    if run.fabric.is_global_zero:
-        with write_errors(folder):
-            callbacks.append_log(folder / METRICS_LOG, run.state, losses)
+    with write_errors(folder):
+        callbacks.append_log(folder / METRICS_LOG, run.state, losses)
 
 
 def _set_up(
@@ -355,11 +353,8 @@ def _set_up(
     fabric: Fabric,
     init_weights: Sequence[Path],
 ) -> tuple[Run, Batches, callbacks.Validation | None]:
-    """Read the pairs, build the networks, and load the folder's checkpoint if there is one.
-
-    Validation is in the process with global rank 0 only, and if there are held-out pairs.
-    """
-    dataset, first, labels = data.dataset, fabric.is_global_zero, data.pseudo_labels
+    """Read the pairs, build the networks, and load the folder's checkpoint if there is one."""
+    dataset, labels = data.dataset, data.pseudo_labels
     train_rows, held_out = provenance.train_val_split(dataset, config.data)
     found = provenance.provenance_of(config, data)
     provenance.check_pseudo_labels(data, found)
@@ -373,18 +368,15 @@ def _set_up(
         config.optim.batch_size,
         config.seed,
         fabric.device,
-        fabric.global_rank,
-        fabric.world_size,
         None if labels is None else PairStore(labels, range(len(labels)), config.data),
     )
-    validation = callbacks.Validation(dataset, held_out, config) if held_out and first else None
+    validation = callbacks.Validation(dataset, held_out, config) if held_out else None
     run = Run(config, fabric, batches.steps_per_epoch)
     run.provenance = found
     if init_weights:
         run.load_init_weights(init_weights)
     run.resume(folder / CHECKPOINT)
     run.state = replace(run.state, threads=torch.get_num_threads())
-    if first:
-        with write_errors(folder):
-            callbacks.truncate_log(folder / METRICS_LOG, run.state.step)
+    with write_errors(folder):
+        callbacks.truncate_log(folder / METRICS_LOG, run.state.step)
     return run, batches, validation

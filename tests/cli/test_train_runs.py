@@ -115,7 +115,6 @@ def test_signal_ends_all_runs_with_a_checkpoint(folder: Path) -> None:
         (("--methods", "cut,pix2pix"), "no method 'pix2pix'"),
         (("--methods", ","), "METHOD"),
         (("cut", "--seeds", "one"), "seed"),
-        (("--methods", "cut,cyclegan", "--devices", "2"), "--devices"),
         ((), "METHOD"),
         (("--methods", "cut,fastcut", "--data", "nowhere"), "nowhere"),
     ],

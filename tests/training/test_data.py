@@ -11,7 +11,7 @@ from helpers.rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from depthcli.errors import DatasetError, UsageError
+from depthcli.errors import DatasetError
 from depthcli.training.augment import augment
 from depthcli.training.data import (
     Batches,
@@ -77,30 +77,6 @@ def test_last_incomplete_batch_is_dropped_and_large_ones_shrink() -> None:
     assert _batches(size=2).steps_per_epoch == 2
     large = _batches(size=99)
     assert (large.batch_size, large.steps_per_epoch) == (5, 1)
-
-
-@pytest.mark.parametrize("paired", [True, False])
-def test_processes_share_the_batch_that_one_would_see(paired: bool) -> None:
-    data = replace(DATA, paired=paired)
-    store = PairStore(rooms(), TRAIN, data)
-    alone = Batches(store, data, 4, 0, CPU)
-    parts = [Batches(store, data, 4, 0, CPU, process, 2) for process in (0, 1)]
-    assert [part.own_size for part in parts] == [2, 2]
-    assert {part.steps_per_epoch for part in parts} == {alone.steps_per_epoch} == {1}
-    for step in (0, 3):
-        for i in (0, 1):
-            shared = torch.cat([part[step][i] for part in parts])
-            assert torch.equal(shared, alone[step][i])
-
-
-def test_batch_that_cannot_be_shared_is_refused() -> None:
-    store = PairStore(rooms(), TRAIN, DATA)
-    with pytest.raises(UsageError):
-        Batches(store, DATA, 3, 0, CPU, 0, 2)
-    with pytest.raises(UsageError):
-        Batches(store, DATA, 6, 0, CPU, 0, 6)
-    assert Batches(store, DATA, 5, 0, CPU, 0, 5).own_size == 1
-    assert Batches(store, DATA, 99 * 2, 0, CPU, 0, 2).batch_size == 4  # what both can have alike
 
 
 def test_unpaired_depth_is_of_other_scenes() -> None:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,12 +13,22 @@ from lightning_fabric import Fabric
 from lightning_fabric.plugins.precision.amp import MixedPrecision
 from torch import nn
 
+from depthcli.core.parallel import usable_cores
+from depthcli.errors import UsageError
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
 from depthcli.training.config import OptimConfig, TrainConfig, updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.proposed import Proposed
-from depthcli.training.run import Run, WeightAverage, fit, load_process_state, process_state
+from depthcli.training.run import (
+    Run,
+    WeightAverage,
+    fit,
+    load_random_state,
+    open_fabric,
+    random_state,
+    set_threads,
+)
 
 PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 0}}
 """Nothing is drawn by chance."""
@@ -178,11 +189,32 @@ def test_the_accelerators_generator_is_saved_and_restored(
     monkeypatch.setattr(module, "get_rng_state", lambda _: drawn.get_state())
     monkeypatch.setattr(module, "set_rng_state", lambda state, _: drawn.set_state(state))
     method = Proposed(EFFICIENT)
-    saved = process_state(method, device)
+    saved = random_state(method, device)
     wanted = torch.rand(3, generator=drawn)
-    load_process_state(method, device, saved)
+    load_random_state(method, device, SimpleNamespace(**saved))
     assert torch.equal(torch.rand(3, generator=drawn), wanted)
     for other in (None, torch.zeros(16, dtype=torch.uint8)):  # from a CPU, and from another kind
         before = drawn.get_state()
-        load_process_state(method, device, saved | {"device_rng": other})
+        load_random_state(method, device, SimpleNamespace(**saved | {"device_rng": other}))
         assert torch.equal(drawn.get_state(), before)
+
+
+def test_threads_are_given_or_saved_or_all_cores(tmp_path: Path) -> None:
+    cores, count = usable_cores(), torch.get_num_threads()
+    try:
+        for given, wanted in ((1, 1), (None, cores)):
+            set_threads(given, tmp_path)
+            assert torch.get_num_threads() == wanted
+        run = Run(EFFICIENT, Fabric(accelerator="cpu", devices=1), 1)
+        for saved, wanted in ((1, 1), (10_000, cores), (0, cores)):  # 0: not recorded
+            run.state = replace(run.state, threads=saved)
+            run.save(tmp_path / CHECKPOINT)
+            set_threads(None, tmp_path)
+            assert torch.get_num_threads() == wanted
+    finally:
+        torch.set_num_threads(count)
+
+
+def test_an_accelerator_that_is_not_there_is_refused() -> None:
+    with pytest.raises(UsageError):
+        open_fabric("abacus", "32-true")

@@ -98,7 +98,7 @@ class ConfigOptions:
 
 @group
 class DeviceOptions:
-    """Time and devices."""
+    """Time and device."""
 
     max_minutes: float | None = usual(
         "Time limit in minutes, for all runs together; they can be resumed.",
@@ -110,12 +110,6 @@ class DeviceOptions:
         default="auto",
         metavar="NAME",
         autocompletion=completion.accelerators,
-    )
-    devices: int = option(
-        "Number of GPUs (or CPU processes) for data-parallel training.",
-        default=1,
-        min=1,
-        max=MAX_THREADS,
     )
     threads: int | None = option(
         "CPU threads. Default: those of the run that is resumed, or one per core.",
@@ -168,8 +162,6 @@ def train(
         planned[out if is_one else out / f"{name}-seed{resolve().seed}"] = resolve
     if config.show_config:
         return ExitCode.OK
-    if len(planned) > 1 and device.devices > 1:
-        raise UsageError("each of several runs takes one device", option="devices")
     return _train_runs(planned, data, device, screen, tensorboard=tensorboard)
 
 
@@ -201,7 +193,6 @@ def _train_runs(
                 init_weights=tuple(data.init or ()),
                 minutes=(end_s - time.monotonic()) / 60 / (len(planned) - index),
                 accelerator=device.accelerator,
-                devices=device.devices,
                 threads=device.threads,
                 tensorboard=tensorboard,
                 signals=ending_signals(),
@@ -215,8 +206,6 @@ def _train_runs(
             console.error(error.message.about(folder.name))
             code = ExitCode.SOME_FAILED
             continue
-        if not result.is_global_zero:
-            return ExitCode.OK
         if not screen.quiet and not screen.as_json:
             print_result(result, folder)
         if result.signal_number is not None:
