@@ -6,6 +6,7 @@ and an off-centre view is either a crop or the view of a rotated camera.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -18,23 +19,24 @@ from depthcli.training.config import DataConfig
 _SIDE_RANGE = (0.25, 0.75)  # of the rectangle, as fractions of the view's sides
 
 
-def cutmix(maps: list[Tensor], share: float, random: torch.Generator) -> list[Tensor]:
-    """Paste a rectangle of each view's neighbour in the batch into some of the views.
+def cutmix(
+    maps: Sequence[Tensor | None], share: float, random: torch.Generator
+) -> list[Tensor | None]:
+    """Paste a rectangle of each view's neighbour in the batch into a share of the views.
 
     A pasted rectangle keeps its depth but not its surroundings, so that the network cannot infer
-    depth from these (CutMix, Yun et al. 2019; here labels are mixed per pixel, not by area).
-
-    The maps are (B, C, H, W), of the same views, and get the same rectangles; ``share`` is the
-    probability per view. Returns maps of the same shapes and types.
+    depth from these (CutMix, Yun et al. 2019; here labels are mixed per pixel, not by area). The
+    maps are (B, C, H, W), of the same views, or None.
     """
-    count, _, height, width = maps[0].shape
+    known = [values for values in maps if values is not None]
+    count, _, height, width = known[0].shape
     chosen = torch.rand(count, generator=random) < share
     drawn = torch.rand(4, count, generator=random).tolist()
-    mixed = [values.clone() for values in maps]
+    mixed = [None if values is None else values.clone() for values in maps]
     for i in chosen.nonzero()[:, 0].tolist():
         columns = _pixel_range(drawn[0][i], drawn[1][i], width)
         rows = _pixel_range(drawn[2][i], drawn[3][i], height)
-        for new, values in zip(mixed, maps, strict=True):
+        for new, values in zip(filter(torch.is_tensor, mixed), known, strict=True):
             new[i, :, rows, columns] = values[i - 1, :, rows, columns]
     return mixed
 
@@ -178,21 +180,18 @@ def augment(
     size: tuple[int, int] | None = None,
     tan_half_fov: Tensor | None = None,
 ) -> Views:
-    """Random views of pairs.
+    """Random views of pairs: RGB (B, 3, h, w) in [0, 1], metres and mask (B, 1, h, w), aligned.
 
-    Args:
-        rgb: (B, 3, h, w) float32 in [0, 1].
-        depth_m: (B, 1, h, w) float32 metres, aligned with ``rgb``.
-        data: sizes and strengths.
-        random: the only source of randomness.
-        valid_mask: (B, 1, h, w) bool, where depth was measured; None if it was everywhere.
-        size: width and height of the views, px; sampled if it is None.
-        tan_half_fov: (B, 2) float64, as :func:`~depthcli.training.augment.draw_views` takes it.
+    The views' ``size`` (width, height) px is sampled if it is None; ``tan_half_fov`` is as
+    :func:`draw_views` takes it.
     """
     size = view_size(data, random) if size is None else size
     geometry = draw_views(len(rgb), size, data, random, tan_half_fov)
     grid = geometry.grid.to(rgb.device)
-    gray = _gray(_jitter_colour(rgb, data, random), data)  # before resampling, as at inference
+    if data.colour_jitter:
+        gain = torch.exp(torch.randn((len(rgb), 3, 1, 1), generator=random) * data.colour_jitter)
+        rgb = rgb * gain.to(rgb.device)
+    gray = _gray(rgb, data)  # before resampling, as at inference
     gray = _sample_with_borders(gray, grid, data, random)
     depth_m = F.grid_sample(depth_m, grid, padding_mode="border", align_corners=False)
     depth_m = depth_m * geometry.depth_scale.to(depth_m.device)
@@ -203,7 +202,7 @@ def augment(
         inside = geometry.inside.to(rgb.device)
         valid_mask = inside if valid_mask is None else valid_mask & inside
     views = Views(_jitter_exposure(gray, data, random), depth_m, valid_mask)
-    return _cutmix_views(views, data.cutmix, random) if data.cutmix else views
+    return Views(*cutmix(views, data.cutmix, random)) if data.cutmix else views  # type: ignore[arg-type]
 
 
 def to_network_input(rgb: Tensor, data: DataConfig) -> Tensor:
@@ -220,16 +219,6 @@ def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
     return (rgb * weights).sum(1, keepdim=True)
 
 
-def _cutmix_views(views: Views, share: float, random: torch.Generator) -> Views:
-    maps = [
-        views.network_input,
-        views.depth_m,
-        *([] if views.valid_mask is None else [views.valid_mask]),
-    ]
-    gray, depth_m, *valid_mask = cutmix(maps, share, random)
-    return Views(gray, depth_m, valid_mask[0] if valid_mask else None)
-
-
 def _sample_with_borders(
     gray: Tensor, grid: Tensor, data: DataConfig, random: torch.Generator
 ) -> Tensor:
@@ -240,19 +229,10 @@ def _sample_with_borders(
     chosen, width, level = drawn[0], drawn[1] * _MAX_BORDER, drawn[2]
     replaced, painted = chosen < data.border / 2, chosen > 1 - data.border / 2
     limit = torch.where(replaced, 1 - _MAX_BORDER, 1.0)
-    seen = F.grid_sample(
-        gray, grid.clamp(-limit, limit), padding_mode="border", align_corners=False
-    )
+    inner = grid.clamp(-limit, limit)
+    seen = F.grid_sample(gray, inner, padding_mode="border", align_corners=False)
     outer = (grid.abs() > 1 - width).any(-1)[:, None]
     return torch.where(outer & painted, level, seen)
-
-
-def _jitter_colour(rgb: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
-    """Scale each colour channel by a random gain."""
-    if not data.colour_jitter:
-        return rgb
-    gain = torch.exp(torch.randn((len(rgb), 3, 1, 1), generator=random) * data.colour_jitter)
-    return rgb * gain.to(rgb.device)
 
 
 def _jitter_exposure(gray: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:

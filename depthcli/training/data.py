@@ -26,17 +26,11 @@ _LEAST_SHARE = 0.5 - 1e-5
 def downsample(
     depth_m: npt.NDArray[np.float32], size: tuple[int, int]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_] | None] | None:
-    """Downsample depth by the mean of the measured part of each new pixel's area.
+    """Downsample depth to a width and height by the mean of what was measured in each new pixel.
 
-    A new pixel is valid if at least half of its area is.
-
-    Args:
-        depth_m: (H, W) float32 metres, with 0, NaN or infinity in holes.
-        size: the new width and height, px.
-
-    Returns:
-        Depth (h, w) float32 metres, in a hole that of the nearest valid pixel, and the mask of
-        valid pixels, None if all are; or None if no pixel is.
+    Of (H, W) float32 metres with 0, NaN or infinity in holes, it is (h, w) metres, in a hole those
+    of the nearest valid pixel, and the mask of valid pixels, of whose area at least half was
+    measured, or None if all are; None if no pixel is.
     """
     valid_mask = np.isfinite(depth_m) & (depth_m > 0)
     if valid_mask.all():
@@ -72,12 +66,8 @@ def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple
     """Tangents of half the angles of view of picture ``i``, across and down, for square pixels.
 
     If its camera is not known, it is taken for the largest crop of one of NYU's pictures, in
-    landscape or portrait, as predictions do (docs/cameras.md).
-
-    Args:
-        dataset: may know its camera, or the focal length of each picture.
-        i: position of the picture.
-        shape: height and width of the picture, or of its depth; further numbers are ignored.
+    landscape or portrait, as predictions do (docs/cameras.md). ``shape`` begins with the height and
+    width of the picture, or of its depth.
     """
     height, width = shape[:2]
     long_px = max(width, height, NYU_ASPECT * min(width, height))
@@ -94,11 +84,6 @@ _STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming
 
 class PairStore:
     """Pairs of a data set, downsampled once and kept in memory.
-
-    Args:
-        dataset: read once.
-        positions: of the pairs in the data set.
-        data: gives the network's input size.
 
     Attributes:
         rgb: (N, 3, h, w) uint8.
@@ -164,24 +149,17 @@ class TrainingBatch(NamedTuple):
     network_input: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
     #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
     depth_m: Tensor
-    valid_mask: Tensor | None = (
-        None  #: (B, 1, H, W) bool, False in the holes; None if there are none
-    )
+    #: (B, 1, H, W) bool, False in the holes; None if there are none
+    valid_mask: Tensor | None = None
     #: (B,) bool, True for pseudo labels; None if there are none
     is_pseudo_label: Tensor | None = None
 
 
 class Batches:
-    """The batches of a run, by step.
+    """The batches of a run, by step, augmented on its device.
 
-    Args:
-        store: the training pairs.
-        data: size, pairing and augmentation.
-        batch_size: pairs per batch; the last incomplete batch of an epoch is dropped.
-        seed: of order and augmentation.
-        device: the batch is moved to it before augmentation.
-        pseudo_labels: pairs with less reliable depth, ``data.pseudo_label_share`` of each batch; an
-            epoch is a pass through ``store``.
+    Of each batch, ``data.pseudo_label_share`` are pseudo labels, if there are any. An epoch is a
+    pass through ``store``, whose last incomplete batch is dropped.
     """
 
     def __init__(
@@ -195,18 +173,15 @@ class Batches:
     ) -> None:
         self.store, self.data, self.seed, self.device = store, data, seed, device
         self.pseudo_labels = pseudo_labels
-        self._pseudo_label_count = (
-            round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
-        )
-        if pseudo_labels and not 0 < self._pseudo_label_count < min(
-            batch_size, len(pseudo_labels) + 1
-        ):
+        count = round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
+        if pseudo_labels and not 0 < count < min(batch_size, len(pseudo_labels) + 1):
             raise UsageError(
                 f"data.pseudo_label_share={data.pseudo_label_share} of a batch of {batch_size} is "
-                f"{self._pseudo_label_count} of the {len(pseudo_labels)} pseudo labels in each "
-                "batch: it has to be at least 1, less than the batch, and not more than there are"
+                f"{count} of the {len(pseudo_labels)} pseudo labels: it has to be at least 1, less "
+                "than the batch, and not more than there are"
             )
-        self.batch_size = min(batch_size - self._pseudo_label_count, len(store))
+        self._pseudo_label_count = count
+        self.batch_size = min(batch_size - count, len(store))
         self.steps_per_epoch = len(store) // self.batch_size
 
     def __getitem__(self, step: int) -> TrainingBatch:
@@ -250,22 +225,19 @@ class Batches:
 
 def _concatenated(views: Views, more: Views) -> TrainingBatch:
     """One batch of the training pairs and the pseudo labels."""
-    valid_mask = None
-    if views.valid_mask is not None or more.valid_mask is not None:
-        valid_mask = torch.cat([_valid_mask_of(views), _valid_mask_of(more)])
+    masks = [
+        torch.ones_like(one.depth_m, dtype=torch.bool) if one.valid_mask is None else one.valid_mask
+        for one in (views, more)
+    ]
+    is_whole = views.valid_mask is None and more.valid_mask is None
     own, labels = len(views.network_input), len(more.network_input)
     is_pseudo_label = torch.arange(own + labels) >= own
     return TrainingBatch(
         torch.cat([views.network_input, more.network_input]),
         torch.cat([views.depth_m, more.depth_m]),
-        valid_mask,
+        None if is_whole else torch.cat(masks),
         is_pseudo_label.to(views.network_input.device),
     )
-
-
-def _valid_mask_of(views: Views) -> Tensor:
-    everywhere = torch.ones_like(views.depth_m, dtype=torch.bool)
-    return everywhere if views.valid_mask is None else views.valid_mask
 
 
 def _stream_seed(seed: int, count: int, stream: int) -> int:

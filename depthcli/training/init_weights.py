@@ -33,11 +33,7 @@ _HASH_LENGTH = 16
 
 
 def weights_file(source: Path) -> Path:
-    """The checkpoint, or the ONNX file of a model; of an int8 model, that of its float model.
-
-    Args:
-        source: a checkpoint, or a model as :func:`~depthcli.models.catalog.find_model` takes it.
-    """
+    """The checkpoint, or the ONNX file of a model; of an int8 model, that of its float model."""
     if _is_encoder_file(source) or (source.suffix != ".onnx" and source.is_file()):
         return source
     if source.suffix == ".ckpt":
@@ -59,11 +55,8 @@ def load_init_weights(
             folded into its weights.
         paths: ONNX files that `depthcli export-onnx` made of floats, or checkpoints; at least one.
             A file of a pretrained encoder, or :data:`HUB`, is loaded into that of the generator.
-        provenance: of the run.
-
-    Returns:
-        The provenance with the origin of the weights, and the pairs they were trained on: of a
-        model, as far as its card states them.
+        provenance: of the run; returned with the origin of the weights and, as far as they are
+            known, the pairs that they were trained on.
 
     Raises:
         CheckpointError: a file cannot be read, or holds another network.

@@ -8,15 +8,11 @@ from torch import Tensor, nn
 
 
 def generator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
-    """The generator's adversarial loss; a scalar.
+    """The generator's adversarial loss of images (B, 1, H, W) in [-1, 1]; a scalar.
 
-    Args:
-        gan: ``lsgan``: mean (D(fake) − 1)² (Mao et al. 2017); ``hinge``: mean max(0, 1 − D(fake)),
-            with the margin of the DCLGAN family; ``ralsgan``: the discriminator's loss with real
-            and fake exchanged (Jolicoeur-Martineau 2018).
-        discriminator: discriminator, images (B, 1, H, W) to outputs (B, 1, h, w).
-        real: (B, 1, H, W) in [-1, 1]; used by the relativistic form only.
-        fake: (B, 1, H, W), with gradient.
+    ``lsgan`` is mean (D(fake) − 1)² (Mao et al. 2017), ``hinge`` mean max(0, 1 − D(fake)), with the
+    margin of the DCLGAN family, and ``ralsgan`` the discriminator's loss with real and fake
+    exchanged (Jolicoeur-Martineau 2018).
     """
     if gan == "ralsgan":
         return discriminator_loss(gan, discriminator, real=fake, fake=real)
@@ -29,7 +25,7 @@ def discriminator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake
 
     ``lsgan`` is ½(mean (D(real) − 1)² + mean D(fake)²) (eq. 5 and 6), ``hinge`` ½(mean max(0, 1 −
     D(real)) + mean max(0, 1 + D(fake))), and ``ralsgan`` ½(mean (D(real) − mean D(fake) − 1)² +
-    mean (D(fake) − mean D(real) + 1)²). Arguments as of :func:`generator_loss`.
+    mean (D(fake) − mean D(real) + 1)²).
     """
     on_real: Tensor = discriminator(real).float()
     on_fake: Tensor = discriminator(fake).float()
@@ -56,14 +52,8 @@ TEMPERATURE = 0.07
 def patch_nce(query: Tensor, key: Tensor) -> Tensor:
     """Cross-entropy of finding each query's own key among its image's keys (Park et al. 2020).
 
-    Chance level is ln P.
-
-    Args:
-        query: (B, P, C), unit vectors from the prediction.
-        key: (B, P, C), unit vectors from the input, detached here.
-
-    Returns:
-        Mean over all patches, a scalar, fp32.
+    A scalar, fp32; chance level is ln P. Queries of the prediction and keys of the input, which are
+    detached here, are unit vectors (B, P, C).
     """
     with full_precision(query):
         logits = torch.bmm(query.float(), key.detach().float().transpose(1, 2)) / TEMPERATURE
@@ -73,8 +63,7 @@ def patch_nce(query: Tensor, key: Tensor) -> Tensor:
 def cfl_nce(query: Tensor, key: Tensor) -> Tensor:
     """The paired form (Andonian et al. 2021): negatives from both prediction and ground truth.
 
-    Chance level is ln(2P − 1). Arguments and result as of :func:`patch_nce`, with keys from the
-    paired ground truth.
+    Chance level is ln(2P − 1). As :func:`patch_nce`, with keys of the paired ground truth.
     """
     with full_precision(query):
         query, key = query.float(), key.detach().float()
@@ -96,15 +85,8 @@ def hdce(query: Tensor, key: Tensor, gamma: float) -> Tensor:
     """Mean over i of log Σ_{j≠i} exp((w_ij q_i·k_j − q_i·k_i)/τ) (Jung et al. 2022).
 
     Decoupled: the positive is not in the sum, so the loss has no lower bound at zero. At chance
-    (q orthogonal to every key) it is ln(P − 1).
-
-    Args:
-        query: (B, P, C), unit vectors from the prediction; P at least 2.
-        key: (B, P, C), unit vectors from the input, detached here.
-        gamma: γ, temperature of the negatives' weights; see :func:`negative_weights`.
-
-    Returns:
-        A scalar, fp32.
+    (q orthogonal to every key) it is ln(P − 1). As :func:`patch_nce`, with P at least 2; γ is the
+    temperature of the weights of :func:`negative_weights`.
     """
     with full_precision(query):
         query, key = query.float(), key.detach().float()
@@ -137,14 +119,9 @@ def regularized_l1(
     penalty: float,
     valid_mask: Tensor | None = None,
 ) -> Tensor:
-    """Mean |prediction − truth| + penalty · Σ‖convolution weights‖²; a scalar.
+    """Mean |prediction − truth| + penalty · Σ‖convolution weights of the generator‖²; a scalar.
 
-    Args:
-        prediction: (B, 1, H, W), coded depth.
-        truth: (B, 1, H, W), coded depth.
-        generator: whose convolution weights are penalized.
-        penalty: λ of eq. 1; zero leaves the sum out.
-        valid_mask: (B, 1, H, W) bool, the pixels that the mean is of; None for all.
+    Coded depth and mask are (B, 1, H, W); None counts all pixels. The penalty is λ of eq. 1.
     """
     if valid_mask is None:
         distance = F.l1_loss(prediction, truth)
@@ -172,12 +149,9 @@ SCALES = 4
 def gradient_loss(prediction: Tensor, truth: Tensor, valid_mask: Tensor | None = None) -> Tensor:
     """Mean over scales of mean |∂x e| + mean |∂y e|, with e = prediction − truth; a scalar.
 
-    Args:
-        prediction: (B, 1, H, W), coded depth; H and W at least 16, so that every scale has a
-            difference.
-        truth: (B, 1, H, W), coded depth.
-        valid_mask: (B, 1, H, W) bool; the means are of differences between valid pixels, and a
-            pixel of a coarser scale is valid if all that it covers are. None for all.
+    Coded depth is (B, 1, H, W), with H and W at least 16, so that every scale has a difference. The
+    means are of differences between valid pixels; a pixel of a coarser scale is valid if all that
+    it covers are.
     """
     error, terms = prediction - truth, []
     for _ in range(SCALES):

@@ -94,12 +94,6 @@ class Run:
         """The network that is validated: the weight average, if there is one."""
         return self.average.network if self.average else self.method.generator
 
-    def load_init_weights(self, paths: Sequence[Path]) -> None:
-        """Load the mean weights of exported models or checkpoints."""
-        self.provenance = load_init_weights(self.method.generator, paths, self.provenance)
-        if self.average:
-            self.average = WeightAverage(self.method.generator, self.config.optim.ema)
-
     def step(self, batch: TrainingBatch) -> dict[str, float]:
         """One optimization step of every phase; the loss terms by name."""
         share = self.config.optim.lr_factor(self.state.step, self.steps_per_epoch)
@@ -286,12 +280,9 @@ def fit(
         fabric: device and precision.
         callback: called after each step and epoch.
         init_weights: exported models or checkpoints; a new run starts from the mean of them.
-        max_minutes: wall-clock minutes after which it stops; it can be resumed.
-        max_steps: steps from here after which it stops; it can be resumed.
-        interrupt: entered here; after a signal, the run stops at the end of the step and saves.
-
-    Returns:
-        How far the run has come.
+        max_minutes: wall-clock minutes after which it stops and saves.
+        max_steps: steps from here after which it does.
+        interrupt: entered here; after a signal, it does at the end of the step.
 
     Raises:
         CheckpointError: the folder holds another run, or a checkpoint cannot be written; the one
@@ -374,7 +365,9 @@ def _set_up(
     run = Run(config, fabric, batches.steps_per_epoch)
     run.provenance = found
     if init_weights:
-        run.load_init_weights(init_weights)
+        run.provenance = load_init_weights(run.method.generator, init_weights, found)
+        if run.average:
+            run.average = WeightAverage(run.method.generator, config.optim.ema)
     run.resume(folder / CHECKPOINT)
     run.state = replace(run.state, threads=torch.get_num_threads())
     with write_errors(folder):

@@ -19,14 +19,7 @@ class DecodingGenerator(nn.Module):
     def _add_decoder(
         self, encoder: Sequence[int], decoder: Sequence[int], dropout: float, *, norm: bool
     ) -> None:
-        """Build the decoder.
-
-        Args:
-            encoder: channels of the feature maps of :meth:`_encode`; 0 for a missing one.
-            decoder: channels at strides 16, 8, 4, 2.
-            dropout: share of bottleneck channels dropped while training.
-            norm: batch norm after each convolution; without it, convolutions have biases.
-        """
+        """Build the decoder for the channels of :meth:`_encode`, of which 0 stands for no map."""
         self.encoder_channels, self.decoder_channels = tuple(encoder), tuple(decoder)
         self.norm = norm
         deepest = encoder[-1]
@@ -71,12 +64,8 @@ class DecodingGenerator(nn.Module):
 class EfficientGenerator(DecodingGenerator):
     """Gray picture to raw depth at half the picture's size.
 
-    Args:
-        encoder: channels at strides 2, 4, 8, 16, 32.
-        decoder: channels at strides 16, 8, 4, 2.
-        depths: residual blocks at strides 4, 8, 16, 32.
-        dropout: share of bottleneck channels dropped while training.
-        norm: batch norm after each convolution; without it, convolutions have biases.
+    The arguments are fields of :class:`~depthcli.training.config.GeneratorConfig`; convolutions
+    without batch norm have biases.
     """
 
     def __init__(

@@ -21,16 +21,9 @@ _COUNTERS = "num_batches_tracked"
 class EncoderGenerator(DecodingGenerator):
     """Network input to raw depth at half its size, with an encoder of timm.
 
-    Args:
-        encoder: name of a model of timm that has feature maps at stride 32 and, if possible, at
-            strides 2, 4, 8 and 16.
-        decoder: channels at strides 16, 8, 4, 2.
-        dropout: share of bottleneck channels dropped while training.
-        norm: of :class:`~depthcli.training.config.GeneratorConfig`; where the encoder has
-            none, that of timm is folded into its weights.
-
-    Raises:
-        UsageError: timm lacks such a model, or cannot make an encoder of it.
+    The arguments are fields of :class:`~depthcli.training.config.GeneratorConfig`. The encoder has
+    feature maps at stride 32 and, if possible, at strides 2, 4, 8 and 16; where it is to have no
+    norm, that of timm is folded into its weights.
     """
 
     def __init__(
@@ -58,12 +51,10 @@ class EncoderGenerator(DecodingGenerator):
         return [maps.get(stride) for stride in STRIDES[:-1]], maps[STRIDES[-1]]
 
     def load_encoder(self, weights: Path | None) -> None:
-        """Load pretrained weights of the encoder, of the file or of timm's hub.
+        """Load pretrained weights of the encoder; None downloads those of timm's hub.
 
-        Args:
-            weights: a state dict for pictures of three channels, whose tensors have the order and
-                the shapes of timm's; further ones, such as a classifier's, are ignored. None
-                downloads those of timm.
+        A file is a state dict for pictures of three channels, whose tensors have the order and the
+        shapes of timm's; further ones, such as a classifier's, are ignored.
         """
         network = timm_features(self.name, 3, pretrained=weights is None)
         if weights is not None:

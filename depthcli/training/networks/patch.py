@@ -46,13 +46,7 @@ _EPSILON = 1e-7
 
 
 class PatchSampler(nn.Module):
-    """Per tap: Linear, ReLU, Linear, L2-normalize, at random positions.
-
-    Args:
-        channels: of each tap.
-        dim: length of a patch vector.
-        patches: positions per map; all of them if the map has fewer.
-    """
+    """Per tap: Linear, ReLU, Linear, L2-normalize, at random positions, or all of a small map."""
 
     def __init__(self, channels: Sequence[int], dim: int = 256, patches: int = 256) -> None:
         super().__init__()

@@ -15,12 +15,9 @@ class ResnetGenerator(nn.Module):
     Instance norm without affine parameters after every convolution makes it invariant to the
     input's mean and contrast.
 
-    Args:
-        width: channels after the first layer; doubled twice.
-        blocks: residual blocks.
-        antialias: change resolution with blur (the CUT family) instead of strides.
-        residual: final connection: ``stem`` adds the features after the first layer to the last
-            map, ``input`` adds α·x before the tanh with α learned, ``none`` adds nothing.
+    The arguments are fields of :class:`~depthcli.training.config.GeneratorConfig`. The final
+    connection ``stem`` adds the features after the first layer to the last map, ``input`` adds α·x
+    before the tanh with α learned.
     """
 
     TAPS = ("input", "down1", "down2", "block1", "block5")
