@@ -27,14 +27,14 @@ from pyarrow import parquet
 
 from depthcli.cli.profiles import read_profiles
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance, Window, Windows
-from depthcli.datasets.folders import read_depth_m, read_image_rgb
+from depthcli.datasets.folders import read_image_rgb, read_truth
 from depthcli.datasets.nyu import open_mat, read_index
 from depthcli.errors import InputError
 from depthcli.inference.measure import try_session
 from depthcli.inference.session import Session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchors import AnchorFiles
-from depthcli.io.depth.read import read_metadata, read_stored_depth
+from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
 from depthcli.io.exr.file import write_exr
 from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
@@ -61,6 +61,8 @@ from depthcli.video.source import VideoSource
 UNEXPECTED = re.compile(r"unexpected [A-Z]\w+:|Traceback")
 _MAX_PIXELS = 2**22
 _MAX_FRAMES = 50
+
+_MM = DepthReadOptions(1000)
 
 
 class Target(NamedTuple):
@@ -485,7 +487,7 @@ TARGETS: dict[str, Target] = {
     "other-pictures": Target("a.bmp", _other_pictures, _picture),
     "headers": Target("a.bin", _all_pictures, _read_headers, 4),
     "training-picture": Target("a.png", _pngs, read_image_rgb),
-    "training-depth": Target("a.png", depth_pngs, lambda path: read_depth_m(path, 1000)),
+    "training-depth": Target("a.png", depth_pngs, lambda path: read_truth(path, _MM)),
     "own-png": Target("a.depth.png", depth_pngs, is_own_picture),
     "depth-png": Target("a.png", depth_pngs, _exr_or_facts),
     "exr": Target("a.exr", _exrs, _exr_or_facts, 2),

@@ -73,14 +73,6 @@ def metres(stored: StoredDepth) -> npt.NDArray[np.float32]:
     return np.where(depth.valid & (depth.values < most_m), depth.values, np.float32(0))
 
 
-def read_depth_m(path: Path, units_per_metre: float | None = None) -> npt.NDArray[np.float32]:
-    """Depth of a file: (H, W) float32 metres, 0 where there is none.
-
-    ``units_per_metre`` is the value of one metre; None for what the file states.
-    """
-    return metres(read_truth(path, DepthReadOptions(units_per_metre)))
-
-
 def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
     """Pixels of an image: (H, W, 3) RGB uint8, upright; gray has three equal channels."""
     with as_dataset_error():
@@ -154,11 +146,7 @@ class FolderDataset(DepthDataset):
 
         A network cannot see the focal length: with twice of it, objects look half as far away. So
         depth is divided by the ratio of focal lengths; predictions are multiplied by it again
-        (docs/cameras.md).
-
-        Args:
-            hfov_deg: horizontal field of view of that camera, degrees.
-            aspect: width over height of its images; all are stretched to one input.
+        (docs/cameras.md). Images of any aspect (width over height) are stretched to one input.
         """
         angle, scaled = 2 * math.tan(math.radians(hfov_deg) / 2), []
         for i, focal_px in enumerate(self.focal_px):
@@ -229,15 +217,10 @@ def _file(path: Path | None) -> Path:
 def in_view(
     depth_m: npt.NDArray[np.float32], pair: Pair, shape: tuple[int, int]
 ) -> npt.NDArray[np.float32]:
-    """Depth at the pixels of an image that another camera took from the same place.
-
-    Args:
-        depth_m: (H, W) float32 metres, 0 for none.
-        pair: has the cameras of both, if they are known.
-        shape: rows and columns of the image.
+    """Depth, (H, W) float32 metres, at the rows and columns of an image of the same place.
 
     Raises:
-        DatasetError: the two have other aspects, and their cameras are not known.
+        DatasetError: the two have other aspects, and the pair does not have both cameras.
     """
     (height, width), (rows, columns) = shape, depth_m.shape
     image, depth = pair.camera, pair.depth_camera
@@ -283,17 +266,11 @@ def open_paired_folder(
     patterns: tuple[str, str] | None = None,
     plausible_m: tuple[float, float] = PLAUSIBLE_M,
 ) -> FolderDataset:
-    """Pair images and depth files by name; the median depth has to be plausible.
-
-    Args:
-        path: the folder, in a layout of :mod:`~depthcli.datasets.layouts`.
-        reading: what is known about the depth files.
-        patterns: of the names of images and of depth; None for a known layout.
-        plausible_m: range of the median depth.
+    """Pair images and depth files by patterns of names, or by a known layout.
 
     Raises:
         DatasetError: the folder is missing or empty, a file has no partner or cannot be read, or
-            the depth is in another unit or of another view.
+            the depth is in another unit, by the range of its median, or of another view.
     """
     with as_dataset_error():
         listing = layouts.list_pairs(path, patterns)

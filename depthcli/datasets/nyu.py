@@ -1,15 +1,12 @@
 """NYU Depth v2, labelled set: the official .mat file, or the same pairs as image files.
 
-Folder layout: ``rgb/ID.jpg``, ``depth/ID.png`` (uint16 millimetres) and ``index.csv`` with the
-columns id, scene, official_split. ``raw_depth/ID.png`` is optional.
+Files are ``rgb/ID.jpg``, ``depth/ID.png`` (uint16 millimetres), ``index.csv`` with the columns id,
+scene, official_split, and optionally ``raw_depth/ID.png``. The .mat file is MATLAB v7.3, which is
+HDF5 with all axes reversed: ``images`` (N, 3, W, H) uint8, ``depths`` and ``rawDepths`` (N, W, H)
+float32 metres, ``scenes`` references to arrays of uint16 character codes.
 
 Source: Silberman, Hoiem, Kohli and Fergus, "Indoor Segmentation and Support Inference from RGBD
 Images", ECCV 2012.
-
-The official ``nyu_depth_v2_labeled.mat``: MATLAB v7.3, which is HDF5 with all axes reversed.
-
-Layout: ``images`` (N, 3, W, H) uint8, ``depths`` and ``rawDepths`` (N, W, H) float32 metres,
-``scenes`` object references to arrays of uint16 character codes.
 """
 
 from collections.abc import Mapping
@@ -107,10 +104,7 @@ _COLUMNS = ("id", "scene", "official_split")
 
 
 def open_nyu(path: Path) -> DepthDataset:
-    """Open the labelled set.
-
-    Args:
-        path: the .mat file, a folder that holds it, or a folder with rgb/, depth/ and index.csv.
+    """Open the .mat file, a folder that holds it, or one with rgb/, depth/ and index.csv.
 
     Raises:
         DatasetError: the set is missing, incomplete, damaged, or in another unit.

@@ -33,10 +33,7 @@ class TrainingData(NamedTuple):
     pseudo_labels: folders.FolderDataset | None = None
 
     def with_pseudo_labels(self, pseudo_labels: folders.FolderDataset) -> "TrainingData":
-        """Add further pairs, scaled to this data's camera if their focal lengths are known.
-
-        Those of cameras.csv, else those that the depth images state.
-        """
+        """Add further pairs, scaled to this data's camera if their focal lengths are known."""
         known = pseudo_labels.with_stated_focal_px()
         if known.focal_px:
             known = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)

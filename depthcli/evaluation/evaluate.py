@@ -366,13 +366,10 @@ def score(
     progress: Progress = NO_PROGRESS,
     workers: int = 0,
 ) -> tuple[report.ReportRow, ...]:
-    """Score every entry on the same images; each depth is read once, each image at most once.
+    """A row for each alignment of each entry, scored on the same images, each read at most once.
 
     A worker processes a whole image; sums are added in the order of the images, so that results do
     not depend on the number of workers. With 0 workers, the calling thread does the work.
-
-    Returns:
-        A row for each alignment of each entry, in their order.
     """
     rows = [(entry, alignment) for entry in entries for alignment in entry.alignments]
     scored: list[dict[str, _ImageSums]] = [{} for _ in rows]

@@ -38,12 +38,7 @@ TRIVIAL_NAMES = ("constant mean", "per-pixel mean")
 
 
 class Sample:
-    """One image of a data set, decoded on first access.
-
-    Attributes:
-        id: its name in the data set.
-        camera: what the data set states of its camera.
-    """
+    """One image of a data set, decoded on first access, with what that states of its camera."""
 
     def __init__(self, dataset: DepthDataset, position: int) -> None:
         self.id = dataset.ids[position]
@@ -123,13 +118,7 @@ class FilePredictor(Predictor):
 def open_predictions(
     folder: Path, samples: Sequence[Sample], reading: DepthReadOptions = AS_STATED
 ) -> FilePredictor:
-    """Check that a folder has ``ID.npy``, ``ID.exr`` or ``ID.png`` for every image.
-
-    Args:
-        folder: the folder; ``ID.depth.npy`` and so on are accepted, too.
-        samples: the images.
-        reading: what is known about files that state nothing.
-    """
+    """Check that a folder has ``ID.npy``, or another of :data:`SUFFIXES`, for every image."""
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
     ids = [sample.id for sample in samples]

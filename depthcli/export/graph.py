@@ -36,18 +36,19 @@ _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half 
 def build_graph(
     generator: nn.Module, *, opset: int = OPSET, mirror: bool = False
 ) -> onnx.ModelProto:
-    """Export a generator, (B, 1, H, W) in [-1, 1] to raw (B, 1, h, w).
+    """A checked model of a generator, with dynamic batch, height and width, and IR version 8.
 
-    Returns:
-        A checked model with dynamic batch, height and width, and IR version 8. With ``mirror``, it
-        averages with the prediction for the mirrored picture, at twice the cost.
+    With ``mirror``, it averages with the prediction for the mirrored picture, at twice the cost.
     """
     network, channels = fold_batch_norm(generator), _channels(generator)
     if mirror:
         network = MirrorAverage(network)
     model = optimizer.optimize(_trace(network, channels, opset))
     model.ir_version = min(model.ir_version, IR_VERSION)
-    _strip_metadata(model.graph)
+    del model.graph.value_info[:]  # of the export tools, which this IR version does not have
+    for node in model.graph.node:
+        del node.metadata_props[:]
+        node.doc_string = ""
     onnx.checker.check_model(model, full_check=True)
     return model
 
@@ -76,14 +77,6 @@ def _trace(network: nn.Module, channels: int, opset: int) -> onnx.ModelProto:
             dynamo=False,
         )
         return onnx.load(path)
-
-
-def _strip_metadata(graph: onnx.GraphProto) -> None:
-    """Remove metadata of the export tools, which this IR version does not have."""
-    del graph.value_info[:]
-    for node in graph.node:
-        del node.metadata_props[:]
-        node.doc_string = ""
 
 
 class MirrorAverage(nn.Module):
@@ -200,17 +193,12 @@ def check_parity(
     tolerance: float = TOLERANCE,
     pictures: Sequence[npt.NDArray[np.float32]] = (),
 ) -> Parity:
-    """Compare torch with onnxruntime on noise and on smooth pictures, or on given ones.
+    """Compare torch with onnxruntime on noise and on smooth pictures, (batch, height, width).
 
-    Args:
-        network: (B, 1, H, W) to raw (B, 1, h, w), in evaluation mode.
-        model: the exported file.
-        cases: (batch, height, width) of the inputs.
-        tolerance: maximum difference allowed.
-        pictures: (B, 1, H, W) inputs to use instead; int8 is accurate for real pictures only.
+    Given pictures, (B, C, H, W), are used instead for int8, which is accurate for real ones only.
 
     Raises:
-        ParityError: a difference is larger.
+        ParityError: a difference is larger than the tolerance.
     """
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
     name, channels = session.get_inputs()[0].name, session.get_inputs()[0].shape[1]

@@ -7,7 +7,6 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -64,14 +63,9 @@ _FULL_STRIDE = 4
 
 
 def card_path(model: Path) -> Path:
-    """The path of a model's card.
-
-    That of ``model.onnx`` is ``card.json``; any other ``name.onnx`` may share its folder with other
-    models and has ``name.card.json``.
-    """
-    return model.with_name(
-        catalog.CARD_NAME if model.name == MODEL_NAME else model.stem + catalog.CARD_SUFFIX
-    )
+    """The card of ``model.onnx`` is ``card.json``; ``name.onnx`` has ``name.card.json``."""
+    is_alone = model.name == MODEL_NAME
+    return model.with_name(catalog.CARD_NAME if is_alone else model.stem + catalog.CARD_SUFFIX)
 
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
@@ -131,6 +125,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
     averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
     is_int8 = options.int8_pictures is not None
     seen = provenance.seen_ids
+    nyu = seen.get(datasets.NYU, ())
     is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
     # Parity keeps float16 near the weights that were validated; the others differ from them.
     validated = averaged and is_new and not (options.mirror or is_int8)
@@ -143,7 +138,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
         "seed": saved.config.seed,
         "pairs": len(provenance.train_ids),
         "held_out_pairs": len(provenance.held_out_ids),
-        datasets.TRAIN_IDS: _nyu_ids(seen.get(datasets.NYU, ())),
+        datasets.TRAIN_IDS: datasets.compact(i for i in nyu if i.isdecimal()) if nyu else None,
         "steps": state.step,
         "minutes": round(state.seconds / 60, 1),
         "validation": {
@@ -157,11 +152,6 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
     return {name: value for name, value in facts.items() if value is not None}
-
-
-def _nyu_ids(ids: Sequence[str]) -> str | None:
-    """Pairs of NYU Depth v2 that the weights have seen, for evaluations of the model."""
-    return datasets.compact(i for i in ids if i.isdecimal()) if ids else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +173,9 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         ParityError: the ONNX model differs from torch's network; nothing is written.
         OutputError: a file cannot be written.
     """
-    _check_own_card(out)
+    own_card = card_path(out)
+    if own_card.is_file() and catalog.file_of_card(own_card) != out.name:
+        raise UsageError(f"{own_card} is not the card of {out.name}; choose another -o")
     generator, saved = load_generator(checkpoint, options.weights)
     model = graph.build_graph(generator, opset=options.opset, mirror=options.mirror)
     card = card_of(saved, options)
@@ -204,17 +196,11 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     guard = Guard.of(lambda _: True, [checkpoint])
     with (  # both are written before either is renamed, as old and new ones do not match
         atomic_path(out, guard=guard) as path,
-        atomic_path(card_path(out), guard=guard) as card_file,
+        atomic_path(own_card, guard=guard) as card_file,
     ):
         path.write_bytes(data)
         card_file.write_text(card.to_json(), "utf-8")
     return ExportResult(out, card, parity)
-
-
-def _check_own_card(out: Path) -> None:
-    card = card_path(out)
-    if card.is_file() and catalog.file_of_card(card) != out.name:
-        raise UsageError(f"{card} is not the card of {out.name}; choose another -o")
 
 
 def _parity_cases(spec: cards.InputSpec) -> tuple[tuple[int, int, int], ...]:

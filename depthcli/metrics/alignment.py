@@ -28,17 +28,11 @@ def align(
     alignment: Alignment,
     kind: DepthKind = DepthKind.METRIC,
 ) -> npt.NDArray[np.float64]:
-    """Depth in metres after the fit.
+    """Depth in metres after the fit of a prediction of some kind to metres > 0; (N,) float64.
 
-    Args:
-        predicted: (N,) float64, of ``kind``; pixels that are not finite are not fitted.
-        truth_m: (N,) float64, metres, > 0.
-        alignment: what to fit.
-        kind: what the prediction means.
-
-    Returns:
-        (N,) float64, metres, not clamped: NaN where there was no prediction, infinity where the
-        fitted disparity is not positive. A prediction without a usable pixel is returned unchanged.
+    Pixels that are not finite are not fitted. The result is not clamped: NaN where there was no
+    prediction, infinity where the fitted disparity is not positive. A prediction without a usable
+    pixel is returned unchanged.
     """
     if alignment not in SUITABLE[kind]:
         raise ValueError(f"{kind} depth cannot be aligned by {alignment}")

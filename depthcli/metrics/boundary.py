@@ -67,16 +67,10 @@ def boundary_scores(
     predicted_m: npt.NDArray[np.floating],
     valid: npt.NDArray[np.bool_],
 ) -> BoundaryScores:
-    """Compare the edges of one image.
+    """Compare the edges of one image, (H, W) metres > 0 where ``valid``; others do not count.
 
-    Args:
-        truth_m: (H, W), metres, > 0 where valid.
-        predicted_m: (H, W), metres, > 0 where valid.
-        valid: (H, W) bool; edges at other pixels and next to them do not count.
-
-    Returns:
-        The two distances are NaN if the truth has no edge, and 10 px if the prediction has none
-        near one of the truth. The F1 is NaN if the truth has no step of 5 %.
+    The two distances are NaN if the truth has no edge, and 10 px if the prediction has none near
+    one of the truth. The F1 is NaN if the truth has no step of 5 %.
     """
     truth, predicted = _log(truth_m, valid), _log(predicted_m, valid)
     distances = _distances(_edges(truth, valid), _edges(predicted, valid))

@@ -42,13 +42,9 @@ class DepthPixels:
         min_m: float = MIN_DEPTH_M,
         max_m: float = MAX_DEPTH_M,
     ) -> Self:
-        """Keep the pixels whose truth is strictly inside (min_m, max_m) and clamp the prediction.
+        """Keep the pixels whose truth is strictly inside (min_m, max_m), and clamp the prediction.
 
-        Args:
-            truth_m: any shape, metres; anything outside the range, and NaN, is left out.
-            predicted_m: the same shape, metres; NaN counts as ``min_m``, infinity as ``max_m``.
-            min_m: nearest depth that counts, > 0.
-            max_m: farthest depth that counts.
+        Both are metres of one shape; NaN in the prediction counts as ``min_m``.
         """
         if truth_m.shape != predicted_m.shape:
             raise ValueError(f"truth is {truth_m.shape} but prediction is {predicted_m.shape}")

@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from depthcli.datasets.folders import read_depth_m, read_image_rgb
+from depthcli.datasets.folders import read_image_rgb, read_truth
 from depthcli.errors import DatasetError, InputError
-from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.depth.read import AS_STATED, read_stored_depth
 from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 from depthcli.io.images.read import image_size, read_image
 from depthcli.io.listing.folder import is_own_picture
@@ -191,7 +191,7 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     for read in (read_image, read_stored_depth):
         with pytest.raises(InputError):
             read(pipe)
-    for read_pair in (read_image_rgb, read_depth_m):
+    for read_pair in (read_image_rgb, lambda file: read_truth(file, AS_STATED)):
         with pytest.raises(DatasetError):
             read_pair(pipe)
     np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))
