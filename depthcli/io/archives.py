@@ -47,10 +47,8 @@ def members(path: Path, column: str | None = None) -> Iterator[Member]:
 
     Of a webdataset sample, that is its first image whose name has one suffix (``0001.jpg``).
 
-    Args:
-        path: a local file.
-        column: of Parquet, the one with the images, if there are several; of tar, the part of the
-            names after the first dot, such as ``rgb.png``.
+    The column is that of Parquet with the images; of tar, it is the part of the names after the
+    first dot, such as ``rgb.png``.
 
     Raises:
         InputError: the archive is damaged.

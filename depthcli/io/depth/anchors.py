@@ -72,10 +72,8 @@ class AnchorFiles:
         For ``a.jpg``, that is ``a.jpg.npy``, else ``a.jpg.depth.npy``, ``a.npy`` or
         ``a.depth.npy``.
 
-        Args:
-            name: the picture, relative to its own folder, with ``/`` between the parts.
-            shares_stem: whether ``a.npy`` could be that of another picture, such as ``a.png``.
-            picture: its file, which is not its known depth, whatever its suffix.
+        With ``shares_stem``, ``a.npy`` could be that of another picture, such as ``a.png``. The
+        picture's own file is not its known depth, whatever its suffix.
 
         Raises:
             InputError: there is none, or several, or only one that could be that of another
@@ -112,12 +110,7 @@ _COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}
 
 
 def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
-    """The points of a CSV table, or of a sparse depth map in PNG, EXR or NPY.
-
-    Args:
-        path: the file.
-        stated: scale, kind and camera; its path is not used.
-    """
+    """The points of a CSV table, or of a sparse depth map of a stated scale, kind and camera."""
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.read import DepthReadOptions, read_stored_depth  # noqa: PLC0415
     from depthcli.io.storage.paths import read_bytes  # noqa: PLC0415

@@ -117,15 +117,7 @@ def of_size(
 
     If one factor explains both sides, focal length and principal point are scaled by it. Of a crop,
     and of another size in a file before 0.16, which does not state the size, nothing of the camera
-    is left but ``camera_size_px``.
-
-    Args:
-        metadata: texts by name.
-        size_px: (columns, rows) of the map.
-        name: of the file, in the warning.
-
-    Returns:
-        The metadata, and a warning if the map was resized or cropped.
+    is left but ``camera_size_px``. A warning names the file.
     """
     texts, focal_px = dict(metadata), positive_number(metadata.get("focal_px"))
     own = _size_px(metadata.get("camera_size_px"))

@@ -49,13 +49,8 @@ def depth_scale(
 ) -> DepthScale | None:
     """Scale of the numbers in a file; None if they are normalized or have no unit.
 
-    Args:
-        metadata: metadata of the file.
-        option: units per metre that the user states; None for what the file states.
-        unstated: units per metre of a file that states none; None for millimetres in integers and
-            metres in floats.
-        is_integer: whether the numbers are integers.
-        has_unit: whether they have a unit even if none is stated.
+    It is that of the option, else what the metadata state, else ``unstated``, else millimetres in
+    integers and metres in floats, if there is a unit even if none is stated.
     """
     if option is None and metadata.get("scale") in NORMALIZED:
         return None
@@ -75,15 +70,9 @@ def depth_scale(
 
 
 def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArray[np.uint16], int]:
-    """Depth as 16-bit integers, and how many pixels are saturated.
+    """Metres, (H, W), as 16-bit integers of ``scale`` units per metre, rounded to nearest.
 
-    Args:
-        values: (H, W) float32 metres.
-        scale: units per metre.
-
-    Returns:
-        (H, W) uint16, rounded to nearest: 0 where there is no depth, at least 1 and at most 65535
-        elsewhere; and the number of pixels at 65535 or beyond.
+    They are 0 where there is no depth, 1 to 65535 elsewhere; with the number of pixels beyond.
     """
     check_units_per_metre(scale)
     height, width = values.shape

@@ -99,12 +99,7 @@ def stated_time_code(header: Mapping[str, Any]) -> tuple[int, ...] | None:
 
 
 def time_code_attribute(numbers: tuple[int, ...]) -> Any:  # noqa: ANN401 - OpenEXR has no types
-    """The attribute of a header.
-
-    Args:
-        numbers: hours, minutes, seconds, frame; six flags (drop frame, colour frame, field phase,
-            three of binary groups); eight binary groups of four bits.
-    """
+    """The attribute of a header, of the numbers that ``Frame`` has."""
     return OpenEXR.TimeCode(*numbers)
 
 
@@ -173,14 +168,9 @@ class StoredChannel(NamedTuple):
 def read_exr_channels(
     path: Path, *, name: str | None = None, max_pixels: int = MAX_PIXELS
 ) -> dict[str, StoredChannel]:
-    """All channels of all parts, by name.
+    """All channels of all parts, by name; of several parts, the part's name precedes it.
 
-    In a file of several parts, a part's name precedes the names of its channels.
-
-    Args:
-        path: the file.
-        name: what messages call it; None for its path.
-        max_pixels: larger windows are refused before pixels are decoded.
+    Larger windows are refused before pixels are decoded.
     """
     if not isinstance(path, RemotePath):
         read_bytes(path, first=1)  # errors of files are told apart here
@@ -223,17 +213,10 @@ def write_exr(
     windows: tuple[Window, Window] | None = None,
     time_code: tuple[int, ...] | None = None,
 ) -> None:
-    """Write one part, ZIP-compressed.
+    """Write one part, ZIP-compressed, of channels (H, W) float32 or float16 by name.
 
-    Args:
-        path: the file.
-        channels: (H, W) float32 or float16 by name.
-        texts: text attributes by name.
-        rate: frames a second of the sequence that the file belongs to.
-        pixel_aspect: width by height of a pixel, from 1e-6 to 1e6.
-        windows: the data window, which the channels cover, and the display window; None if both
-            begin at (0, 0) and are of the channels' size.
-        time_code: of the frame, as ``Frame`` has it; None for none.
+    Windows are the data window, which the channels cover, and the display window; None if both
+    begin at (0, 0). Rate, pixel aspect and time code are those of ``Frame``.
     """
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
@@ -299,13 +282,8 @@ def choose_depth(
     ``ViewLayer.Depth.Z``), else a V or Y, else another layer's Z, V or Y, else an R, of the eye
     of the first part, as the image is. Layers of vectors are none of these.
 
-    Args:
-        file: what messages call it.
-        channels: of :func:`read_exr_channels`.
-        layer: name of the layer or part, or the last part of it, in upper or lower case.
-
-    Returns:
-        The name of the channel, and one line; each None if there is none.
+    ``layer`` names the layer or part, or the last part of it, in upper or lower case. The channel
+    and the warning are None if there is none.
     """
     names = list(channels)
     found = [n for n in names if last_part(n) in _DEPTHS and not is_of_vectors(n, names)]
@@ -390,14 +368,8 @@ def colour_channels(
     part whose name says that it is the image, else of one whose name does not say that it is
     data; of several, the first. R, G and B may be called red, green and blue, in any case.
 
-    Args:
-        file: what messages call it.
-        names: all channels of the file, in its order.
-        layer: name of the layer or part; the last part of it if no other has the same, in upper or
-            lower case. ``rgba`` and ``rgb`` are that without a name if none has these.
-
-    Returns:
-        The names of R, G and B, or of Y; and one line, or None.
+    ``layer`` is as of :func:`choose_depth`; ``rgba`` and ``rgb`` are that without a name if none
+    has these. Names are all channels of the file, in its order.
     """
     coloured = _coloured_layers(names)
     if layer is not None:

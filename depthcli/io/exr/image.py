@@ -37,17 +37,10 @@ def encode(
     exposure: float = 0.0,
     matrix: npt.NDArray[np.float32] | None = None,
 ) -> int:
-    """Encode linear light as sRGB (IEC 61966-2-1), in place.
+    """Encode linear light (H, W, C) as sRGB (IEC 61966-2-1), in place, clipped; NaN becomes 0.
 
-    It is clipped to [0, 1]; NaN becomes 0.
-
-    Args:
-        pixels: (H, W, C).
-        exposure: stops by which it is brightened.
-        matrix: (3, 3), from the colours of the pixels to those of Rec. 709; None for none.
-
-    Returns:
-        How many pixels are above 1, in the colour that has most of them.
+    It is brightened by some stops, and its colours are converted to Rec. 709 by a (3, 3) matrix.
+    Returns how many pixels are above 1, in the colour that has most of them.
     """
     height, width, colours = pixels.shape
     above = np.zeros(colours, np.int64)
@@ -71,10 +64,7 @@ def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def clip_warning(share: float) -> str | None:
-    """A warning about many pixels above 1; None about few.
-
-    ``share`` is that of the pixels above 1 in the colour that has most of them.
-    """
+    """A warning about a large share of pixels above 1; None about few."""
     if share < _MANY:
         return None
     return Message(
@@ -86,13 +76,10 @@ def clip_warning(share: float) -> str | None:
 def primaries_matrix(
     chromaticities: Sequence[float] | None,
 ) -> tuple[npt.NDArray[np.float32] | None, str | None]:
-    """From colours of stated primaries to those of Rec. 709, whose white is adapted (Bradford).
+    """From colours of CIE x and y of red, green, blue and white to those of Rec. 709.
 
-    Args:
-        chromaticities: CIE x and y of red, green, blue and white; None for those of Rec. 709.
-
-    Returns:
-        (3, 3), or None if there is nothing to convert; and a warning if they are no primaries.
+    White is adapted (Bradford). The matrix, (3, 3), is None if there is nothing to convert; the
+    second is a warning if they are no primaries.
     """
     if chromaticities is None or np.allclose(chromaticities[:6], _REC_709[:6], 0, _SAME_PRIMARIES):
         return None, None
@@ -134,20 +121,11 @@ def read_exr_image(
     overscan: Window | None = None,
     options: ReadOptions = AS_STATED,
 ) -> Frame:
-    """The colours of an EXR, encoded for display, and what its header states.
+    """The colours of an EXR file or its content, encoded for display, and what its header states.
 
-    Args:
-        path: the file, or its content; its R, G and B, or its Y, or those of the layer that is
-            its image.
-        name: what messages call it; None for its path.
-        max_pixels: images with more are refused before they are decoded.
-        overscan: the window to read, relative to the corner of the display window; None for the
-            display window and all that the data window has around it.
-        options: exposure and layer.
-
-    Returns:
-        (H, W, 3) RGB or (H, W) gray, float32 in [0, 1]: linear light of Rec. 709 primaries in the
-        sRGB curve, clipped; 0 where there is no data.
+    They are linear light of Rec. 709 primaries in the sRGB curve, clipped; 0 where there is no
+    data. ``overscan`` is the window to read, relative to the corner of the display window; None for
+    the display window and all that the data window has around it.
 
     Raises:
         InputError: missing, damaged, without colours or the layer, or too large.

@@ -50,15 +50,9 @@ class PreviewWriter:
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
     ) -> npt.NDArray[np.uint8]:
-        """Draw the preview.
+        """Draw the preview, (H, W', 3) RGB uint8, wider than the map with a legend or the frame.
 
-        Args:
-            depth: the map.
-            frame: the picture, for ``side_by_side``.
-            spread: low and high end of the range, of a video; None for the map's percentiles.
-
-        Returns:
-            (H, W', 3) RGB uint8, wider than the map with a legend or the picture.
+        ``spread`` is the range of a video; None for the map's percentiles.
         """
         low, high = self.range_of(spread or percentiles(depth))
         near, far = (high, low) if depth.kind is DepthKind.INVERSE else (low, high)

@@ -87,14 +87,8 @@ def with_sidecar(
 ) -> FileMetadata:
     """The metadata of a depth file, completed from its sidecar, or from that of its video.
 
-    Args:
-        path: the file.
-        own: what the file itself states, by name.
-        size_px: (columns, rows) of its map.
-        values: (H, W), all values of a file that states nothing itself; None for other files.
-
-    Returns:
-        The metadata, with a warning if the sidecar is that of another map.
+    ``own`` is what the file itself states, ``size_px`` (columns, rows) of its map, ``values`` those
+    of a file that states nothing. A warning tells if the sidecar is that of another map.
     """
     own, warnings = of_size(own, size_px, path.name)
     found = _find_sidecar(path)

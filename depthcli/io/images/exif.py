@@ -37,13 +37,7 @@ TIFF_STARTS = tuple(LAYOUTS)
 def read_tags(
     data: bytes, wanted: Collection[int], at: int | None = None
 ) -> Iterator[tuple[int, tuple[int, ...]]]:
-    """Wanted tags of a directory with their values.
-
-    Args:
-        data: it starts with one of ``TIFF_STARTS``.
-        wanted: their numbers.
-        at: position of the directory; None for the first.
-    """
+    """Wanted tags of the directory at a position, or of the first, with their values."""
     for tag, form, position in tag_entries(data, wanted, at):
         yield tag, unpack_at(form, data, position)
 

@@ -42,11 +42,7 @@ def is_openimageio(data: bytes) -> bool:
 
 
 def needs_openimageio(problem: str) -> None:
-    """Check that OpenImageIO is there.
-
-    Args:
-        problem: what needs it, as the middle of a sentence.
-    """
+    """Check that OpenImageIO is there for a problem, the middle of a sentence."""
     if not is_installed("OpenImageIO"):
         raise InputError(f"{problem}, which needs OpenImageIO", INSTALL_FORMATS)
 

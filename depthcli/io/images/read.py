@@ -102,13 +102,7 @@ class CheckedImage(NamedTuple):
 
 
 def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
-    """Check an image by its header, without decoding it.
-
-    Args:
-        data: the whole file: JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF or Netpbm; with
-            OpenImageIO also DPX, Cineon, Radiance HDR, PSD, JPEG XL, JPEG 2000 and Targa.
-        name: what messages call it.
-        max_pixels: images that claim more are refused.
+    """Check an image, whose file is ``data``, by its header, without decoding it.
 
     Raises:
         InputError: empty, truncated, not an image, too large, or in need of an extra.
@@ -135,11 +129,9 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
 
 
 def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArray[Any]:
-    """Pixels of an image at its own bit depth, as :func:`check` has its arguments and errors.
+    """Gray (H, W) or RGB (H, W, 3), of the file's own type, as stored, without alpha.
 
-    Returns:
-        Gray (H, W) or RGB (H, W, 3), alpha dropped, of the file's own type, as stored. TIFF, HEIC
-        and what OpenImageIO reads are already turned upright.
+    Only TIFF, HEIC and what OpenImageIO reads are turned upright.
     """
     return check(data, name, max_pixels).decode().pixels
 

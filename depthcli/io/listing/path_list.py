@@ -34,12 +34,10 @@ _DELIMITERS = {".csv": ",", ".tsv": "\t"}
 
 
 def read_list(source: str, column: str | None = None) -> Iterable[str]:
-    """The paths of a list, in its order; of tables a part at a time.
+    """The paths of a text, or of a table: ``.parquet`` (a file, or a folder of them), CSV or TSV.
 
-    Args:
-        source: a file of text, or a table by its suffix: ``.parquet`` (a file, or a folder of
-            them), ``.csv`` or ``.tsv`` with the names of the columns in the first line.
-        column: of a table, the one with the paths; None for the only one, or ``path``.
+    They are in the table's column, or in its only one, or in that called ``path``, read a part at a
+    time.
     """
     if is_remote(source):
         return _remote_list(source, column)
@@ -108,13 +106,11 @@ def _check_encoding(data: bytes) -> None:
 
 
 def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]:
-    """Listed paths, with their names relative to a folder; a name can come more than once.
+    """Listed paths, with their names relative to ``root``; a name can come more than once.
 
-    Args:
-        words: absolute paths, or paths from ``root``; or from the working directory, as ``find
-            root`` prints them, if more of the first thousand exist there.
-        root: the folder whose tree is kept, None for the working directory. A path outside it, or
-            an absolute one without it, is named by all its folders.
+    They are absolute, or from ``root``; or from the working directory, as ``find root`` prints
+    them, if more of the first thousand exist there. One outside ``root``, or an absolute one
+    without it, is named by all its folders.
     """
     words = map(_local_path, words)
     first = list(islice(words, _MAX_PROBED))

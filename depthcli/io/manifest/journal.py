@@ -144,11 +144,8 @@ class Journal(Rows):
         after a batch of other files of the same folder, unless an output is now that of another
         input. The rows of shards become part of the manifest of a batch that is not divided.
 
-        Args:
-            names: the inputs in the manifest's order; those without a row are left out. None for
-                all inputs, in the order of their names.
-            keep_failed: keep failed inputs of earlier batches, too, as after a batch of a part of
-                the files.
+        Names are those of the inputs in the manifest's order; None for all, in the order of their
+        names. After a batch of a part of the files, failed inputs of earlier batches are kept.
 
         Raises:
             OutputError: the manifest cannot be written; the journal stays.

@@ -16,6 +16,7 @@ from depthcli.io.storage.paths import RemotePath
 from depthcli.io.storage.temporary import folder_lock, temporary_beside
 
 _Identity: TypeAlias = tuple[int, int] | str
+_ADVICE = "choose another {out}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +51,10 @@ class Guard:
             OutputError: the path is an input, or an existing file that depthcli did not write.
         """
         if self.inputs and _identity(path) in self.inputs:
-            raise OutputError(f"{path} is an input and is not replaced", "choose another {out}")
+            raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
         if not self.overwrite and self._is_foreign(path):
-            raise OutputError(
-                f"{path} exists and was not written by depthcli",
-                f"{_ADVICE}, or replace it with {{overwrite}}",
-            )
+            told = f"{path} exists and was not written by depthcli"
+            raise OutputError(told, f"{_ADVICE}, or replace it with {{overwrite}}")
 
     def checked(self, paths: Iterable[Path]) -> Self:
         """Check outputs before any work is done; returns the guard for writing them."""
@@ -93,19 +92,11 @@ def _identity(path: Path) -> _Identity:
     return status.st_dev, status.st_ino
 
 
-_ADVICE = "choose another {out}"
-
-
 @contextmanager
 def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
-    """A temporary path in the same folder that takes ``path``'s place when the block succeeds.
+    """A path of the same suffix in the same folder that takes ``path``'s place after the block.
 
-    Args:
-        path: the output; missing folders are created.
-        guard: of existing files; None to replace any file.
-
-    Yields:
-        Where to write; it has ``path``'s suffix.
+    Missing folders are created; without a guard, any file is replaced.
 
     Raises:
         OutputError: the folder cannot be created, the file cannot be written, or the path is an
@@ -202,14 +193,10 @@ def workspace(root: Path) -> Iterator[Path]:
 
 
 def replace_folder(made: Path, target: Path, last: str) -> None:
-    """Move a folder to a path, replacing the files of a folder that is there.
+    """Move a new folder to its final path, replacing the files of a folder that is there.
 
-    Args:
-        made: the new folder.
-        target: its final path.
-        last: name of the file that refers to the others and is replaced after them, so that the
-            old folder is valid until then; other files of both folders may have the same name only
-            if they have the same content.
+    The file called ``last`` refers to the others and is replaced after them, so that the old folder
+    is valid until then; others may have the same name only if they have the same content.
     """
     if not target.is_dir():
         made.rename(target)

@@ -34,14 +34,8 @@ _MAX_PARTS = 9_000  # S3 takes 10 000
 _MAX_CLIENTS = 32  # each keeps connections open, and a list may sign every address
 _REASONS = {
     "NoSuchBucket": (errno.ENOENT, "no such bucket"),
-    "incorrectly configured region": (
-        errno.EINVAL,
-        "it is in another region; set AWS_DEFAULT_REGION",
-    ),
-    "Account must be specified": (
-        errno.EACCES,
-        "no Azure storage account is given; set AZURE_STORAGE_ACCOUNT_NAME",
-    ),
+    "configured region": (errno.EINVAL, "it is in another region; set AWS_DEFAULT_REGION"),
+    "Account must be": (errno.EACCES, "no account is given; set AZURE_STORAGE_ACCOUNT_NAME"),
     "status code: 401": (errno.EACCES, "access denied; check the credentials"),
     "status code: 403": (errno.EACCES, "access denied; check the credentials and their rights"),
     "status code: 404": (errno.ENOENT, "no such object"),
@@ -205,12 +199,10 @@ def _store(uri: str) -> ObjectStore:
         "timeout": "1d",  # of the whole body: a video may take long
     }
     retry: RetryConfig = {"max_retries": _retries()}
-    if uri.startswith("s3://"):
-        provider = _aws_credentials(uri)
-        return from_url(
-            uri, client_options=client, retry_config=retry, credential_provider=provider
-        )
-    return from_url(uri, client_options=client, retry_config=retry)
+    more: dict[str, Any] = (
+        {"credential_provider": _aws_credentials(uri)} if uri.startswith("s3://") else {}
+    )
+    return from_url(uri, client_options=client, retry_config=retry, **more)
 
 
 def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types

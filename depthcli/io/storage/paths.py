@@ -32,11 +32,7 @@ def without_file_scheme(name: str | os.PathLike[str]) -> str:
 
 
 def path_of(name: str | os.PathLike[str]) -> Path:
-    """The local or remote path of a name.
-
-    Args:
-        name: a plain path, or a URI: ``s3://``, ``gs://``, ``az://``, ``http://``, ``https://`` or
-            ``file://``. A path is returned as it is.
+    """The local or remote path of a plain path, or of a URI of :data:`SCHEMES` or ``file://``.
 
     Raises:
         UsageError: it is a URI of another kind, has no bucket or host, or has a key that no path
@@ -265,11 +261,7 @@ def read_bytes(path: Path, first: int = -1) -> bytes:
 
 
 def regular_size(path: Path) -> int:
-    """Size of a regular file in bytes.
-
-    Pipes and devices may never end, nor may some special files such as ``/proc/kmsg``, whose size
-    is 0.
-    """
+    """Size of a regular file in bytes; pipes, devices and ``/proc/kmsg`` may never end."""
     try:
         status = path.stat()
     except ValueError as error:  # a NUL byte, or what no file system can hold
@@ -318,11 +310,7 @@ SHA256_KEY = "sha256"
 def local_copy(
     path: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
 ) -> Iterator[Path]:
-    """A local copy of a remote file, for libraries that need one; a local path is not copied.
-
-    The copy has the same name, and is removed after the block, whose errors name the path, not the
-    copy.
-    """
+    """A copy of a remote file for the block, whose errors name the path, not the copy."""
     if not isinstance(path, RemotePath):
         yield path
         return

@@ -108,13 +108,9 @@ def _is_at(path: Path, handle: int) -> bool:
 _NAME = r"(?s)\.depthcli-[0-9a-f]{16}(?:\..*)?"
 _STALE_AGE_S = 86_400.0
 """Where locks are not supported, files of this age are taken for stale."""
-_MAX_ENTRIES = 10_000
-"""Limit of the entries of a folder that are searched for stale files, which takes time."""
-_SETTLE_S = 0.02
-"""By then, threads that were about to open a temporary file have done so."""
-_LOCK_TIMEOUT_S = 1.0
-"""For a thread that keeps the lock because it waits for a disk, or for the reader of its output
-while it ends the process."""
+_MAX_ENTRIES = 10_000  # of a folder that are searched for stale files, which takes time
+_SETTLE_S = 0.02  # by then, threads that were about to open a temporary file have done so
+_LOCK_TIMEOUT_S = 1.0  # a thread may keep the lock while it waits for a disk or a reader
 
 _lock = threading.RLock()  # a signal handler may need it while its own thread holds it
 _own: set[Path] = set()

@@ -43,7 +43,8 @@ class EncoderGenerator(DecodingGenerator):
         self._add_decoder(
             [widths.get(n, 0) for n in STRIDES], decoder, dropout, norm=norm != "none"
         )
-        self.to(memory_format=torch.channels_last)  # 1.3 times as fast to train on a CPU
+        # 1.3 times as fast to train on a CPU
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
         x = x.contiguous(memory_format=torch.channels_last)
