@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 import tomllib
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from helpers.rooms import write_rooms
 from helpers.runs import finished, inside
 
 from depthcli.cli.app import main
+from depthcli.core.parallel import usable_cores
 from depthcli.training.checkpoint import Checkpoint
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
     saved = Checkpoint.load(folder / "run" / "last.ckpt")
     assert saved.config == begun.config
     assert (saved.state.step, saved.config.seed) == (3, 3)
-    if (os.cpu_count() or 1) > 1:
+    if usable_cores() > 1:
         assert begun.state.threads == saved.state.threads == 2
     other = _run(folder, "cut", *common, "--set", "optim.batch_size=4")
     assert other.returncode == 3
