@@ -28,17 +28,11 @@ FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 
 class Anchor(NamedTuple):
-    """A pixel and its depth.
+    """A pixel and its depth."""
 
-    Attributes:
-        x: column, from 0 at the left.
-        y: row, from 0 at the top.
-        depth_m: in metres along the camera axis.
-    """
-
-    x: int
-    y: int
-    depth_m: float
+    x: int  #: column, from 0 at the left
+    y: int  #: row, from 0 at the top
+    depth_m: float  #: in metres along the camera axis
 
 
 class CameraSource(StrEnum):
@@ -78,7 +72,6 @@ class Intrinsics:
     is_distorted: bool = False
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         focal_px, hfov_deg = self.focal_px, self.hfov_deg
         if focal_px is not None and not 0 < focal_px < math.inf:
             raise UsageError(f"a focal length of {focal_px} pixels is not a number above 0")
@@ -146,8 +139,8 @@ class Intrinsics:
         if abs(width * own_height - height * own_width) >= max(own_width, own_height):
             raise InputError(
                 f"the calibration is for {own_width}×{own_height} pixels, and the picture of "
-                f"{width}×{height} has another aspect ratio; give its own focal length and "
-                "principal point"
+                f"{width}×{height} has another aspect ratio",
+                "give its own focal length and principal point",
             )
         scale = width / own_width
         x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)

@@ -130,18 +130,13 @@ MAX_PIXELS = 250_000_000
 
 @dataclass(frozen=True, slots=True)
 class UpsamplingOptions:
-    """Upsampling and tiling from a network's output to a full-size image.
+    """Upsampling and tiling from a network's output to a full-size image."""
 
-    Attributes:
-        upsampling: how depth is upsampled to the picture's size.
-        tile_px: width of tiles in pixels of the picture; None for no tiles, 0 for 3/4 of its width.
-    """
-
-    upsampling: Upsampling = Upsampling.GUIDED
+    upsampling: Upsampling = Upsampling.GUIDED  #: how depth gets the picture's size
+    #: width of tiles in pixels of the picture; None for no tiles, 0 for 3/4 of its width
     tile_px: int | None = None
 
     def __post_init__(self) -> None:
-        """Accept strings for the choices."""
         if self.upsampling not in tuple(Upsampling):
             names = " or ".join(Upsampling)
             raise UsageError(f"upsampling is {names}, not {self.upsampling!r}")

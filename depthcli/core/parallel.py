@@ -31,18 +31,9 @@ def ordered_map(
     """``map`` by threads: results come in the order of the items, however long each takes.
 
     Items are pulled by the thread that iterates, so an iterator over a video need not be safe for
-    threads. Stages are chained by giving one map's results to the next.
-
-    Args:
-        function: must release the interpreter lock for threads to help; OpenCV, onnxruntime and
-            zlib do.
-        items: of any length; at most ``ahead`` are in memory at a time.
-        workers: threads; 0 works in the calling thread.
-        ahead: items pulled before their results are asked for; None for two for each worker.
-
-    Yields:
-        One result for each item. What ``function`` raises is raised here, at that item's turn;
-        items not yet begun are dropped then, as they are when the iterator is closed.
+    threads, and at most ``ahead`` of them (None for two for each worker) before their results are
+    asked for. 0 workers work in the calling thread. What the function raises is raised at that
+    item's turn; items not yet begun are dropped then, as they are when the iterator is closed.
     """
     if workers == 0:
         yield from map(function, items)
@@ -66,10 +57,7 @@ def ordered_map(
 def process_map(
     function: Callable[[_Item], _Result], items: Iterable[_Item], *, workers: int
 ) -> Generator[_Result, None, None]:
-    """:func:`ordered_map` by processes; the calling one does the work of fewer than two.
-
-    The function can be pickled, as can its items and results.
-    """
+    """:func:`ordered_map` by processes, for a function, items and results that can be pickled."""
     if workers <= 1:
         yield from map(function, items)
         return

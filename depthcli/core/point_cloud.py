@@ -12,15 +12,10 @@ from depthcli.errors import UsageError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCloud:
-    """One point for each pixel with depth, row by row.
+    """One point for each pixel with depth, row by row."""
 
-    Attributes:
-        xyz_m: (N, 3) float32 metres: x right, y down, z along the camera axis.
-        rgb: (N, 3) uint8, of the picture; None without one.
-    """
-
-    xyz_m: npt.NDArray[np.float32]
-    rgb: npt.NDArray[np.uint8] | None = None
+    xyz_m: npt.NDArray[np.float32]  #: (N, 3) metres: x right, y down, z along the camera axis
+    rgb: npt.NDArray[np.uint8] | None = None  #: (N, 3), of the picture; None without one
 
     def __len__(self) -> int:
         return len(self.xyz_m)
@@ -36,19 +31,11 @@ class PointCloud:
         return f"<PointCloud {len(self)} points, {colours}>"
 
 
-def point_cloud(
-    depth: DepthMap,
-    focal_px: float,
-    frame: Frame | None = None,
-) -> PointCloud:
+def point_cloud(depth: DepthMap, focal_px: float, frame: Frame | None = None) -> PointCloud:
     """Every pixel with depth as a point, by the pinhole camera, or along the rays of a panorama.
 
-    The principal point is the one that the map states, else the middle of the map.
-
-    Args:
-        depth: a metric map.
-        focal_px: focal length in pixels of the map; if they are not square, in widths of them.
-        frame: the picture, for colours.
+    The focal length is in widths of the map's pixels, the principal point the one that the map
+    states, else its middle. The frame gives the colours.
     """
     if not depth.is_metric:
         raise UsageError(

@@ -12,15 +12,9 @@ class Progress(Protocol):
     """Receives the progress of work that has one or more stages."""
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
-        """Begin a stage.
+        """Begin a stage, which may have no name if it is the only one, of a number of units.
 
-        Args:
-            what: name of the stage; empty if it is the only one.
-            total: number of units; None if it is not known.
-            unit: in the plural, such as ``frames``.
-
-        Returns:
-            Called with the number of units done since the last call.
+        What is returned is called with the number of units done since the last call.
         """
 
 
@@ -74,11 +68,7 @@ _actions: list[Callable[[], object]] = []
 
 @contextlib.contextmanager
 def exit_hook(action: Callable[[], object]) -> Iterator[None]:
-    """Call a function if the process exits within the block.
-
-    Args:
-        action: called from a signal handler or another thread, at any point of this one.
-    """
+    """Call a function, from any thread or signal handler, if the process exits in the block."""
     _actions.append(action)
     try:
         yield

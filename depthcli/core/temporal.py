@@ -36,10 +36,7 @@ class Change:
         edge before brightness does.
         """
         largest = cv2.dilate(self.difference, np.ones((3, 3), np.uint8))
-        weight: npt.NDArray[np.float32] = 1 - np.clip(
-            largest / np.float32(_MOVING_DIFFERENCE), 0, 1
-        )
-        return weight
+        return np.asarray(1 - np.clip(largest / np.float32(_MOVING_DIFFERENCE), 0, 1))
 
     @property
     def is_static(self) -> npt.NDArray[np.bool_]:
@@ -69,9 +66,8 @@ class ChangeDetector:
         difference = np.abs(blurred - before)
         mean = float(difference.mean())
         is_cut = mean >= max(_CUT_MIN_DIFFERENCE, _CUT_RATIO * self._mean_change)
-        self._mean_change = (
-            0.0 if is_cut else _CUT_DECAY * self._mean_change + (1 - _CUT_DECAY) * mean
-        )
+        running = _CUT_DECAY * self._mean_change + (1 - _CUT_DECAY) * mean
+        self._mean_change = 0.0 if is_cut else running
         return Change(difference, is_cut)
 
 
@@ -175,8 +171,7 @@ def sample_cells(
         ((np.arange(n) + 0.5) * size / n).astype(int)
         for n, size in zip(shape, values.shape, strict=True)
     )
-    sampled: npt.NDArray[np.float32] = values[rows[:, np.newaxis], columns]
-    return sampled
+    return np.asarray(values[rows[:, np.newaxis], columns])
 
 
 class RangeLock:

@@ -138,12 +138,7 @@ PIXEL_ASPECTS = 1e-3, 1e3
 
 
 def pixel_aspect_of(stated: Fraction | None, *, is_turned: bool) -> float:
-    """Width by height of an upright pixel; 1 if it is not stated, or out of range.
-
-    Args:
-        stated: width by height of a pixel as stored; None or 0 if it is not stated.
-        is_turned: whether rows become columns.
-    """
+    """Width by height of an upright pixel, of that as stored; 1 if none is, or out of range."""
     if not stated or not PIXEL_ASPECTS[0] <= stated <= PIXEL_ASPECTS[1]:
         return 1.0
     return float(1 / stated if is_turned else stated)
@@ -217,13 +212,10 @@ class Frame:
     view: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the pixels and their shape."""
         check_pixels(self.pixels)
-        low, high = PIXEL_ASPECTS
-        if not low <= self.pixel_aspect <= high:
-            raise InputError(
-                f"a pixel aspect of {self.pixel_aspect:g} is not from {low:g} to {high:g}"
-            )
+        (low, high), aspect = PIXEL_ASPECTS, self.pixel_aspect
+        if not low <= aspect <= high:
+            raise InputError(f"a pixel aspect of {aspect:g} is not from {low:g} to {high:g}")
         if self.projection not in tuple(Projection):
             raise UsageError(f"projection is {' or '.join(Projection)}, not {self.projection!r}")
         object.__setattr__(self, "projection", Projection(self.projection))
@@ -426,12 +418,8 @@ class DepthRange(NamedTuple):
 def flat_warnings(depth: DepthMap) -> tuple[str, ...]:
     """A warning about a map whose pixels all have the same depth; none for other maps."""
     values, first = depth.values, depth.values[0, 0]
-    # A few pixels tell it of nearly all maps.
-    if (
-        values.size == 1
-        or (values[::_STEP, ::_STEP] != first).any()
-        or values.min() != values.max()
-    ):
+    is_varied = values.size == 1 or (values[::_STEP, ::_STEP] != first).any()  # of nearly all maps
+    if is_varied or values.min() != values.max():
         return ()
     where = f"{first:.6g} m" if depth.is_metric else f"{first:.6g}"
     advice = "if other pictures give the same, the scale or the range in the model's card is wrong"
@@ -447,16 +435,16 @@ def _median(values: npt.NDArray[np.float32]) -> float:
 
 def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
     """Depth that states a given camera; what of it is not given stays as it is."""
+    given: dict[str, Any] = {
+        "focal_px": camera.focal_for(depth.width),
+        "centre_px": camera.centre_for(depth.width, depth.height),
+        "pixel_aspect": camera.pixel_aspect,
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    if "focal_px" in given:
+        given |= {"camera_source": CameraSource.OPTION, "is_cropped": False}
     source = depth.provenance or Provenance()
-    found, focal_px = source, camera.focal_for(depth.width)
-    centre_px = camera.centre_for(depth.width, depth.height)
-    if focal_px is not None:
-        given = CameraSource.OPTION
-        found = replace(found, focal_px=focal_px, camera_source=given, is_cropped=False)
-    if centre_px is not None:
-        found = replace(found, centre_px=centre_px)
-    if camera.pixel_aspect is not None:
-        found = replace(found, pixel_aspect=camera.pixel_aspect)
+    found = replace(source, **given)
     return depth if found == source else replace(depth, provenance=found)
 
 

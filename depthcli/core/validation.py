@@ -20,6 +20,7 @@ from typing import (
     Annotated,
     Any,
     Literal,
+    NamedTuple,
     TypeVar,
     Union,
     cast,
@@ -37,13 +38,7 @@ _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", 
 
 
 class FieldError(ValueError):
-    """A value that is not what it has to be.
-
-    Attributes:
-        path: of the field, such as ``input.width``; empty for the whole value.
-        problem: what is wrong with it.
-        others: errors of other fields.
-    """
+    """A problem of the field at a path such as ``input.width``, and errors of other fields."""
 
     def __init__(self, problem: str, path: str = "", others: Sequence["FieldError"] = ()) -> None:
         super().__init__("; ".join((f"{path} {problem}".lstrip(), *map(str, others))))
@@ -89,18 +84,16 @@ def merged(base: _T, changes: object) -> _T:
     """A copy of a dataclass with some fields changed; nested dataclasses are merged as well."""
     given: Any = base
     hints, _ = _hints(cast("Any", type(base)))
-    bases = {
-        name: _Base(getattr(base, name)) for name in hints if is_dataclass(getattr(base, name))
-    }
+    values = {name: getattr(base, name) for name in hints}
+    bases = {name: _Base(value) for name, value in values.items() if is_dataclass(value)}
     result: _T = replace(given, **_read_fields({**hints, **bases}, changes))
     return result
 
 
-class _Base:
+class _Base(NamedTuple):
     """Stands for an annotation of a dataclass that values are merged with."""
 
-    def __init__(self, value: object) -> None:
-        self.value = value
+    value: object
 
 
 def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:

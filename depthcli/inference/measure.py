@@ -38,7 +38,9 @@ def measure_latencies(actions: Sequence[Callable[[], object]], seconds: float) -
             action()
             end_s = time.perf_counter() + seconds / _ROUNDS
             while len(runs_ms) < turn * _MIN_RUNS / _ROUNDS or time.perf_counter() < end_s:
-                runs_ms.append(1e3 * _elapsed_s(action))
+                started_s = time.perf_counter()
+                action()
+                runs_ms.append(1e3 * (time.perf_counter() - started_s))
     found = []
     for runs_ms in times_ms:
         low, median, high = statistics.quantiles(runs_ms, n=4)
@@ -52,12 +54,6 @@ def network_run(pipeline: Pipeline) -> Callable[[], object]:
     shape = (1, spec.colour.channels, spec.height, spec.width)
     batch = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
     return lambda: pipeline.session.run(batch)
-
-
-def _elapsed_s(action: Callable[[], object]) -> float:
-    started_s = time.perf_counter()
-    action()
-    return time.perf_counter() - started_s
 
 
 _GRAY = 128
@@ -81,9 +77,10 @@ def try_other_size(session: Session) -> None:
     try:
         _predict_gray(session, spec.height, spec.width * 3 // 2)
     except ModelError as error:
+        size = f"{spec.width} x {spec.height}"
         raise ModelError(
-            f"{model.path} runs only on inputs of {spec.width} x {spec.height}, although its axes "
-            "are dynamic; set input.dynamic to false and input.fit to stretch in the card"
+            f"{model.path} runs only on inputs of {size}, although its axes are dynamic",
+            "set input.dynamic to false and input.fit to stretch in the card",
         ) from error
 
 

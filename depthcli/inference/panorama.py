@@ -34,11 +34,9 @@ _GRID_PX = 256, 128  # pixels of the panorama at which factors are fitted
 def panorama_distance(
     frame: Frame, predict: Callable[[Frame], npt.NDArray[np.float32]]
 ) -> npt.NDArray[np.float32]:
-    """Distance along the ray of each pixel, (H, W) float32 metres.
+    """Distance along the ray of each pixel of an equirectangular image, (H, W) float32 metres.
 
-    Args:
-        frame: an equirectangular image of all directions.
-        predict: metres along the axis, (h, w) float32, of a view of :data:`HFOV_DEG`.
+    ``predict`` gives metres along the axis, (h, w) float32, of a view of :data:`HFOV_DEG`.
     """
     if abs(frame.width - 2 * frame.height) > 2:  # noqa: PLR2004
         raise InputError(

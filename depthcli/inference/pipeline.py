@@ -32,12 +32,7 @@ class Prediction(NamedTuple):
 
 
 class Pipeline:
-    """A loaded model with its pre- and postprocessing.
-
-    Attributes:
-        session: the loaded model.
-        detail: how full-size depth is made from its output.
-    """
+    """A loaded model with its pre- and postprocessing."""
 
     def __init__(self, session: Session, detail: UpsamplingOptions = DEFAULT_UPSAMPLING) -> None:
         self.session = session
@@ -82,13 +77,7 @@ class Pipeline:
     ) -> list[Prediction | Exception]:
         """Depth of several images; those with the same input size are run as one batch.
 
-        Args:
-            frames: the images, of any sizes.
-            cameras: as in :meth:`predict`, for each image; empty if none is known.
-            anchors: as in :meth:`predict`, for each image; empty for none.
-
-        Returns:
-            What :meth:`predict` returns for each, in their order, or the error that it raises.
+        It is what :meth:`predict` returns for each, or the error that it raises.
         """
         cameras = cameras or [UNKNOWN_CAMERA] * len(frames)
         anchors = anchors or [None] * len(frames)
@@ -125,12 +114,10 @@ class Pipeline:
         ]
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
-        layouts = [layout for _, layout in prepared]
+        tasks = zip(frames, raws, prepared, own, anchors, strict=True)
         return [
             _finished(*self._model_depth(frame, raw, layout, camera), frame, points)
-            for frame, raw, layout, camera, points in zip(
-                frames, raws, layouts, own, anchors, strict=True
-            )
+            for frame, raw, (_, layout), camera, points in tasks
         ]
 
     def _model_depth(

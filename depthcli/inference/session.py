@@ -47,12 +47,9 @@ _SOURCE_LOCATION = r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)"
 
 
 class Session:
-    """A loaded model.
+    """A model on the provider that is active.
 
     Attributes:
-        model: the model behind it.
-        provider: name of the active provider.
-        provider_options: those it was given, by name.
         warnings: one-line texts, if ``auto`` fell back to a slower provider.
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
     """
@@ -65,20 +62,7 @@ class Session:
         threads: int | None = None,
         provider_options: Mapping[str, str] | None = None,
     ) -> None:
-        """Load a model.
-
-        Args:
-            model: from the catalog.
-            provider: ``auto`` for the best that works, or a name of ``PROVIDERS``.
-            threads: threads within one operator; None for onnxruntime's choice.
-            provider_options: for a provider asked for by name, as onnxruntime documents them.
-
-        Raises:
-            UsageError: no provider has that name, it takes no options and some are given, or the
-                number of threads is out of range.
-            ProviderError: the named provider is not built in, or does not start.
-            ModelError: onnxruntime cannot load the model, or it is not an image-to-depth model.
-        """
+        """Load a model, as :class:`~depthcli.inference.loading.SessionLoader` does."""
         self.model = model
         wanted = providers.wanted_providers(provider)
         options = provider_options or {}

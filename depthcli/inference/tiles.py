@@ -107,12 +107,8 @@ def _starts(size: int, tile: int) -> list[int]:
 
 
 def _cropped(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
-    rows, columns = (
-        _pixels_of(part, size, cells)
-        for part, size, cells in zip(
-            tile, (frame.height, frame.width), (grid.height, grid.width), strict=True
-        )
-    )
+    rows = _pixels_of(tile[0], frame.height, grid.height)
+    columns = _pixels_of(tile[1], frame.width, grid.width)
     pixels = frame.pixels[rows, columns]
     # A frame may have highlights, a tile of nothing else may not.
     return replace(frame, pixels=pixels.clip(0, 1) if pixels.dtype == np.float32 else pixels)

@@ -100,14 +100,9 @@ def _letterboxed(spec: InputSpec, columns: int, rows: int, width: float, height:
 
 def _on_grid(padded: Layout) -> Layout:
     """The layout whose picture begins and ends with a pixel of an output of half the size."""
-    inner_width, inner_height = (
-        _multiple(size, _GRID_PX) for size in (padded.inner_width, padded.inner_height)
-    )
-    left, top = (
-        (whole - inner) // 2 // _GRID_PX * _GRID_PX
-        for whole, inner in ((padded.width, inner_width), (padded.height, inner_height))
-    )
-    return Layout(padded.width, padded.height, left, top, inner_width, inner_height)
+    size, inner = padded[:2], [_multiple(side, _GRID_PX) for side in padded[4:]]
+    corner = [(a - b) // 2 // _GRID_PX * _GRID_PX for a, b in zip(size, inner, strict=True)]
+    return Layout(*size, *corner, *inner)
 
 
 def _bounded(spec: InputSpec, width: float, height: float) -> Layout:

@@ -139,28 +139,19 @@ _MAX_CARD_BYTES = 2**20
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A model that was read and checked.
+    """A model that was read and checked."""
 
-    Attributes:
-        path: its ONNX file.
-        card: describes its input and output.
-        sha256: checksum of the file, 64 hex digits.
-        data: the file's bytes, the same ones that were checked.
-    """
-
-    path: Path
-    card: ModelCard
-    sha256: str
-    data: bytes = field(repr=False)
+    path: Path  #: its ONNX file
+    card: ModelCard  #: describes its input and output
+    sha256: str  #: checksum of the file, 64 hex digits
+    data: bytes = field(repr=False)  #: the file's bytes, the same ones that were checked
 
 
 def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
-    """Find, read and check a model.
+    """Find, read and check a model: the default one, or one of a name or a path.
 
-    Args:
-        name_or_path: a name in the catalog, a folder with a ``card.json``, or an ``.onnx`` file
-            with its card inside or beside it, where a ``card.json`` has to name the file; None for
-            the default model.
+    A path is that of a folder with a ``card.json``, or of an ``.onnx`` file with its card inside or
+    beside it, where a ``card.json`` has to name the file.
 
     Raises:
         ModelError: not found, no card, damaged, external data, or a checksum that differs.
