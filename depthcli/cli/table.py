@@ -20,6 +20,7 @@ COMMANDS = {
     "train": ("train", "Train a model; can be resumed."),
     "export-onnx": ("export", "Export a checkpoint to ONNX with a model card."),
     "bench": ("bench", "Benchmark a model: latency, throughput, memory."),
+    "serve": ("serve", "Serve depth over HTTP with one loaded model."),
     "doctor": ("doctor", "Check the installation: provider, model, codecs."),
 }
 """Name -> (module in ``commands/`` whose ``app`` is the command, one line of help)."""

@@ -1,0 +1,176 @@
+"""``depthcli serve``: the command, its options, and those of a request."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from depthcli.cli import options
+from depthcli.cli.groups import Command, group, grouped
+from depthcli.cli.screen import console
+from depthcli.core.options import MAX_PIXELS
+from depthcli.errors import ExitCode, UsageError
+from depthcli.io.formats.table import Format
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from depthcli.jobs.serve import Asked
+
+app = typer.Typer(rich_markup_mode=None)
+_request = typer.Typer(rich_markup_mode=None, add_completion=False)
+
+_TOKEN = "DEPTHCLI_TOKEN"  # noqa: S105 - the name of a variable
+_FILES = ("calibration", "rectified", "anchors", "anchors_scale", "anchors_kind", "help")
+"""Options of predict that name a file or belong to one: not for clients."""
+_MEBIBYTE = 2**20
+
+
+@group
+class ListenOptions:
+    """Options."""
+
+    host: str = options.option("Address to listen at.", default="127.0.0.1")
+    port: int = options.option("Port; 0 for any free one.", default=8000, min=0, max=65535)
+    token: str | None = options.option(
+        f"Token that clients send as 'Authorization: Bearer TOKEN'; needed for other addresses "
+        f"than loopback. Default: the variable {_TOKEN}."
+    )
+    allow_host: list[str] | None = options.option(
+        "Further host name by which clients may call this server, such as that of a proxy; "
+        "repeatable."
+    )
+
+
+@group
+class LimitOptions:
+    """Limits."""
+
+    queue: int = options.option(
+        "Requests that wait while all workers are busy; more are answered with 429.",
+        default=16,
+        min=0,
+    )
+    timeout: float = options.option(
+        "Seconds for one image, with its time in the queue.",
+        default=30.0,
+        callback=options.positive,
+    )
+    max_bytes: int = options.option(
+        "Maximum size of a request in bytes.", default=64 * _MEBIBYTE, min=1
+    )
+    max_pixels: int = options.option(
+        "Maximum number of pixels of an image.", default=MAX_PIXELS, min=1
+    )
+
+
+@app.command(cls=Command)
+@grouped
+def serve(
+    *,
+    listen: ListenOptions,
+    limits: LimitOptions,
+    model: options.ModelOptions,
+    workers: options.WorkersOption = None,
+    quiet: options.QuietOption = False,
+) -> int:
+    """Serve depth over HTTP with one loaded model, until it is interrupted.
+
+    POST an image to /predict as the body of the request or as 'image' of a form; options of
+    'predict' are in the query: /predict?format=exr&focal_px=518.
+
+    GET /health, /metrics (Prometheus) and / (a page to drop an image on). No option of a request
+    names a file, and no path is opened.
+    """
+    from depthcli.cli import parse
+    from depthcli.core.parallel import share_cores
+
+    try:
+        from depthcli.jobs.serve import LOOPBACK, DepthServer, Limits
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"serve needs {error.name}", "install it with: pip install '.[serve]'"
+        ) from error
+    token = listen.token or os.environ.get(_TOKEN)
+    if listen.host not in LOOPBACK and not token:
+        raise UsageError(f"{listen.host} can be reached from other machines", "give a {token}")
+    count, threads = share_cores(workers, model.runtime.threads)
+    server = DepthServer(
+        parse.session_loader(model.model, model.runtime, threads).load(),
+        parse_request,
+        Limits(count, limits.queue, limits.timeout, limits.max_bytes, limits.max_pixels),
+        token=token,
+        hosts=(*LOOPBACK, listen.host, *(listen.allow_host or ())),
+    )
+    if not quiet:
+        console.warn_all(server.session.warnings)
+    try:
+        server.run(listen.host, listen.port, console.note if not quiet else lambda _url: None)
+    except OSError as error:
+        raise UsageError(f"cannot listen at {listen.host}:{listen.port}: {error}") from error
+    return ExitCode.OK
+
+
+@_request.command(cls=Command)
+@grouped
+def _options(
+    *,
+    format_: Format = typer.Option(Format.PNG16, "--format"),
+    camera: options.CameraOptions,
+    anchors: options.AnchorOptions,
+    read: options.ReadOptions,
+    detail: options.DetailOptions,
+    writing: options.WritingOptions,
+) -> Any:  # noqa: ANN401 - Asked
+    """Options of a request."""
+    from depthcli.cli import parse
+    from depthcli.jobs.serve import Asked
+
+    points = parse.anchors(anchors)
+    return Asked(
+        format=format_,
+        camera=parse.camera(camera),
+        anchors=points if isinstance(points, tuple) else (),
+        reading=parse.reading(read),
+        writing=parse.writer_options(writing),
+        detail=parse.detail(detail),
+    )
+
+
+_command = typer.main.get_command(_request)
+
+
+def parse_request(query: Sequence[tuple[str, str]]) -> Asked:
+    """Options of a request by the names of ``predict``, such as ``focal_px``.
+
+    Raises:
+        UsageError: a name is not known, or a value is not valid.
+    """
+    try:
+        asked: Asked = _command.main(
+            list(_words(query)), prog_name="/predict", standalone_mode=False
+        )
+    except Exception as error:
+        if hasattr(error, "format_message"):  # typer's own errors, all about usage
+            raise UsageError(error.format_message().strip().replace("--", "")) from error
+        raise
+    return asked
+
+
+def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """The words of a command line."""
+    known = {p.opts[-1].removeprefix("--").replace("-", "_"): p for p in _command.params}
+    for name, value in query:
+        parameter = known.get(name)
+        if parameter is None or name in _FILES:
+            names = ", ".join(sorted({*known} - {*_FILES}))
+            raise UsageError(f"no option named {name!r}: there are {names}")
+        option = parameter.opts[-1]
+        if not getattr(parameter, "is_flag", False):
+            yield f"{option}={value}"
+        elif value in {"1", "true"}:
+            yield option
+        elif value not in {"0", "false"}:
+            raise UsageError(f"{name} is 1 or 0, not {value!r}")

@@ -1,0 +1,282 @@
+"""A server on HTTP with one loaded model: images in, depth out.
+
+No path of a client is opened: an image comes in the body of a request, its options in the query.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from importlib.resources import files
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import uvicorn
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.exposition import generate_latest
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
+from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, Detail, ReadOptions
+from depthcli.core.types import DepthRange, displayed_depth
+from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
+from depthcli.inference.camera import focal_warnings
+from depthcli.inference.pipeline import Pipeline
+from depthcli.io.depth.metadata import anchor_fields, origin_fields
+from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.io.images.read import read_image
+from depthcli.jobs.write import write_stream
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from starlette.requests import Request
+    from starlette.types import ASGIApp, Message, Receive
+
+    from depthcli.inference.session import Session
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_DRAIN_S = 30
+_RETRY_S = 1
+_MEDIA_TYPES = {".png": "image/png", ".json": "application/json", ".exr": "image/x-exr"}
+_IMAGE = "image"
+"""Name of the file in a multipart form."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Options of one request."""
+
+    format: Format = Format.PNG16
+    camera: Intrinsics = UNKNOWN_CAMERA
+    anchors: tuple[Anchor, ...] = ()
+    reading: ReadOptions = AS_STATED
+    writing: WriterOptions = field(default_factory=WriterOptions)
+    detail: Detail = DEFAULT_DETAIL
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of a server."""
+
+    workers: int  #: images processed at a time
+    queue: int  #: further requests that wait; more are answered with 429
+    timeout_s: float  #: for one image, with its time in the queue; then the answer is 503
+    max_bytes: int  #: of a request's body
+    max_pixels: int  #: of an image
+
+
+class Answer(NamedTuple):
+    """The encoded depth of an image and what is known of it."""
+
+    body: bytes
+    facts: dict[str, Any]
+
+
+class DepthServer:
+    """The application of a server, for uvicorn or another ASGI server.
+
+    Args:
+        session: the loaded model.
+        parse: makes the options of a request of the names and values in its query; raises
+            UsageError.
+        limits: of requests.
+        token: that requests need as ``Authorization: Bearer TOKEN``; None for none.
+        hosts: values of the header ``Host`` that are answered, which keeps web pages of other sites
+            out.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        parse: Callable[[Sequence[tuple[str, str]]], Asked],
+        limits: Limits,
+        *,
+        token: str | None = None,
+        hosts: Sequence[str] = LOOPBACK,
+    ) -> None:
+        self.session, self.parse, self.limits, self.token = session, parse, limits, token
+        self._pool = ThreadPoolExecutor(limits.workers)
+        self._metrics = CollectorRegistry()
+        names = [
+            ("depthcli_requests", "Requests."),
+            ("depthcli_seconds", "Seconds of an image."),
+            ("depthcli_in_flight", "Images in work or waiting."),
+        ]
+        self._requests = Counter(*names[0], ["status"], registry=self._metrics)
+        self._seconds = Histogram(*names[1], registry=self._metrics)
+        self._waiting = Gauge(*names[2], registry=self._metrics)
+        self._in_flight = 0
+        routes = [
+            Route("/", self._page),
+            Route("/health", self._health),
+            Route("/metrics", self._show_metrics),
+            Route("/predict", self._predict, methods=["POST"]),
+        ]
+        self.app: ASGIApp = Starlette(
+            routes=routes,
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts))],
+            exception_handlers={HTTPException: self._failed},
+        )
+
+    def run(self, host: str, port: int, started: Callable[[str], None]) -> None:
+        """Serve until SIGINT or SIGTERM, which lets requests end that have begun.
+
+        Args:
+            host: address to listen at.
+            port: of TCP; 0 for any free one.
+            started: called with the address as URL.
+        """
+        config = uvicorn.Config(
+            self.app,
+            host=host,
+            port=port,
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            lifespan="off",
+            timeout_graceful_shutdown=_DRAIN_S,
+        )
+        listening = config.bind_socket()
+        listening.listen(config.backlog)  # so that clients can connect once they know the address
+        name = f"[{host}]" if ":" in host else host
+        started(f"http://{name}:{listening.getsockname()[1]}")
+        uvicorn.Server(config).run(sockets=[listening])
+
+    async def _page(self, request: Request) -> Response:
+        del request
+        return HTMLResponse(files("depthcli.jobs").joinpath("serve.html").read_text("utf-8"))
+
+    async def _health(self, request: Request) -> Response:
+        del request
+        card = self.session.model.card
+        model = {"name": card.name, "version": card.version, "provider": self.session.provider}
+        return JSONResponse({"status": "ok", "model": model, "in_flight": self._in_flight})
+
+    async def _show_metrics(self, request: Request) -> Response:
+        self._check_token(request)
+        return Response(generate_latest(self._metrics), media_type=CONTENT_TYPE_LATEST)
+
+    async def _predict(self, request: Request) -> Response:
+        self._check_token(request)
+        try:
+            asked = self.parse(request.query_params.multi_items())
+        except UsageError as error:
+            raise HTTPException(400, str(error)) from error
+        data = await self._image(request)
+        if self._in_flight >= self.limits.workers + self.limits.queue:
+            raise HTTPException(429, "all workers are busy", {"Retry-After": str(_RETRY_S)})
+        self._count(1)
+        working = asyncio.get_running_loop().run_in_executor(self._pool, self._answer, data, asked)
+        working.add_done_callback(lambda _: self._count(-1))
+        start = time.perf_counter()
+        try:
+            answer = await asyncio.wait_for(working, self.limits.timeout_s)
+        except TimeoutError:
+            text = f"not done within {self.limits.timeout_s:g} s"
+            raise HTTPException(503, text, {"Retry-After": str(_RETRY_S)}) from None
+        except (InputError, OutputError) as error:
+            raise HTTPException(422, str(error)) from error
+        except Exception as error:
+            if is_out_of_memory(error):
+                raise HTTPException(503, "out of memory; send a smaller image") from error
+            reason = str(error) if isinstance(error, DepthcliError) else type(error).__name__
+            raise HTTPException(500, reason) from error
+        self._seconds.observe(time.perf_counter() - start)
+        self._requests.labels(200).inc()
+        media_type = _MEDIA_TYPES.get(asked.format.facts.suffix[-4:].lower())
+        return Response(
+            answer.body,
+            media_type=media_type or "application/octet-stream",
+            headers=_headers(answer.facts),
+        )
+
+    async def _image(self, request: Request) -> bytes:
+        """The bytes of an image: the whole body, or the file ``image`` of a multipart form."""
+        request = type(request)(request.scope, _limited(request.receive, self.limits.max_bytes))
+        if "multipart/form-data" not in request.headers.get("content-type", ""):
+            return await request.body()
+        async with request.form(max_files=1, max_fields=0) as form:
+            sent = form.get(_IMAGE)
+            if sent is None or isinstance(sent, str):
+                raise HTTPException(400, f"the form has no file named {_IMAGE!r}")
+            return await sent.read()
+
+    def _answer(self, data: bytes, asked: Asked) -> Answer:
+        """Read, predict and write; runs in a thread."""
+        frame = read_image(None, data, max_pixels=self.limits.max_pixels, **asked.reading._asdict())
+        points = AnchorPoints.of(asked.anchors) if asked.anchors else None
+        pipeline = Pipeline(self.session, asked.detail)
+        depth, warnings = pipeline.predict(frame, asked.camera, points)
+        warnings = (*self.session.warnings, *frame.warnings, *warnings)
+        if not points:
+            warnings += focal_warnings(self.session.model.card, asked.camera)
+        body = BytesIO()
+        warnings += write_stream(asked.writing, asked.format, depth, frame, body)
+        shown = displayed_depth(depth, frame.windows)
+        facts = {
+            "kind": shown.kind.value,
+            "unit": shown.unit,
+            **DepthRange.of(shown)._asdict(),
+            "width": shown.width,
+            "height": shown.height,
+            **origin_fields(shown),
+            **anchor_fields(shown),
+            "warnings": [str(warning) for warning in warnings],
+        }
+        return Answer(body.getvalue(), facts)
+
+    def _count(self, change: int) -> None:
+        self._in_flight += change
+        self._waiting.set(self._in_flight)
+
+    def _check_token(self, request: Request) -> None:
+        given = request.headers.get("authorization", "")
+        wanted = f"Bearer {self.token}"
+        if self.token and not hmac.compare_digest(given.encode(), wanted.encode()):
+            headers = {"WWW-Authenticate": "Bearer"}
+            raise HTTPException(401, "send the header 'Authorization: Bearer TOKEN'", headers)
+
+    async def _failed(self, request: Request, error: Exception) -> Response:
+        """One line of text that says what to do."""
+        del request
+        assert isinstance(error, HTTPException)  # noqa: S101 - it is registered for these
+        self._requests.labels(error.status_code).inc()
+        return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)
+
+
+def _headers(facts: dict[str, Any]) -> dict[str, str]:
+    """Facts as headers: numbers and words one by one, all of them as JSON in ``Depth-Facts``."""
+    return {
+        "Depth-Facts": json.dumps(facts, ensure_ascii=True, allow_nan=False),
+        **{
+            f"Depth-{name.replace('_', '-').title()}": str(facts[name])
+            for name in ("kind", "unit", "min", "median", "max")
+            if facts.get(name) is not None
+        },
+    }
+
+
+def _limited(receive: Receive, most: int) -> Receive:
+    """A receiver that ends a request whose body is larger than ``most`` bytes with 413."""
+    received = 0
+
+    async def limited() -> Message:
+        nonlocal received
+        message = await receive()
+        received += len(message.get("body", b""))
+        if received > most:
+            raise HTTPException(413, f"the body is larger than {most} bytes")
+        return message
+
+    return limited

@@ -1,0 +1,193 @@
+"""``depthcli serve``: a server asked as its clients ask it."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NamedTuple
+from urllib.parse import urlencode, urlsplit
+
+import cv2
+import numpy as np
+import pytest
+from helpers.tiny import synthetic_picture
+
+from depthcli.jobs import serve
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from helpers.command_line import Cli
+
+
+class Reply(NamedTuple):
+    status: int
+    headers: http.client.HTTPMessage
+    body: bytes
+
+
+class Server(NamedTuple):
+    process: subprocess.Popen[str]
+    address: str
+
+    def ask(
+        self, path: str, body: bytes | None = None, headers: Mapping[str, str] | None = None
+    ) -> Reply:
+        connection = http.client.HTTPConnection(self.address, timeout=60)
+        connection.request("GET" if body is None else "POST", path, body, dict(headers or {}))
+        reply = connection.getresponse()
+        found = Reply(reply.status, reply.headers, reply.read())
+        connection.close()
+        return found
+
+    def predict(
+        self, image: bytes, headers: Mapping[str, str] | None = None, **query: str
+    ) -> Reply:
+        return self.ask(f"/predict?{urlencode(query)}", image, headers)
+
+
+@contextmanager
+def serving(cli: Cli, *words: str, **environment: str) -> Iterator[Server]:
+    """A running server; it is ended in the end."""
+    process = subprocess.Popen(
+        cli.command("serve", "--port", "0", *words),
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cli.folder,
+        env={**cli.environment, **environment},
+    )
+    try:
+        assert process.stderr is not None
+        yield Server(process, urlsplit(process.stderr.readline().strip()).netloc)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def png(height: int = 48, width: int = 64) -> bytes:
+    return cv2.imencode(".png", synthetic_picture(height, width))[1].tobytes()
+
+
+LARGE = png(2000, 3000)
+ANY_ADDRESS = "0.0.0.0"  # noqa: S104 - what the token is for
+
+
+@pytest.mark.parametrize("format_", ["png16", "exr", "npy", "preview"])
+def test_answers_the_bytes_that_predict_writes(cli: Cli, format_: str) -> None:
+    (cli.folder / "a.png").write_bytes(png())
+    done = cli("predict", "a.png", "-o", "-", "--format", format_, "--focal-px", "60")
+    with serving(cli) as server:
+        reply = server.predict(png(), format=format_, focal_px="60")
+    assert (reply.status, reply.body) == (200, done.stdout)
+
+
+def test_facts_of_the_depth_are_headers(cli: Cli) -> None:
+    (cli.folder / "a.png").write_bytes(png())
+    wanted = json.loads(cli("predict", "a.png", "-o", "a.npy", "--hfov", "70", "--json").stdout)
+    with serving(cli) as server:
+        headers = server.predict(png(), hfov="70").headers
+    facts = json.loads(headers["Depth-Facts"])
+    assert facts == {name: wanted[name] for name in facts}
+    assert float(headers["Depth-Median"]) == wanted["median"]
+    assert (headers["Depth-Unit"], headers["Content-Type"]) == ("m", "image/png")
+
+
+def test_accepts_a_form_and_anchors(cli: Cli) -> None:
+    part = b'--x\r\nContent-Disposition: form-data; name="image"; filename="/etc/a.png"\r\n\r\n'
+    form = part + png() + b"\r\n--x--\r\n"
+    with serving(cli) as server:
+        kind = {"Content-Type": "multipart/form-data; boundary=x"}
+        reply = server.predict(form, kind, format="npy", anchor="3,4,2.5")
+        assert server.predict(form.replace(b"image", b"photo"), kind).status == 400
+    (cli.folder / "a.npy").write_bytes(reply.body)
+    assert np.load(cli.folder / "a.npy")[4, 3] == pytest.approx(2.5)
+
+
+def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
+    with serving(cli, "--max-bytes", str(len(LARGE) - 1), "--max-pixels", "5000") as server:
+        statuses = [
+            server.predict(png(), calibration="/etc/passwd").status,
+            server.predict(png(), anchors="/etc/passwd").status,
+            server.predict(png(), focal_px="-1").status,
+            server.predict(png(), half="maybe").status,
+            server.predict(b"no image").status,
+            server.predict(png(100, 100)).status,
+            server.predict(LARGE).status,
+            server.ask("/predict").status,
+            server.ask("/health", headers={"Host": "attacker.example"}).status,
+            server.predict(png()).status,
+        ]
+    assert statuses == [400, 400, 400, 400, 422, 422, 413, 405, 400, 200]
+
+
+def test_answers_429_when_the_queue_is_full(cli: Cli) -> None:
+    with serving(cli, "--workers", "1", "--queue", "1") as server, ThreadPoolExecutor(6) as pool:
+        replies = list(pool.map(server.predict, [LARGE] * 6))
+    assert {reply.status for reply in replies} == {200, 429}
+    assert all("Retry-After" in reply.headers for reply in replies if reply.status == 429)
+
+
+def test_answers_503_when_an_image_takes_too_long(cli: Cli) -> None:
+    with serving(cli, "--timeout", "0.01") as server:
+        assert server.predict(LARGE).status == 503
+        assert server.ask("/health").status == 200
+
+
+def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
+    refused = cli("serve", "--host", ANY_ADDRESS, "--port", "0")
+    assert refused.returncode == 2
+    words = ("--host", ANY_ADDRESS, "--allow-host", "127.0.0.1")
+    with serving(cli, *words, DEPTHCLI_TOKEN="secret") as server:  # noqa: S106 - of a test
+        local = server._replace(address=server.address.replace(ANY_ADDRESS, "127.0.0.1"))
+        statuses = [
+            local.predict(png(), {"Authorization": f"Bearer {token}"}).status
+            for token in ("secret", "other", "")
+        ]
+        assert (statuses, local.ask("/metrics").status) == ([200, 401, 401], 401)
+
+
+def test_states_health_and_metrics_and_shows_a_page(cli: Cli) -> None:
+    with serving(cli) as server:
+        server.predict(png())
+        health = json.loads(server.ask("/health").body)
+        assert (health["status"], health["in_flight"]) == ("ok", 0)
+        metrics = server.ask("/metrics").body.decode().splitlines()
+        assert 'depthcli_requests_total{status="200"} 1.0' in metrics
+        assert "depthcli_seconds_count 1.0" in metrics
+        page = server.ask("/")
+        assert page.headers["Content-Type"].startswith("text/html")
+        assert b"http" not in page.body.replace(b"HTTP", b"")  # nothing from elsewhere
+
+
+def test_a_signal_lets_requests_end_that_have_begun(cli: Cli) -> None:
+    with serving(cli) as server, ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(server.predict, LARGE)
+        while json.loads(server.ask("/health").body)["in_flight"] == 0:
+            pass
+        server.process.send_signal(signal.SIGTERM)
+        assert asked.result().status == 200
+        assert server.process.wait(30) == 128 + signal.SIGTERM
+
+
+def test_without_the_extra_one_line_says_what_to_install(
+    inside: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, serve.__name__)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    done = inside("serve")
+    assert (done.returncode, b"[serve]" in done.stderr) == (2, True)
+
+
+def test_no_file_is_written_beside_the_server(cli: Cli, tmp_path: Path) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    with serving(cli, TMPDIR=str(temporary)) as server:
+        server.predict(png())
+        server.predict(b"no image")
+        assert list(cli.folder.iterdir()) == list(temporary.iterdir()) == []
