@@ -27,7 +27,7 @@ from starlette.routing import Route
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.options import AS_STATED, DEFAULT_DETAIL, Detail, ReadOptions
+from depthcli.core.options import AS_STATED, DEFAULT_UPSAMPLING, ReadOptions, UpsamplingOptions
 from depthcli.core.types import DepthRange, displayed_depth
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
@@ -62,7 +62,7 @@ class Asked:
     anchors: tuple[Anchor, ...] = ()
     reading: ReadOptions = AS_STATED
     writing: WriterOptions = field(default_factory=WriterOptions)
-    detail: Detail = DEFAULT_DETAIL
+    detail: UpsamplingOptions = DEFAULT_UPSAMPLING
 
 
 @dataclass(frozen=True, slots=True)
