@@ -18,12 +18,10 @@ FOCAL_PX = Rule("a number from 0.001 to 1e8", lambda px: 1e-3 <= px <= 1e8)  # n
 """Focal lengths in pixels: what these angles give at any width of an image."""
 CENTRE_PX = Rule("a number from -1e6 to 1e6", lambda px: abs(px) <= 1e6)  # noqa: PLR2004
 """Principal points in pixels, in x and in y; a crop may have it outside the image."""
-DEPTH_M_RANGE = 1e-3, 1e6
-"""Least and largest depth of known points in metres."""
-DEPTH_M = Rule(
+DEPTH_M_RANGE = 1e-3, 1e6  #: least and largest depth of known points in metres
+DEPTH_M = Rule(  #: depths of known points in metres
     "a depth from 0.001 to 1000000", lambda depth_m: DEPTH_M_RANGE[0] <= depth_m <= DEPTH_M_RANGE[1]
 )
-"""Depths of known points in metres."""
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 
@@ -38,12 +36,9 @@ class Anchor(NamedTuple):
 class CameraSource(StrEnum):
     """Where a focal length comes from."""
 
-    OPTION = "option"
-    """It was given."""
-    EXIF = "exif"
-    """The image's file states it."""
-    CARD = "card"
-    """Assumed: that of the camera that the model was trained for."""
+    OPTION = "option"  #: it was given
+    EXIF = "exif"  #: the image's file states it
+    CARD = "card"  #: assumed: that of the camera that the model was trained for
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +148,7 @@ class Intrinsics:
         return replace(own, centre_px=own.centre_px or self.centre_px)
 
 
-UNKNOWN_CAMERA = Intrinsics()
-"""Nothing is known but what the image's file states."""
+UNKNOWN_CAMERA = Intrinsics()  #: nothing is known but what the image's file states
 
 
 def focal_px_of_hfov(hfov_deg: float, width: int) -> float:

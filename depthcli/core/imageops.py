@@ -78,8 +78,7 @@ def resize_cubic(
     return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_CUBIC))
 
 
-BAND_PIXELS = 100_000
-"""Pixels of a band: its few float arrays fit a processor's L2 cache."""
+BAND_PIXELS = 100_000  #: pixels of a band: its few float arrays fit a processor's L2 cache
 
 
 def row_bands(width: int, height: int) -> Iterator[slice]:

@@ -19,10 +19,8 @@ class Rule(NamedTuple):
 class Upsampling(StrEnum):
     """Upsampling of depth from the network's size to the image's."""
 
-    GUIDED = "guided"
-    """Edges follow those of the picture."""
-    BILINEAR = "bilinear"
-    """Bilinear interpolation; the picture is not used."""
+    GUIDED = "guided"  #: edges follow those of the picture
+    BILINEAR = "bilinear"  #: bilinear interpolation; the picture is not used
 
 
 class Weights(StrEnum):
@@ -30,8 +28,7 @@ class Weights(StrEnum):
 
     AVERAGED = "averaged"
     """Their moving average (``optim.ema``); those of the last step if there is no average."""
-    RAW = "raw"
-    """Those of the last step."""
+    RAW = "raw"  #: those of the last step
 
 
 class Averaging(StrEnum):
@@ -39,21 +36,16 @@ class Averaging(StrEnum):
 
     IMAGE = "image"
     """Each metric is computed per image, then averaged: every image has the same weight."""
-    POOLED = "pooled"
-    """Each metric is computed over the pixels of all images."""
+    POOLED = "pooled"  #: each metric is computed over the pixels of all images
 
 
 class Alignment(StrEnum):
     """Fit of a prediction to the ground truth, per image, over the valid pixels."""
 
-    NONE = "none"
-    """Nothing: metres are compared as predicted."""
-    MEDIAN = "median"
-    """One factor: the ratio of the medians."""
-    DEPTH = "depth"
-    """Scale and shift of depth, least squares in depth."""
-    DISPARITY = "disparity"
-    """Scale and shift of 1/depth, least squares in 1/depth."""
+    NONE = "none"  #: nothing: metres are compared as predicted
+    MEDIAN = "median"  #: one factor: the ratio of the medians
+    DEPTH = "depth"  #: scale and shift of depth, least squares in depth
+    DISPARITY = "disparity"  #: scale and shift of 1/depth, least squares in 1/depth
 
 
 class Colormap(StrEnum):
@@ -70,8 +62,7 @@ class Colormap(StrEnum):
 class Near(StrEnum):
     """Colour of near depth in a preview."""
 
-    WARM = "warm"
-    """The warm end of the colormap, or its bright one."""
+    WARM = "warm"  #: the warm end of the colormap, or its bright one
     WHITE = "white"
     BLACK = "black"
 
@@ -79,12 +70,9 @@ class Near(StrEnum):
 class DepthEncoding(StrEnum):
     """Meaning of the numbers in a depth file."""
 
-    METRIC = "metric"
-    """Depth along the camera axis."""
-    DISTANCE = "distance"
-    """Distance from the camera, along the ray of each pixel."""
-    RELATIVE = "relative"
-    """Depth up to an unknown scale and shift; larger is farther."""
+    METRIC = "metric"  #: depth along the camera axis
+    DISTANCE = "distance"  #: distance from the camera, along the ray of each pixel
+    RELATIVE = "relative"  #: depth up to an unknown scale and shift; larger is farther
     INVERSE = "inverse"
     """1/depth: of metres if the scale is given, else up to an unknown scale and shift."""
     DISPARITY = "disparity"
@@ -94,38 +82,29 @@ class DepthEncoding(StrEnum):
 class Sensor(StrEnum):
     """Sensor that measures the depth of rendered rooms."""
 
-    NONE = "none"
-    """It is exact."""
-    KINECT = "kinect"
-    """With the noise and the holes of a structured-light sensor."""
+    NONE = "none"  #: it is exact
+    KINECT = "kinect"  #: with the noise and the holes of a structured-light sensor
 
 
 class Crop(StrEnum):
     """The part of the frame that is evaluated."""
 
-    NONE = "none"
-    """The full frame."""
-    EIGEN = "eigen"
-    """Rows 45 to 470 and columns 41 to 600 of 480×640."""
-    GARG = "garg"
-    """The lower and middle part of KITTI's images, at any size."""
+    NONE = "none"  #: the full frame
+    EIGEN = "eigen"  #: rows 45 to 470 and columns 41 to 600 of 480×640
+    GARG = "garg"  #: the lower and middle part of KITTI's images, at any size
 
 
 class Mask(StrEnum):
     """The pixels that have ground truth in an evaluation."""
 
-    FILLED = "filled"
-    """All of the in-filled depth."""
-    RAW = "raw"
-    """Only where the sensor measured: raw depth > 0."""
+    FILLED = "filled"  #: all of the in-filled depth
+    RAW = "raw"  #: only where the sensor measured: raw depth > 0
 
 
 AUTO_TILE = 0
 """Tile width that stands for three quarters of the picture's width; see docs/sharpness.md."""
-GPU_BATCH = 8
-"""Batch size of the network on other providers than the CPU."""
-MAX_PIXELS = 250_000_000
-"""Larger pictures are refused, unless another limit is given."""
+GPU_BATCH = 8  #: batch size of the network on other providers than the CPU
+MAX_PIXELS = 250_000_000  #: larger pictures are refused, unless another limit is given
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +124,7 @@ class UpsamplingOptions:
             raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
 
 
-DEFAULT_UPSAMPLING = UpsamplingOptions()
-"""Guided upsampling, no tiles."""
+DEFAULT_UPSAMPLING = UpsamplingOptions()  #: guided upsampling, no tiles
 Detail = UpsamplingOptions  # its name until 0.17
 
 
@@ -170,8 +148,7 @@ EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 
 class Projection(StrEnum):
     """Mapping of directions to the pixels of an image."""
 
-    PINHOLE = "pinhole"
-    """Straight lines stay straight, as in most photographs."""
+    PINHOLE = "pinhole"  #: straight lines stay straight, as in most photographs
     EQUIRECTANGULAR = "equirectangular"
     """Columns are longitudes and rows latitudes: a panorama of all directions."""
 
@@ -193,8 +170,7 @@ class ReadOptions(NamedTuple):
     black_level: int = 0  #: value of black in 16-bit integers
 
 
-AS_STATED = ReadOptions()
-"""What the files state, or the default."""
+AS_STATED = ReadOptions()  #: what the files state, or the default
 
 
 _MAX_CHARS = 60

@@ -133,8 +133,7 @@ class Windows:
         return over_window(over_window(values, self.pixels, window), window, self.pixels)
 
 
-PIXEL_ASPECTS = 1e-3, 1e3
-"""Least and largest width of a pixel by its height."""
+PIXEL_ASPECTS = 1e-3, 1e3  #: least and largest width of a pixel by its height
 
 
 def pixel_aspect_of(stated: Fraction | None, *, is_turned: bool) -> float:
@@ -147,12 +146,9 @@ def pixel_aspect_of(stated: Fraction | None, *, is_turned: bool) -> float:
 class DepthKind(StrEnum):
     """The meaning of a depth map's values."""
 
-    METRIC = "metric"
-    """Metres along the camera axis."""
-    RELATIVE = "relative"
-    """Depth up to an unknown scale and shift; larger is farther."""
-    INVERSE = "inverse"
-    """Inverse depth up to an unknown scale and shift; larger is nearer."""
+    METRIC = "metric"  #: metres along the camera axis
+    RELATIVE = "relative"  #: depth up to an unknown scale and shift; larger is farther
+    INVERSE = "inverse"  #: inverse depth up to an unknown scale and shift; larger is nearer
 
 
 def has_depth(
@@ -451,12 +447,9 @@ def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
 class Transform(StrEnum):
     """Function from ``t = scale * raw + shift`` to depth."""
 
-    LINEAR = "linear"
-    """depth = t"""
-    EXP = "exp"
-    """depth = exp(t)"""
-    RECIPROCAL = "reciprocal"
-    """depth = 1 / t"""
+    LINEAR = "linear"  #: depth = t
+    EXP = "exp"  #: depth = exp(t)
+    RECIPROCAL = "reciprocal"  #: depth = 1 / t
 
 
 class DepthCodec(NamedTuple):

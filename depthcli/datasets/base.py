@@ -106,8 +106,7 @@ class DepthDataset(ABC):
 NYU = "NYU Depth v2"
 TRAIN_IDS = "nyu_train_ids"
 """Field of a card's ``training``: pairs of NYU, as :func:`compact` formats them."""
-ALL_PAIRS = "all"
-"""Name of the split of a data set without one: all of its pairs are test pairs."""
+ALL_PAIRS = "all"  #: name of the split of a data set without one: all of its pairs are test pairs
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000
 _COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
@@ -116,12 +115,9 @@ _COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
 class SplitName(StrEnum):
     """The ways to divide the labelled set."""
 
-    PAPER = "paper"
-    """Pairs 1–1000 for training, 1001–1449 for testing; no scene is in both."""
-    OFFICIAL = "official"
-    """The data set's own 795 / 654 pairs, as in most of the literature."""
-    VAL = "val"
-    """Pairs 1–1000 only: every seventh scene for testing, the others for training."""
+    PAPER = "paper"  #: pairs 1–1000 for training, 1001–1449 for testing; no scene is in both
+    OFFICIAL = "official"  #: the data set's own 795 / 654 pairs, as in most of the literature
+    VAL = "val"  #: pairs 1–1000 only: every seventh scene for testing, the others for training
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,8 +33,7 @@ from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import read_lenses
 
-CAMERAS_NAME = "cameras.csv"
-"""``id,focal_px``: focal length of each image, in its own pixels."""
+CAMERAS_NAME = "cameras.csv"  #: ``id,focal_px``: focal length of each image, in its own pixels
 PLAUSIBLE_M = (0.1, 100.0)
 """Range of the median depth of a data set, outside which its unit is wrong."""
 _UNIT_ADVICE = (

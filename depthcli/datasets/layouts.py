@@ -26,8 +26,7 @@ _DEPTH = rf"(?:\.depth)?(?:{'|'.join(map(re.escape, READABLE_SUFFIXES))})"  # as
 _TUM_LISTS = ("rgb.txt", "depth.txt", "groundtruth.txt")
 _TUM_UNITS = 5000.0
 _TIME = re.compile(r"\d+\.\d+")
-_MOST_APART_S = 0.02
-"""Difference of time stamps up to which TUM's tools pair image and depth."""
+_MOST_APART_S = 0.02  # difference of time stamps up to which TUM's tools pair image and depth
 _CAMERAS = ("intrinsic/intrinsic_{}.txt", "intrinsic_{}.txt", "intrinsics_{}.txt")
 _ONE_CAMERA = ("camera-intrinsics.txt", "camera_intrinsics.txt")
 _COLOUR_CAMERAS = (*(name.format("color") for name in _CAMERAS), *_ONE_CAMERA)

@@ -35,8 +35,7 @@ from depthcli.training.provenance import TrainedRun
 
 _PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in report.PUBLISHED]
 _RESAMPLES = 10_000
-_BLOCK = 100
-"""Resamplings at a time, which bounds the memory for data sets of many scenes."""
+_BLOCK = 100  # resamplings at a time, which bounds the memory for data sets of many scenes
 _PERCENTILES = (2.5, 97.5)
 
 

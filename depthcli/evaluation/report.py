@@ -24,14 +24,10 @@ _TRAINING = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", 
 class Source(StrEnum):
     """The origin of a row's scores."""
 
-    MODEL = "model"
-    """A model that was run here."""
-    FILES = "files"
-    """Depth files that another tool wrote."""
-    TRIVIAL = "trivial"
-    """A baseline that ignores the image."""
-    PUBLISHED = "published"
-    """Printed in the paper; not measured here."""
+    MODEL = "model"  #: a model that was run here
+    FILES = "files"  #: depth files that another tool wrote
+    TRIVIAL = "trivial"  #: a baseline that ignores the image
+    PUBLISHED = "published"  #: printed in the paper; not measured here
 
 
 @dataclass(frozen=True, slots=True)

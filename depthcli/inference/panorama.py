@@ -18,8 +18,7 @@ from depthcli.core.imageops import resize_area, row_bands
 from depthcli.core.types import Frame, panorama_rays
 from depthcli.errors import InputError
 
-HFOV_DEG = 65.0
-"""Field of view of a view, which is square."""
+HFOV_DEG = 65.0  #: field of view of a view, which is square
 _MAX_VIEW_PX = 1024
 _VIEWS_DEG = (
     *((yaw, 0.0) for yaw in range(0, 360, 45)),

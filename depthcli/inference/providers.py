@@ -16,7 +16,7 @@ AUTO = "auto"
 CPU = "cpu"
 DIRECTML = "directml"
 OPENVINO = "openvino"
-PROVIDERS = {
+PROVIDERS = {  #: name on the command line -> name in onnxruntime
     "cuda": "CUDAExecutionProvider",
     "tensorrt": "TensorrtExecutionProvider",
     "rocm": "ROCMExecutionProvider",
@@ -26,7 +26,6 @@ PROVIDERS = {
     OPENVINO: "OpenVINOExecutionProvider",
     CPU: "CPUExecutionProvider",
 }
-"""Name on the command line -> name in onnxruntime."""
 SLOW_TO_START = "tensorrt"
 """Builds an engine for minutes before the first picture, so ``auto`` never selects it."""
 _PACKAGES = {

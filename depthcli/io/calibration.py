@@ -19,11 +19,10 @@ _ADVICE = "name the calibration of a camera"
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"))
 _MATRICES = ("camera_matrix", "K", "k")
 _PROJECTIONS = ("projection_matrix", "P", "p")
-_DISTORTIONS = (
+_DISTORTIONS = (  # nodes with a number that is not 0 if there is distortion
     *("distortion_coefficients", "distortion_coeffs", "dist_coeffs", "D", "d"),
     *("fisheye_model", "distortion_parameters"),
 )
-"""Nodes with a number that is not 0 if there is distortion."""
 _COEFFICIENTS = re.compile(r"(Camera1?\.)?[kp]\d")
 _LISTS = ("intrinsics", "intrinsic", "calibration")
 """Nodes with fx, fy, cx and cy; what follows is distortion."""

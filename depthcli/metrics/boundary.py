@@ -16,8 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-MAX_DISTANCE_PX = 10.0
-"""Edges farther apart than this are not matched."""
+MAX_DISTANCE_PX = 10.0  #: edges farther apart than this are not matched
 RATIOS = tuple(np.linspace(1.05, 1.25, 10).tolist())
 """Steps of depth between two neighbours that the F1 averages over; each has its ratio as weight."""
 

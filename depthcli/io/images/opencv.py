@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from depthcli.errors import InputError
 
-ANIMATED = "is animated; only the first image is used"
-"""A warning."""
+ANIMATED = "is animated; only the first image is used"  #: a warning
 _WEBP_ANIMATION = 0x02  # of the flags of an extended file
 _GIF_FRAME = b"\0\x21\xf9\x04"  # the end of a block, and a graphic control extension
 _BMP_OS2_BYTES = 12  # of the header of OS/2, whose colours OpenCV makes gray

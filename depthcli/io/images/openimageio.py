@@ -17,7 +17,7 @@ from depthcli.io.images.pixels import upright
 from depthcli.io.listing.folder import is_installed
 from depthcli.io.storage.temporary import temporary_copy
 
-_FORMATS = {
+_FORMATS = {  # names of formats by the first bytes of their files
     b"SDPX": "DPX",
     b"XPDS": "DPX",
     b"\x80\x2a\x5f\xd7": "Cineon",
@@ -30,7 +30,6 @@ _FORMATS = {
     b"\0\0\0\x0cjP  ": "JPEG 2000",
     b"\xff\x4f\xff\x51": "JPEG 2000",
 }
-"""Names of formats by the first bytes of their files."""
 _TGA_END = b"TRUEVISION-XFILE.\0"
 _TYPES = ("uint8", "uint16")  # that pixels keep; others become float
 _WHITE_IS_ZERO, _GRAY_ALPHA, _RGB = 0, 2, 3

@@ -19,11 +19,10 @@ _SLIVER = 0.065  # of the range: all of 12 bits, or of a thermal camera
 _STEP = 4  # pixels between those that are looked at
 _OPAQUE = 0.95
 
-PANORAMA = Message(
+PANORAMA = Message(  #: a warning
     "it states that it is a panorama, and is taken for an image of a pinhole camera",
     "give {projection} equirectangular if it shows all directions",
 )
-"""A warning."""
 
 
 def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:

@@ -21,8 +21,7 @@ Pixels: TypeAlias = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 Compressor: TypeAlias = Callable[[npt.NDArray[np.uint8]], bytes | bytearray]
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-MAX_LENGTH = 2**31 - 1
-"""Most bytes of a chunk, and most columns or rows of an image."""
+MAX_LENGTH = 2**31 - 1  #: most bytes of a chunk, and most columns or rows of an image
 _MAX_PROFILE_BYTES = 2**22
 _STILL = frozenset((b"IHDR", b"PLTE", b"tRNS", b"eXIf", b"IDAT", b"IEND"))
 

@@ -306,8 +306,7 @@ _ALPHA_MODES = ("La", "PA", "RGBa")
 # Frame refuses unsupported pixels of the last two.
 _PLAIN_MODES = ("L", "LA", "RGB", "RGBA", "I", "F")
 _COLOUR_RANK = 3
-_ALPHA = {2: 1, 4: 3}
-"""Number of channels with alpha, to that without."""
+_ALPHA = {2: 1, 4: 3}  # number of channels with alpha, to that without
 
 
 class ArrayLike(Protocol):
@@ -324,10 +323,9 @@ class PilPicture(Protocol):
         """Its EXIF."""
 
 
-Picture: TypeAlias = (
+Picture: TypeAlias = (  #: a path, the content of a file, pixels, or a PIL image
     str | os.PathLike[str] | bytes | bytearray | memoryview | ArrayLike | PilPicture | Frame
 )
-"""A path, the content of a file, pixels, or a PIL image."""
 
 
 def frame_of(image: Picture, white_level: int | None = None) -> Frame:

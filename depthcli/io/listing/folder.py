@@ -14,8 +14,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import Format, is_own
 from depthcli.io.storage.paths import RemotePath, path_of
 
-EXR_MAGIC = b"v/1\x01"
-"""The first bytes of every EXR."""
+EXR_MAGIC = b"v/1\x01"  #: the first bytes of every EXR
 _IMAGES = (".png", ".exr", ".tif", ".tiff", ".pgm")
 _PICTURE_NAME = r"(?i)(\.(depth(\.\d{6,})?\.(png|pgm|tiff?)|preview\.png)|depth[^/]*\.exr)$"
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|preview\.(mp4|webm|mov))$"
@@ -45,11 +44,10 @@ def is_own_output(path: str) -> bool:
 
 HEIF_SUFFIXES = (".heic", ".heif", ".hif")
 FORMATS_SUFFIXES = (".dpx", ".cin", ".hdr", ".psd", ".jxl", ".jp2", ".tga")
-EXTRAS = {
+EXTRAS = {  #: the package that images of a suffix need, and how to install it
     **dict.fromkeys(HEIF_SUFFIXES, ("pillow_heif", INSTALL_HEIF)),
     **dict.fromkeys(FORMATS_SUFFIXES, ("OpenImageIO", INSTALL_FORMATS)),
 }
-"""The package that images of a suffix need, and how to install it."""
 
 
 HIDDEN = "hidden"
@@ -105,8 +103,7 @@ PICTURE_SUFFIXES = (
     *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".avif"),
     *(".bmp", ".dib", ".gif", ".pbm", ".pgm", ".ppm", ".pnm"),
 )
-EXR_SUFFIX = ".exr"
-"""Not among ``PICTURE_SUFFIXES``: most such files in a folder hold no image."""
+EXR_SUFFIX = ".exr"  #: not among ``PICTURE_SUFFIXES``: most such files in a folder hold no image
 VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
     *(".mts", ".m2ts", ".ts", ".mxf", ".wmv", ".flv", ".ogv", ".3gp"),
@@ -348,8 +345,7 @@ class NameFilter(NamedTuple):
         return any(pattern.fullmatch(name) for pattern in self.exclude)
 
 
-ANY = NameFilter((), (), ())
-"""Every name."""
+ANY = NameFilter((), (), ())  #: every name
 
 
 def _compiled(pattern: str) -> re.Pattern[str]:

@@ -27,8 +27,7 @@ from depthcli.io.storage.paths import (
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
-PATHS = "path"
-"""Column of a table with the paths, where there are several."""
+PATHS = "path"  #: column of a table with the paths, where there are several
 _MAX_PROBED = 1000
 _DELIMITERS = {".csv": ",", ".tsv": "\t"}
 

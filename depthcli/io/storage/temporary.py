@@ -106,8 +106,7 @@ def _is_at(path: Path, handle: int) -> bool:
 
 
 _NAME = r"(?s)\.depthcli-[0-9a-f]{16}(?:\..*)?"
-_STALE_AGE_S = 86_400.0
-"""Where locks are not supported, files of this age are taken for stale."""
+_STALE_AGE_S = 86_400.0  # where locks are not supported, files of this age are taken for stale
 _MAX_ENTRIES = 10_000  # of a folder that are searched for stale files, which takes time
 _SETTLE_S = 0.02  # by then, threads that were about to open a temporary file have done so
 _LOCK_TIMEOUT_S = 1.0  # a thread may keep the lock while it waits for a disk or a reader

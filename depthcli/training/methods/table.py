@@ -1,6 +1,6 @@
 """The methods by name; imports nothing, for use in help texts and completion."""
 
-METHODS = {
+METHODS = {  #: name -> ``module:class``, in the order of the paper's Table I
     "cyclegan": "cyclegan:CycleGan",
     "cut": "cut:Cut",
     "fastcut": "cut:Cut",
@@ -9,4 +9,3 @@ METHODS = {
     "hnegsrc": "cut:HnegSrc",
     "proposed": "proposed:Proposed",
 }
-"""Name -> ``module:class``, in the order of the paper's Table I."""

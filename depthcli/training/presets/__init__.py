@@ -5,14 +5,13 @@ from pathlib import Path
 from depthcli.errors import UsageError
 
 FOLDER = Path(__file__).parent
-PRESETS = {
+PRESETS = {  #: the method that each preset is for; "" for all of them
     "paper": "",
     "paper-small": "",
     "reduced": "",
     "bundled": "proposed",
     "finetune": "proposed",
 }
-"""The method that each preset is for; "" for all of them."""
 _NAMES_BEFORE = {"full": "paper", "table": "paper-small", "default": "bundled"}  # 0.17
 
 
