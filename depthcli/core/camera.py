@@ -43,28 +43,19 @@ class CameraSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """A pinhole camera, as far as it is known.
+    """A pinhole camera, as far as it is known."""
 
-    Attributes:
-        focal_px: focal length in pixels, in widths of them; None if it is not known, or only as
-            ``hfov_deg``.
-        hfov_deg: horizontal field of view in degrees, which images of any width share; it counts
-            before ``focal_px``. None if it is not known.
-        centre_px: (cx, cy), the principal point in pixels, where (0, 0) is the middle of the first
-            pixel; None for the middle of the image.
-        size_px: (columns, rows) of the images that these pixels are of; None for the image at hand.
-        pixel_aspect: width by height of a pixel; None for what the image states.
-        source: where the focal length comes from; None if that is not known.
-        is_distorted: whether its lens has a distortion, which a pinhole has not.
-    """
-
-    focal_px: float | None = None
+    focal_px: float | None = None  #: focal length in widths of pixels
+    #: horizontal field of view in degrees, which images of any width share; before ``focal_px``
     hfov_deg: float | None = None
+    #: (cx, cy), principal point in pixels, where (0, 0) is the middle of the first; None for the
+    #: middle of the image
     centre_px: tuple[float, float] | None = None
+    #: (columns, rows) of the images that these pixels are of; None for the image at hand
     size_px: tuple[int, int] | None = None
-    pixel_aspect: float | None = None
-    source: CameraSource | None = None
-    is_distorted: bool = False
+    pixel_aspect: float | None = None  #: width by height of a pixel; None for what the image states
+    source: CameraSource | None = None  #: where the focal length comes from, if that is known
+    is_distorted: bool = False  #: whether its lens has a distortion, which a pinhole has not
 
     def __post_init__(self) -> None:
         focal_px, hfov_deg = self.focal_px, self.hfov_deg

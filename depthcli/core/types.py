@@ -162,50 +162,30 @@ def has_depth(
 # Compared by identity: == of two arrays gives an array.
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One decoded picture, upright.
+    """One decoded picture, upright."""
 
-    Attributes:
-        pixels: (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]. EXIF rotation is
-            already applied and alpha is dropped.
-        path: where it came from; None for stdin or an array.
-        index: its number in the source, 0 for a still picture.
-        timestamp_s: its time in a video, in seconds; None for a still picture.
-        orientation: the EXIF orientation (1-8) that was undone on reading.
-        focal_35mm: EXIF 35-mm-equivalent focal length in millimetres, if the file states one, or
-            the focal length and the sensor's size.
-        focal_mm: EXIF focal length of the lens in millimetres, if the file states one.
-        rate: frames a second of the video that is made of it, or that an EXR states; None for
-            other still pictures.
-        warnings: about its file, one line each.
-        pixel_aspect: width by height of a pixel, which is 1 if it is square; the network sees the
-            picture with square pixels.
-        windows: which part of the image plane the pixels cover, of an EXR; None if they are all of
-            the frame.
-        projection: how directions became its pixels.
-        transparent: (H, W) bool, pixels that are not part of the image, filled with colours around
-            them; None if all are.
-        time_code: SMPTE time code of an EXR or a video's frame: hours, minutes, seconds, frame (0
-            to 29; above 30 frames a second, of a pair of frames), six flags (drop frame, colour
-            frame, second of the pair, three of binary groups) and eight binary groups; None if it
-            has none.
-        view: eye of a stereo EXR, such as ``left``; None if it is not stated.
-    """
-
+    #: (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]; without alpha
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
-    path: Path | None = None
-    index: int = 0
-    timestamp_s: float | None = None
-    orientation: int = 1
+    path: Path | None = None  #: where it came from; None for stdin or an array
+    index: int = 0  #: its number in the source, 0 for a still picture
+    timestamp_s: float | None = None  #: time in a video, in seconds; None for a still picture
+    orientation: int = 1  #: EXIF orientation (1-8) that was undone on reading
+    #: EXIF 35-mm-equivalent focal length in millimetres, as stated or by the sensor's size
     focal_35mm: float | None = None
-    focal_mm: float | None = None
+    focal_mm: float | None = None  #: EXIF focal length of the lens in millimetres, if it is stated
+    #: frames a second of the video that is made of it, or that an EXR states
     rate: Fraction | None = None
-    warnings: tuple[str, ...] = ()
-    pixel_aspect: float = 1.0
-    windows: Windows | None = None
+    warnings: tuple[str, ...] = ()  #: about its file, one line each
+    pixel_aspect: float = 1.0  #: width by height of a pixel; the network sees square ones
+    windows: Windows | None = None  #: what the pixels of an EXR cover; None for all of the frame
+    #: SMPTE time code of an EXR or a video's frame: hours, minutes, seconds, frame (0 to 29; above
+    #: 30 frames a second, of a pair of frames), six flags (drop frame, colour frame, second of the
+    #: pair, three of binary groups) and eight binary groups
     time_code: tuple[int, ...] | None = None
-    projection: Projection = Projection.PINHOLE
+    projection: Projection = Projection.PINHOLE  #: how directions became its pixels
+    #: (H, W), pixels that are not part of the image, filled with colours around them
     transparent: npt.NDArray[np.bool_] | None = None
-    view: str | None = None
+    view: str | None = None  #: eye of a stereo EXR, such as ``left``
 
     def __post_init__(self) -> None:
         check_pixels(self.pixels)
@@ -260,56 +240,35 @@ class Provenance:
     """Where a depth map came from; written into its files, but never needed to decode them.
 
     In a map that was read from a file, what the file does not state is None.
-
-    Attributes:
-        model: name of the model, as in its card.
-        model_sha256: checksum of the ONNX file, 64 hex digits.
-        input_size_px: (width, height) of the network's input tensor.
-        focal_px: focal length in pixels that the metres are for; None if neither the picture's nor
-            the model's is known.
-        orientation: the EXIF orientation (1-8) of the picture that was undone on reading it.
-        anchors: the known points that metres were fitted to; empty if they were not, or if the
-            points are from a map.
-        camera_source: where ``focal_px`` comes from.
-        centre_px: (cx, cy), the principal point in pixels of the map, where (0, 0) is the middle
-            of the first pixel; None for the middle of the map.
-        time_s: time in its video, in seconds from the first frame; None for a still picture.
-        anchor_fit: how well the metres fit known points; None if they were not fitted.
-        pixel_aspect: width by height of a pixel; ``focal_px`` is in widths of pixels.
-        projection: how directions became pixels; in a panorama, metres are along the ray.
-        is_cropped: whether a file stated a focal length for an image of another size, of which this
-            map is no resized one.
     """
 
-    model: str | None = None
-    model_sha256: str | None = None
-    input_size_px: tuple[int, int] | None = None
-    focal_px: float | None = None
-    orientation: int | None = None
-    anchors: tuple[Anchor, ...] = ()
-    camera_source: CameraSource | None = None
+    model: str | None = None  #: name of the model, as in its card
+    model_sha256: str | None = None  #: checksum of the ONNX file, 64 hex digits
+    input_size_px: tuple[int, int] | None = None  #: (width, height) of the network's input tensor
+    focal_px: float | None = None  #: focal length that the metres are for, in widths of pixels
+    orientation: int | None = None  #: EXIF orientation (1-8) of the picture that was undone
+    anchors: tuple[Anchor, ...] = ()  #: listed points that metres were fitted to; none of a map
+    camera_source: CameraSource | None = None  #: where ``focal_px`` comes from
+    #: (cx, cy), principal point in pixels, where (0, 0) is the middle of the first; None for the
+    #: middle of the map
     centre_px: tuple[float, float] | None = None
-    time_s: float | None = None
-    anchor_fit: AnchorFit | None = None
-    pixel_aspect: float = 1.0
+    time_s: float | None = None  #: time in its video, in seconds from the first frame
+    anchor_fit: AnchorFit | None = None  #: how well the metres fit known points, if they were
+    pixel_aspect: float = 1.0  #: width by height of a pixel
+    #: whether a focal length was stated for another size, of which this map is no resized one
     is_cropped: bool = False
-    projection: Projection = Projection.PINHOLE
+    projection: Projection = Projection.PINHOLE  #: in a panorama, metres are along the ray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthMap:
-    """Depth of every pixel of one picture.
+    """Depth of every pixel of one picture."""
 
-    Attributes:
-        values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth; of a
-            file of another program, also infinity, and for metres 0 and below.
-        kind: what the numbers mean.
-        provenance: the model behind them, if any.
-    """
-
+    #: (H, W) float32, metres for ``DepthKind.METRIC``; NaN where there is no depth; of a file of
+    #: another program, also infinity, and for metres 0 and below
     values: npt.NDArray[np.float32]
-    kind: DepthKind = DepthKind.METRIC
-    provenance: Provenance | None = None
+    kind: DepthKind = DepthKind.METRIC  #: what the numbers mean
+    provenance: Provenance | None = None  #: the model behind them, if any
 
     def __post_init__(self) -> None:
         if self.values.ndim != 2 or self.values.dtype != np.float32:  # noqa: PLR2004

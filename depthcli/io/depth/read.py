@@ -60,28 +60,16 @@ AS_STATED = DepthReadOptions()  #: no statement of the user: the file's own coun
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredDepth:
-    """A depth map that was read from a file.
+    """A depth map that was read from a file."""
 
-    Attributes:
-        name: the file.
-        depth: the map, of an EXR over its data window.
-        metadata: metadata of the file and its sidecar, texts by name.
-        scale: of the numbers in the file; None if they are normalized or have no unit.
-        is_integer: whether they are integers.
-        frame: without an image; has the windows, the shape of pixels, the rate and the time code
-            of an EXR.
-        channel: of an EXR, that the depth is read from; None for other files.
-        warnings: one line each.
-    """
-
-    name: str
-    depth: DepthMap
-    metadata: Mapping[str, str]
-    scale: DepthScale | None
-    is_integer: bool
-    frame: Frame
-    channel: str | None = None
-    warnings: tuple[str, ...] = ()
+    name: str  #: the file
+    depth: DepthMap  #: the map, of an EXR over its data window
+    metadata: Mapping[str, str]  #: metadata of the file and its sidecar, texts by name
+    scale: DepthScale | None  #: of the numbers in the file; None if they have no unit
+    is_integer: bool  #: whether they are integers
+    frame: Frame  #: without an image; has windows, shape of pixels, rate and time code of an EXR
+    channel: str | None = None  #: of an EXR, that the depth is read from
+    warnings: tuple[str, ...] = ()  #: one line each
 
     @classmethod
     def of(
