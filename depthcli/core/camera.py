@@ -123,11 +123,11 @@ class Intrinsics:
         own_width, own_height = self.size_px
         # One side may be rounded to whole pixels.
         if abs(width * own_height - height * own_width) >= max(own_width, own_height):
-            raise InputError(
-                f"the calibration is for {own_width}×{own_height} pixels, and the picture of "
-                f"{width}×{height} has another aspect ratio",
-                "give its own focal length and principal point",
+            own = f"{own_width}×{own_height}"
+            told = (
+                f"the calibration is for {own} pixels, another aspect ratio than {width}×{height}"
             )
+            raise InputError(told, "give its own focal length and principal point")
         scale = width / own_width
         x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)
         return x, y

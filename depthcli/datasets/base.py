@@ -153,10 +153,8 @@ def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
         case SplitName.OFFICIAL:
             parts = list(dataset.official_split)
             if not {"train", "test"}.issuperset(parts):
-                raise DatasetError(
-                    "the official split of some pairs is not known",
-                    "give index.csv (id,scene,official_split) with train or test for every pair",
-                )
+                advice = "give index.csv (id,scene,official_split) with train or test for each pair"
+                raise DatasetError("the official split of some pairs is not known", advice)
         case SplitName.VAL:
             seen = [s for s, x in zip(dataset.scenes, labels, strict=True) if x < PAPER_TRAIN_COUNT]
             held_out = held_out_scenes(seen)
@@ -187,10 +185,8 @@ def label_id(dataset_id: str) -> str:
 
 def _label(dataset_id: str) -> int:
     if not is_label(dataset_id):
-        raise DatasetError(
-            f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)",
-            "evaluate pairs of your own with 'depthcli eval pairs'",
-        )
+        told = f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)"
+        raise DatasetError(told, "evaluate pairs of your own with 'depthcli eval pairs'")
     return int(dataset_id)
 
 

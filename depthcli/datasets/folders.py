@@ -93,10 +93,8 @@ def check_unit(
     medians = [float(np.median(d[d > 0])) for d in maps_m if (d > 0).any()]
     typical_m, (low_m, high_m) = float(np.median(medians or [0])), range_m
     if not low_m <= typical_m <= high_m:
-        raise DatasetError(
-            f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m",
-            advice,
-        )
+        told = f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m"
+        raise DatasetError(told, advice)
 
 
 def sample_positions(count: int, at_most: int = 9) -> list[int]:
@@ -162,10 +160,8 @@ class FolderDataset(DepthDataset):
         found = [positive_number(texts.get("focal_px")) for texts in metadata]
         if 0 < found.count(None) < len(found):
             silent = self.pairs[found.index(None)].depth
-            raise DatasetError(
-                f"{silent} states no focal length, but other depth images beside it do",
-                f"add {CAMERAS_NAME} (id,focal_px) with that of each pair",
-            )
+            told = f"{silent} states no focal length, but other depth images beside it do"
+            raise DatasetError(told, f"add {CAMERAS_NAME} (id,focal_px) with that of each pair")
         pairs = zip(self.pairs, found, strict=True)
         return replace(self, pairs=tuple(replace(p, camera=Intrinsics(f)) for p, f in pairs))
 
@@ -236,11 +232,9 @@ def in_view(
     if (height, width) == (rows, columns):
         return depth_m
     if abs(width * rows / (height * columns) - 1) > _SIMILAR_ASPECT:
-        raise DatasetError(
-            f"{pair.image} is {width}×{height} but its depth is {columns}×{rows}, which is another "
-            "view",
-            "register the depth to the image, or add intrinsic_color.txt and intrinsic_depth.txt",
-        )
+        advice = "register the depth to it, or add intrinsic_color.txt and intrinsic_depth.txt"
+        told = f"{pair.image} is {width}×{height}, its depth {columns}×{rows}: another view"
+        raise DatasetError(told, advice)
     resized = cv2.resize(depth_m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return np.asarray(resized, np.float32)
 

@@ -138,8 +138,6 @@ def _training_part(data: TrainingData, split: str) -> DepthDataset:
     else:
         return whole
     if not rows:
-        raise DatasetError(
-            f"no pair here belongs to the training part of the {split} split",
-            "give the complete labelled set, an index.csv with the split, or another data.split",
-        )
+        advice = "give the complete set, an index.csv with the split, or another data.split"
+        raise DatasetError(f"no pair here is in the training part of the {split} split", advice)
     return whole.subset(rows)

@@ -74,11 +74,8 @@ def entry_for(
     """An entry with those of the alignments that suit the predictor's kind of depth."""
     suitable = tuple(a for a in dict.fromkeys(wanted) if a in SUITABLE[predictor.kind])
     if not suitable:
-        raise UsageError(
-            f"{predictor.name} gives {predictor.kind} depth, which is not metric and has to be "
-            "aligned",
-            f"add {{align}} {SUITABLE[predictor.kind][0]}",
-        )
+        told = f"{predictor.name} gives {predictor.kind} depth, which has to be aligned"
+        raise UsageError(told, f"add {{align}} {SUITABLE[predictor.kind][0]}")
     return Entry(predictor, suitable, train_overlap, mark)
 
 
@@ -127,10 +124,8 @@ def evaluate(
     )
     if scored and not any(row.pixel_count for row in scored):
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
-        raise DatasetError(
-            f"no pixel of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m",
-            "check the unit, and the range that counts",
-        )
+        told = f"no pixel of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m"
+        raise DatasetError(told, "check the unit, and the range that counts")
     rest = iter(scored)
     each = [[next(rest) for entry in line.entries for _ in entry.alignments] for line in lines]
     differences: tuple[report.Difference, ...] = ()

@@ -42,10 +42,8 @@ def choose_pictures(
     places = dict(zip(task.ids, task.test, strict=True))
     unknown = [name for name in ids if name not in places]
     if unknown:
-        raise UsageError(
-            f"{unknown[0]} is not among the {len(places)} images that are compared",
-            "take ids of the split's test part",
-        )
+        told = f"{unknown[0]} is not among the {len(places)} images that are compared"
+        raise UsageError(told, "take ids of the split's test part")
     if ids:
         return tuple(places[name] for name in ids)
     by_scene = sorted(task.test, key=lambda i: task.dataset.scenes[i])

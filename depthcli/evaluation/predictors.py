@@ -107,11 +107,8 @@ class FilePredictor(Predictor):
         path = Path(self.name) / f"{sample.id}{self.suffix}"
         stored = _read(path, self.reading, sample)
         if stored.depth.kind is not self.kind:
-            raise DatasetError(
-                f"{path} states {stored.depth.kind} depth, and the first file of its folder "
-                f"{self.kind} depth",
-                "evaluate them in folders of their own",
-            )
+            told = f"{path} states {stored.depth.kind} depth, and the first file {self.kind} depth"
+            raise DatasetError(told, "evaluate them in folders of their own")
         return stored.displayed
 
 

@@ -96,10 +96,8 @@ class EvalProtocol:
         """
         height, width = depth_m.shape
         if self.full_size_px is not None and (width, height) != self.full_size_px:
-            raise DatasetError(
-                f"the depth is {width}×{height} but the protocol needs "
-                f"{_size_text(self.full_size_px)}: give the data set at its full size"
-            )
+            told = f"the depth is {width}×{height}, not {_size_text(self.full_size_px)}"
+            raise DatasetError(told, "give the data set at its full size")
         valid = (depth_m > self.min_m) & (depth_m < self.max_m)
         if raw_depth_m is not None:
             if raw_depth_m.shape != depth_m.shape:

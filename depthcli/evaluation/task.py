@@ -69,10 +69,8 @@ def plan_nyu(
     """The test images of a split, or at most ``limit`` of them, evenly over it."""
     divided = base.split_nyu(dataset, split)
     if not divided.test:
-        raise DatasetError(
-            f"no pair here belongs to the test part of the {split} split",
-            "give the complete labelled set, or another {split}",
-        )
+        told = f"no pair here belongs to the test part of the {split} split"
+        raise DatasetError(told, "give the complete labelled set, or another {split}")
     return EvalTask(dataset, divided, divided.test).subsampled(limit)
 
 
@@ -94,19 +92,15 @@ def plan_runs(
     ``val`` is the pairs that the runs held out.
     """
     if not all(map(base.is_label, dataset.ids)):
-        raise DatasetError(
-            "the data set is not NYU Depth v2",
-            "compare exported models on pairs of your own with 'depthcli eval pairs'",
-        )
+        advice = "compare exported models on pairs of your own with 'depthcli eval pairs'"
+        raise DatasetError("the data set is not NYU Depth v2", advice)
     whole = _held_out(dataset, runs) if split is base.SplitName.VAL else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:
         seen = set(run.nyu_ids).intersection(map(base.label_id, task.ids))
         if seen:
-            raise UsageError(
-                f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test images",
-                "choose another {split}, or omit it",
-            )
+            told = f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test images"
+            raise UsageError(told, "choose another {split}, or omit it")
     return task
 
 
@@ -114,19 +108,15 @@ def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun]) -> EvalTas
     first = runs[0]
     for run in runs:
         if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
-            raise UsageError(
-                f"{first.name} and {run.name} were trained on or hold out different pairs",
-                "compare them separately, or on another {split}",
-            )
+            told = f"{first.name} and {run.name} were trained on or hold out different pairs"
+            raise UsageError(told, "compare them separately, or on another {split}")
     if not first.held_out_ids:
         raise UsageError(f"{first.name} held out no pair", "compare on another {split}")
     places = {name: i for i, name in enumerate(dataset.ids)}
     missing = [i for i in (*first.held_out_ids, *first.train_ids) if i not in places]
     if missing:
-        raise DatasetError(
-            f"{len(missing)} pairs of the runs are not here (first: {missing[0]})",
-            "give the data set that they were trained on",
-        )
+        told = f"{len(missing)} pairs of the runs are not here (first: {missing[0]})"
+        raise DatasetError(told, "give the data set that they were trained on")
     train = tuple(places[i] for i in first.train_ids)
     test = tuple(places[i] for i in first.held_out_ids)
     return EvalTask(
@@ -146,11 +136,8 @@ def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...
         settings, seeds = {run.settings for run in members}, {run.seed for run in members}
         if len(settings) > 1 or len(seeds) < len(members):
             names = ", ".join(run.name for run in members)
-            raise UsageError(
-                f"{names} are not seeds of one configuration with the same data and initial "
-                "weights",
-                "rename their folders",
-            )
+            told = f"{names} are not seeds of one configuration, data and initial weights"
+            raise UsageError(told, "rename their folders")
     return {name: tuple(members) for name, members in groups.items()}
 
 

@@ -38,11 +38,9 @@ def panorama_distance(
     ``predict`` gives metres along the axis, (h, w) float32, of a view of :data:`HFOV_DEG`.
     """
     if abs(frame.width - 2 * frame.height) > 2:  # noqa: PLR2004
-        raise InputError(
-            f"an equirectangular image of {frame.width}×{frame.height} pixels does not show all "
-            "directions, for which it is twice as wide as high",
-            "give {projection} pinhole, or the whole panorama",
-        )
+        size = f"{frame.width}×{frame.height}"
+        told = f"a panorama of all directions is twice as wide as high, not {size}"
+        raise InputError(told, "give {projection} pinhole, or the whole panorama")
     half = math.tan(math.radians(HFOV_DEG) / 2)
     side = min(_MAX_VIEW_PX, max(8, round(frame.width / math.pi * half)))
     width = min(frame.width, round(side * math.pi / half))

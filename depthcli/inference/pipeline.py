@@ -126,11 +126,9 @@ class Pipeline:
         """Depth at the image's size, as the model and the camera give it."""
         coarse = coarse_depth(self.card.output, raw, layout)
         if not np.isfinite(coarse).any():
-            raise ModelError(
-                f"{self.session.model.path} gives no depth for {frame.path or 'an image'}: "
-                "not one number is finite",
-                "use another model, or export it again",
-            )
+            where = frame.path or "an image"
+            told = f"{self.session.model.path} gives not one finite number for {where}"
+            raise ModelError(told, "use another model, or export it again")
         tile_px, radius = tile_width_px(self.card.input, frame, self.detail), 1
         if tile_px is not None:
             from depthcli.inference.tiles import refine  # noqa: PLC0415 - few images need it
@@ -155,16 +153,11 @@ class Pipeline:
         from depthcli.inference.panorama import HFOV_DEG, panorama_distance  # noqa: PLC0415 - rare
 
         if camera.has_focal or camera.centre_px:
-            raise InputError(
-                "an equirectangular image has no focal length and no principal point",
-                "leave them out, or give {projection} pinhole",
-            )
+            told = "an equirectangular image has no focal length and no principal point"
+            raise InputError(told, "leave them out, or give {projection} pinhole")
         if metric_camera(self.card) is None:
-            raise InputError(
-                f"model {self.card.name!r} gives no metres of a known camera, by which the views "
-                "of a panorama are joined",
-                "give another {model}",
-            )
+            told = f"model {self.card.name!r} gives no metres of a known camera for a panorama"
+            raise InputError(told, "give another {model}")
         view, size_px = Intrinsics(hfov_deg=HFOV_DEG), (0, 0)
 
         def predict(one: Frame) -> npt.NDArray[np.float32]:
@@ -254,9 +247,6 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> i
         math.sqrt(spec.width * spec.height * width / (_MAX_CELLS_A_PIXEL * frame.height))
     )
     if chosen < min(finest_px, width):
-        raise InputError(
-            f"tiles of {chosen} pixels have less detail than the network's input, and those of "
-            f"{finest_px} have not",
-            "give a wider {tile}, or leave it out",
-        )
+        told = f"tiles of {chosen} pixels have less detail than the network's input"
+        raise InputError(told, f"give a {{tile}} of {finest_px} or more, or leave it out")
     return chosen if chosen < width else None

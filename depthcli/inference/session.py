@@ -67,10 +67,8 @@ class Session:
         wanted = providers.wanted_providers(provider)
         options = provider_options or {}
         if options and provider in {AUTO, CPU}:
-            raise UsageError(
-                f"provider {provider!r} takes no options",
-                "name one such as cuda with {provider}, or remove {provider_options}",
-            )
+            advice = "name one such as cuda with {provider}, or remove {provider_options}"
+            raise UsageError(f"provider {provider!r} takes no options", advice)
         self.provider_options = dict(options)
         self._session = _start(model, wanted, threads, options)
         self._run_options = ort.RunOptions()
@@ -188,10 +186,8 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
     inputs: list[Any] = session.get_inputs()
     if [(len(one.shape), one.type) for one in inputs] != [(_IMAGE_RANK, "tensor(float)")]:
         listed = one_line(", ".join(f"{one.name} {one.shape} {one.type}" for one in inputs))
-        raise ModelError(
-            f"{model.path} has the inputs {listed or 'none'}; export it with one float32 input of "
-            "(N, C, H, W)"
-        )
+        told = f"{model.path} has the inputs {listed or 'none'}"
+        raise ModelError(told, "export it with one float32 input of (N, C, H, W)")
     first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]
     is_last = spec.layout is TensorLayout.NHWC
@@ -202,10 +198,8 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
             f"{spec.layout.value}; correct input.colour or input.layout in the card"
         )
     if lengths[0] not in {None, 1}:
-        raise ModelError(
-            f"{model.path} takes {lengths[0]} pictures at once; export it with a batch of one, "
-            "or a dynamic one"
-        )
+        told = f"{model.path} takes {lengths[0]} pictures at once"
+        raise ModelError(told, "export it with a batch of one, or a dynamic one")
     return str(first.name), (lengths[0], channels, *lengths[1:])
 
 

@@ -276,14 +276,11 @@ def check_config(config: TrainConfig) -> None:
     needs = [name for name in ("l1", *PAIRED_LOSSES) if getattr(config.loss, name)]
     needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
     if needs and not config.data.paired:
-        raise UsageError(
-            f"loss.{needs[0]} compares with the truth of the same scene: "
-            "remove it or, if the method learns from pairs, set data.paired=true"
-        )
+        told = f"loss.{needs[0]} compares with the truth of the same scene"
+        raise UsageError(told, "remove it or, if the method takes pairs, set data.paired=true")
     loss, gray = config.loss, {"l1", *PAIRED_LOSSES}
     others = any(getattr(loss, name) for name in TERMS if name not in gray)
     others = others or bool(loss.l1 and loss.l1_backward)
     if config.data.channels > 1 and (generator.name != "encoder" or others):
-        raise UsageError(
-            "data.colour=rgb is for generator.name=encoder with loss.l1 and loss.gradient alone"
-        )
+        told = "data.colour=rgb is for generator.name=encoder with loss.l1 and loss.gradient alone"
+        raise UsageError(told)

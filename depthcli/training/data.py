@@ -98,10 +98,8 @@ class PairStore:
 
     def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:
         if not positions:
-            raise DatasetError(
-                "no pair to train on: check the data folder, data.holdout_every and "
-                "data.holdout_offset"
-            )
+            advice = "check the data folder, data.holdout_every and data.holdout_offset"
+            raise DatasetError("no pair to train on", advice)
         size = _stored_size(dataset.image(positions[0]).shape, data)
         shape = (len(positions), 3, size[1], size[0])
         self.rgb = torch.empty(shape, dtype=torch.uint8)
@@ -175,11 +173,9 @@ class Batches:
         self.pseudo_labels = pseudo_labels
         count = round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
         if pseudo_labels and not 0 < count < min(batch_size, len(pseudo_labels) + 1):
-            raise UsageError(
-                f"data.pseudo_label_share={data.pseudo_label_share} of a batch of {batch_size} is "
-                f"{count} of the {len(pseudo_labels)} pseudo labels: it has to be at least 1, less "
-                "than the batch, and not more than there are"
-            )
+            share, have = data.pseudo_label_share, len(pseudo_labels)
+            told = f"data.pseudo_label_share={share} is {count} of {batch_size} pairs of a batch"
+            raise UsageError(told, f"it has to be at least 1, and leave pairs; there are {have}")
         self._pseudo_label_count = count
         self.batch_size = min(batch_size - count, len(store))
         self.steps_per_epoch = len(store) // self.batch_size

@@ -74,11 +74,9 @@ def load_init_weights(
     try:
         generator.load_state_dict(_mean(weights, paths))
     except RuntimeError as error:
-        raise CheckpointError(
-            f"{paths[0]} holds another network ({' '.join(str(error).split()[:60])})",
-            "set generator.* as they were when it was trained, with generator.norm=none for an "
-            "exported float model",
-        ) from error
+        told = f"{paths[0]} holds another network ({' '.join(str(error).split()[:60])})"
+        advice = "set generator.* as it was trained, with norm=none for an exported float model"
+        raise CheckpointError(told, advice) from error
     return replace(
         provenance,
         init_weights=origin,

@@ -83,11 +83,8 @@ class AnchorFiles:
         if not found:
             found = _files(folder, base, picture) or _files(folder, base + _OUTPUT)
             if found and shares_stem:
-                raise InputError(
-                    f"{found[0]} may be the known depth of this or of another image "
-                    f"{safe_name(base)}",
-                    f"name it {safe_name(name)}{found[0].suffix}",
-                )
+                told = f"{found[0]} may be the known depth of this or another {safe_name(base)}"
+                raise InputError(told, f"name it {safe_name(name)}{found[0].suffix}")
         if not found:
             raise InputError(
                 f"{folder} has no known depth for it: {safe_name(base)} with {_ALTERNATIVES}"

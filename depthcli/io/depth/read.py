@@ -267,9 +267,9 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
         if embedded := reader(path, options):
             return embedded  # type: ignore[no-any-return]
     if which is None:
+        advice = "'depthcli predict' and 'depthcli video' estimate the depth of images and videos"
         raise InputError(
-            f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)",
-            "'depthcli predict' and 'depthcli video' estimate the depth of images and videos",
+            f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)", advice
         )
     stored: StoredDepth = reader_of(which)(path, options)
     return stored

@@ -70,10 +70,8 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         values = np.asarray(values, np.float32)  # 0 is a value if there is no unit
     found = stored_depth(path, values, own, options)
     if found.is_integer and found.scale and found.scale.source == "assumed":
-        raise InputError(
-            f"{path} holds {values.dtype}, not float metres",
-            "state its units per metre, 1000 for millimetres",
-        )
+        advice = "state its units per metre, 1000 for millimetres"
+        raise InputError(f"{path} holds {values.dtype}, not float metres", advice)
     return found
 
 

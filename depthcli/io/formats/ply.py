@@ -27,16 +27,12 @@ class PlyWriter:
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one vertex for each pixel with depth; comments in the header have the metadata."""
         if not depth.is_metric:
-            raise OutputError(
-                f"a point cloud needs metres, and {depth.kind} depth has none",
-                "fit it to known depth with {anchors}",
-            )
+            told = f"a point cloud needs metres, and {depth.kind} depth has none"
+            raise OutputError(told, "fit it to known depth with {anchors}")
         source = depth.provenance or Provenance()
         if source.is_cropped:
-            raise OutputError(
-                "the focal length of the depth is for an image of another size",
-                "give {focal_px} or {hfov} of this one",
-            )
+            told = "the focal length of the depth is for an image of another size"
+            raise OutputError(told, "give {focal_px} or {hfov} of this one")
         focal_px = source.focal_px or focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
         points = _points(point_cloud(depth, focal_px, frame))
         known = metadata_texts(depth)

@@ -121,10 +121,8 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
         raise InputError(f"{name} claims {width}×{height} pixels", "the image is empty")
     check_pixel_count(name, width, height, max_pixels)
     if max(width, height) > _MAX_SIDE:
-        raise InputError(
-            f"{name} has {width}×{height} pixels, and no side may be longer than {_MAX_SIDE:,}",
-            "divide it",
-        )
+        told = f"{name} has {width}×{height} pixels, and no side may be longer than {_MAX_SIDE:,}"
+        raise InputError(told, "divide it")
     return CheckedImage(data, name, header, container)
 
 
@@ -376,10 +374,8 @@ def _pixels(image: ArrayLike) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None
     if np.ma.is_masked(image):
         raise InputError("a masked array has pixels without a value; fill them with .filled()")
     if pixels.ndim == 0 or pixels.dtype == object:
-        raise InputError(
-            "an image is a path, bytes, an array, a Frame or a PIL image, "
-            f"not {type(image).__name__}"
-        )
+        told = "an image is a path, bytes, an array, a Frame or a PIL image"
+        raise InputError(f"{told}, not {type(image).__name__}")
     alpha = None
     if pixels.ndim == _COLOUR_RANK and pixels.shape[2] in _ALPHA:
         alpha = pixels[..., -1]

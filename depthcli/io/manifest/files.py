@@ -213,10 +213,8 @@ def row_files(folder: Path, shard: Shard) -> list[Path]:
         if match is None or is_others or not path.exists():
             continue
         if match[4] == "parquet":
-            raise UsageError(
-                f"{path} is a manifest in Parquet, which depthcli 0.15 was the last to read",
-                "move it away to process its inputs again, or choose another {out}",
-            )
+            told = f"{path} is a manifest in Parquet, which depthcli 0.15 was the last to read"
+            raise UsageError(told, "move it away to process its inputs again")
         found.append(path)
     return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 

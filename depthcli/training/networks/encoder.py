@@ -169,9 +169,9 @@ def _in_order(wanted: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
     names = [name for name in wanted if _COUNTERS not in name]
     for name, value in zip(names, tensors, strict=False):
         if wanted[name].shape != value.shape:
+            ours, theirs = tuple(wanted[name].shape), tuple(value.shape)
             raise CheckpointError(
-                f"{path} does not fit the encoder: {name} is {tuple(wanted[name].shape)}, "
-                f"and the file has {tuple(value.shape)}"
+                f"{path} does not fit the encoder: {name} is {ours}, not {theirs}"
             )
     if len(tensors) < len(names):
         raise CheckpointError(f"{path} does not fit the encoder: it lacks {names[len(tensors)]}")
