@@ -124,9 +124,7 @@ class Intrinsics:
         # One side may be rounded to whole pixels.
         if abs(width * own_height - height * own_width) >= max(own_width, own_height):
             own = f"{own_width}×{own_height}"
-            told = (
-                f"the calibration is for {own} pixels, another aspect ratio than {width}×{height}"
-            )
+            told = f"the calibration is for {own} pixels, another aspect than {width}×{height}"
             raise InputError(told, "give its own focal length and principal point")
         scale = width / own_width
         x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)

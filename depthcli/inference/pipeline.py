@@ -114,10 +114,10 @@ class Pipeline:
         ]
         prepared = [prepare(self.card.input, frame) for frame in frames]
         raws = self._run([single for single, _ in prepared])
-        tasks = zip(frames, raws, prepared, own, anchors, strict=True)
+        each = zip(frames, raws, prepared, own, anchors, strict=True)
         return [
             _finished(*self._model_depth(frame, raw, layout, camera), frame, points)
-            for frame, raw, (_, layout), camera, points in tasks
+            for frame, raw, (_, layout), camera, points in each
         ]
 
     def _model_depth(

@@ -267,10 +267,8 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
         if embedded := reader(path, options):
             return embedded  # type: ignore[no-any-return]
     if which is None:
-        advice = "'depthcli predict' and 'depthcli video' estimate the depth of images and videos"
-        raise InputError(
-            f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)", advice
-        )
+        told = f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)"
+        raise InputError(told, "'depthcli predict' and 'depthcli video' estimate depth")
     stored: StoredDepth = reader_of(which)(path, options)
     return stored
 

@@ -24,16 +24,11 @@ class Guard:
     """An existing file is replaced only if depthcli wrote it, or on request; an input never.
 
     A file without content has nothing to lose, and is replaced as well.
-
-    Attributes:
-        is_own: whether depthcli wrote a file that exists; it raises OSError if that cannot be read.
-        inputs: the files that are never replaced, as the file system tells them apart.
-        overwrite: whether files of other programs may be replaced.
     """
 
-    is_own: Callable[[Path], bool]
-    inputs: frozenset[_Identity] = frozenset()
-    overwrite: bool = False
+    is_own: Callable[[Path], bool]  #: whether depthcli wrote a file that exists; may raise OSError
+    inputs: frozenset[_Identity] = frozenset()  #: files that are never replaced
+    overwrite: bool = False  #: whether files of other programs may be replaced
 
     @classmethod
     def of(

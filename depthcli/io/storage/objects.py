@@ -106,7 +106,7 @@ def delete(address: RemotePath) -> None:
 
 
 def list_names(address: RemotePath, after: str = "") -> Iterator[str]:
-    """Names below a folder, in the order of the store, that come after a name."""
+    """Names below a folder, in the order of their bytes, after a name; in constant memory."""
     start = f"{address.key}/" if address.key else ""
     pages: Iterator[Any] | None = None
 

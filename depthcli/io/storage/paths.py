@@ -97,12 +97,9 @@ class RemotePath(Path, PurePosixPath):
 
     ``str`` gives the URI without its password and its query, for messages; no local file has such
     a name.
-
-    Attributes:
-        query: of an HTTP address, such as a signature; paths derived from this one have none.
     """
 
-    query = ""
+    query = ""  #: of an HTTP address, such as a signature; paths derived from this one have none
 
     @property
     def base(self) -> str:
@@ -196,9 +193,7 @@ class RemotePath(Path, PurePosixPath):
 
     def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
         """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes."""
-        if first < 0:
-            return objects.read(self, max_bytes)
-        return objects.read_first(self, first)
+        return objects.read(self, max_bytes) if first < 0 else objects.read_first(self, first)
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
         """Open the content for reading; the mode is ``rb``."""
@@ -211,12 +206,7 @@ class RemotePath(Path, PurePosixPath):
         found = () if self.is_http else self.walk_names()
         return (name for name in found if "/" not in name)
 
-    def walk_names(self, after: str = "") -> Iterator[str]:
-        """Names of all objects below this folder, in the order of their bytes.
-
-        They come page by page, from the one after a name: memory does not grow with their number.
-        """
-        return objects.list_names(self, after)
+    walk_names = objects.list_names
 
 
 def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
