@@ -26,16 +26,14 @@ class Upsampling(StrEnum):
 class Weights(StrEnum):
     """Which weights of a training run make its model."""
 
-    AVERAGED = "averaged"
-    """Their moving average (``optim.ema``); those of the last step if there is no average."""
+    AVERAGED = "averaged"  #: their moving average (``optim.ema``), if there is one
     RAW = "raw"  #: those of the last step
 
 
 class Averaging(StrEnum):
     """Averaging of metrics."""
 
-    IMAGE = "image"
-    """Each metric is computed per image, then averaged: every image has the same weight."""
+    IMAGE = "image"  #: each metric is computed per image, then averaged
     POOLED = "pooled"  #: each metric is computed over the pixels of all images
 
 
@@ -73,10 +71,8 @@ class DepthEncoding(StrEnum):
     METRIC = "metric"  #: depth along the camera axis
     DISTANCE = "distance"  #: distance from the camera, along the ray of each pixel
     RELATIVE = "relative"  #: depth up to an unknown scale and shift; larger is farther
-    INVERSE = "inverse"
-    """1/depth: of metres if the scale is given, else up to an unknown scale and shift."""
-    DISPARITY = "disparity"
-    """Displacement between two rectified images in pixels; needs their baseline."""
+    INVERSE = "inverse"  #: 1/depth: of metres if the scale is given, else up to scale and shift
+    DISPARITY = "disparity"  #: displacement between rectified images in pixels; needs a baseline
 
 
 class Sensor(StrEnum):
@@ -101,8 +97,7 @@ class Mask(StrEnum):
     RAW = "raw"  #: only where the sensor measured: raw depth > 0
 
 
-AUTO_TILE = 0
-"""Tile width that stands for three quarters of the picture's width; see docs/sharpness.md."""
+AUTO_TILE = 0  #: stands for tiles of 3/4 of the picture's width; see docs/sharpness.md
 GPU_BATCH = 8  #: batch size of the network on other providers than the CPU
 MAX_PIXELS = 250_000_000  #: larger pictures are refused, unless another limit is given
 
@@ -147,8 +142,7 @@ class Projection(StrEnum):
     """Mapping of directions to the pixels of an image."""
 
     PINHOLE = "pinhole"  #: straight lines stay straight, as in most photographs
-    EQUIRECTANGULAR = "equirectangular"
-    """Columns are longitudes and rows latitudes: a panorama of all directions."""
+    EQUIRECTANGULAR = "equirectangular"  #: columns are longitudes, rows latitudes: a panorama
 
     @property
     def is_other(self) -> bool:

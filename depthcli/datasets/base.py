@@ -104,8 +104,7 @@ class DepthDataset(ABC):
 
 
 NYU = "NYU Depth v2"
-TRAIN_IDS = "nyu_train_ids"
-"""Field of a card's ``training``: pairs of NYU, as :func:`compact` formats them."""
+TRAIN_IDS = "nyu_train_ids"  #: field of a card's ``training``: pairs of NYU, :func:`compact`
 ALL_PAIRS = "all"  #: name of the split of a data set without one: all of its pairs are test pairs
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000

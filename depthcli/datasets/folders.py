@@ -34,15 +34,12 @@ from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import read_lenses
 
 CAMERAS_NAME = "cameras.csv"  #: ``id,focal_px``: focal length of each image, in its own pixels
-PLAUSIBLE_M = (0.1, 100.0)
-"""Range of the median depth of a data set, outside which its unit is wrong."""
+PLAUSIBLE_M = (0.1, 100.0)  #: range of the median depth of data, outside which its unit is wrong
 _UNIT_ADVICE = (
     "check the unit, which {png_scale} ('eval pairs') or data.units_per_metre ('train') states"
 )
-_SIMILAR_ASPECT = 0.01
-"""Relative difference up to which image and depth of two sizes are of one view."""
-_MOST_OFF_CENTRE = 0.15
-"""Share of the size by which a principal point may be off the middle, if it is of that size."""
+_SIMILAR_ASPECT = 0.01  # relative difference up to which two sizes are of one view
+_MOST_OFF_CENTRE = 0.15  # of the size by which a principal point is off the middle of an image
 
 
 @contextmanager

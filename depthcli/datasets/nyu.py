@@ -97,8 +97,7 @@ def _check_layout(path: Path, file: Any) -> int:  # noqa: ANN401 - h5py has no t
 
 
 INDEX_NAME = "index.csv"
-PLAUSIBLE_M = (0.8, 9.0)
-"""Depth stored in metres × 256 would read as 0.7 m, in metres × 4000 as 11 m."""
+PLAUSIBLE_M = (0.8, 9.0)  #: metres × 256 would read as 0.7 m, metres × 4000 as 11 m
 
 _COLUMNS = ("id", "scene", "official_split")
 

@@ -9,8 +9,7 @@ from depthcli.errors import DatasetError
 from depthcli.io.depth.read import DepthReadOptions
 from depthcli.io.formats.table import MILLIMETRES
 
-NYU_HFOV_DEG = 63.3
-"""Horizontal field of view of NYU Depth v2's camera over the full picture width, degrees."""
+NYU_HFOV_DEG = 63.3  #: horizontal field of view of NYU Depth v2's camera, degrees
 NYU_ASPECT = 4 / 3  #: width over height of NYU Depth v2's pictures
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"

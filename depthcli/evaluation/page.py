@@ -17,8 +17,7 @@ _RUN_METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
 """Columns of the paper's Table I, for training runs; JSON and CSV have all metrics."""
 _TRAINING = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
-_FEW_SCENES = 12
-"""In simulations with fewer, the intervals hold the true difference in less than 90 % of cases."""
+_FEW_SCENES = 12  # with fewer, simulated intervals hold the true difference in less than 90 %
 _TEXT_COLUMNS = 2
 
 

@@ -33,8 +33,7 @@ from depthcli.training.provenance import TrainedRun
 
 SUFFIXES = tuple(f"{middle}{f.facts.file_suffix}" for f in READABLE for middle in ("", ".depth"))
 """Suffixes of predictions in order of precision; those with ``.depth`` are of ``predict``."""
-TRIVIAL_NAMES = ("constant mean", "per-pixel mean")
-"""Names of the rows of :func:`fit_trivial`, in its order."""
+TRIVIAL_NAMES = ("constant mean", "per-pixel mean")  #: of :func:`fit_trivial`, in its order
 
 
 class Sample:

@@ -16,8 +16,7 @@ from depthcli.evaluation.protocol import FULL_SIZE_PX
 from depthcli.models.card import ModelCard
 from depthcli.training.provenance import TrainedRun
 
-TRAIN_SPLIT = "nyu_split"
-"""Field of a third-party model's card: the split whose training scenes it was trained on."""
+TRAIN_SPLIT = "nyu_split"  #: field of a card: the split whose training scenes it was trained on
 _NYU_NAME = re.compile(r"0\d{3}|1[0-4]\d\d")
 _SEED = re.compile(r"-seed\d+$")
 

@@ -26,8 +26,7 @@ PROVIDERS = {  #: name on the command line -> name in onnxruntime
     OPENVINO: "OpenVINOExecutionProvider",
     CPU: "CPUExecutionProvider",
 }
-SLOW_TO_START = "tensorrt"
-"""Builds an engine for minutes before the first picture, so ``auto`` never selects it."""
+SLOW_TO_START = "tensorrt"  #: builds an engine for minutes, so ``auto`` never selects it
 _PACKAGES = {
     "cuda": "onnxruntime-gpu",
     "tensorrt": "onnxruntime-gpu",

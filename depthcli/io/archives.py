@@ -27,8 +27,7 @@ class Member(NamedTuple):
     data: bytes | None  #: None if the row holds no image
 
 
-Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]
-"""Writes the files of one image; none for an image that failed."""
+Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]  #: of one image
 
 
 def holds_images(path: Path, column: str | None = None) -> bool:

@@ -24,8 +24,7 @@ _DISTORTIONS = (  # nodes with a number that is not 0 if there is distortion
     *("fisheye_model", "distortion_parameters"),
 )
 _COEFFICIENTS = re.compile(r"(Camera1?\.)?[kp]\d")
-_LISTS = ("intrinsics", "intrinsic", "calibration")
-"""Nodes with fx, fy, cx and cy; what follows is distortion."""
+_LISTS = ("intrinsics", "intrinsic", "calibration")  # nodes with fx, fy, cx, cy and distortion
 _PREFIXES = ("", "Camera.", "Camera1.")
 _COLMAP_LINE = re.compile(r"\d+\s+[A-Z_]{3,}\s+\d+\s+\d+(\s+\S+)+")
 # Models of COLMAP's src/colmap/sensor/models.h by id; those with one focal length; a count.

@@ -186,8 +186,7 @@ class LossConfig:
 
 _TERM_LOSSES = {f.name: str(f.metadata[_TERM]) for f in fields(LossConfig) if _TERM in f.metadata}
 TERMS = tuple(_TERM_LOSSES)  #: weights of ``LossConfig`` that have a loss term
-PAIRED_LOSSES = {name: loss for name, loss in _TERM_LOSSES.items() if loss}
-"""Those that compare a depth map with its truth, with the function of each loss."""
+PAIRED_LOSSES = {name: loss for name, loss in _TERM_LOSSES.items() if loss}  #: against truth
 
 
 @dataclass(frozen=True, slots=True)

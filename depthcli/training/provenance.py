@@ -15,8 +15,7 @@ from depthcli.errors import CheckpointError, DatasetError
 from depthcli.models.card import ModelCard
 from depthcli.training.config import DataConfig, TrainConfig
 
-PairIds: TypeAlias = dict[str, tuple[str, ...]]
-"""Ids of pairs by data set, as :func:`data_set` names it."""
+PairIds: TypeAlias = dict[str, tuple[str, ...]]  #: ids of pairs by data set
 _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
 
 

@@ -26,15 +26,11 @@ from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
 from depthcli.io.formats.table import MILLIMETRES, READABLE_SUFFIXES, readable_format, reader_of
 from depthcli.io.storage.paths import path_of
 
-_PLAUSIBLE_M = 0.05, 100.0
-"""Medians of depth in files of floats that are taken for metres without a word."""
+_PLAUSIBLE_M = 0.05, 100.0  # medians of floats that are taken for metres without a word
 _FARTHEST = 1e12  # no depth is larger, in any unit
-_BACKGROUND = 1e9
-"""Least number that stands for the sky: Blender writes 1e10, others up to float's largest."""
-_HALF_BACKGROUND = 65504.0
-"""Largest half float, which Blender and Unreal write for the sky in such files."""
-_IMAGES = (".jpg", ".jpeg", ".heic", ".heif", ".hif")
-"""Suffixes of images that phones store depth in."""
+_BACKGROUND = 1e9  # least number that stands for the sky: Blender writes 1e10, others up to 3e38
+_HALF_BACKGROUND = 65504.0  # largest half float, which Blender and Unreal write for the sky
+_IMAGES = (".jpg", ".jpeg", ".heic", ".heif", ".hif")  # that phones store depth in
 METRIC = (DepthEncoding.METRIC, DepthEncoding.DISTANCE, DepthEncoding.DISPARITY)
 """Meanings of numbers that have a unit even if none is stated."""
 

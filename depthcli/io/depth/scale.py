@@ -14,8 +14,7 @@ from depthcli.io.depth.metadata import positive_number
 from depthcli.io.formats.table import MILLIMETRES
 
 UINT16_MAX = 65535
-NORMALIZED = ("normalized", "inverse")
-"""Scales of files whose integers span the range of depth, or of 1/depth."""
+NORMALIZED = ("normalized", "inverse")  #: scales of integers that span the range of (1/)depth
 _UNITS = {1: "m", 100: "cm", MILLIMETRES: "mm"}
 
 

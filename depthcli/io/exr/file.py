@@ -348,8 +348,7 @@ def _depth_rank(name: str) -> tuple[int, int, str]:
     return signs.index(True), _DEPTHS.index(last), name
 
 
-_NOTATIONS = (("r", "g", "b"), ("red", "green", "blue"))
-"""What the channels of a colour image are called, in upper or lower case."""
+_NOTATIONS = (("r", "g", "b"), ("red", "green", "blue"))  # of colours, in any case
 _UNNAMED = ("rgba", "rgb")  # what the layer without a name is called where layers are chosen
 _PICTURES = ("", "rgba", "rgb", "combined", "beauty", "c", "ci", "main", "diffuse", "albedo")
 """Last parts of the names of layers that hold the image, the likeliest first."""

@@ -17,8 +17,7 @@ from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.temporary import temporary_copy
 
 _LINEAR_UP_TO = 0.0031308
-_REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-"""CIE x and y of red, green, blue and white."""
+_REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of R, G, B and white
 _SAME_PRIMARIES = 0.02  # those of Rec. 601 differ by 0.01, which changes no depth
 _BRADFORD = np.array(  # from CIE XYZ to cone responses, in which one white is adapted to another
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]

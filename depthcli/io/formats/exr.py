@@ -22,8 +22,7 @@ from depthcli.io.exr.file import (
 )
 
 _COLOURS = ("G", "B", "RY", "BY")
-_UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")
-"""Layers with depth of Unreal's Movie Render Queue, which is in centimetres."""
+_UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")  # of its Movie Render Queue, in cm
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
 
 MILLIMETRES = 1000.0  #: default units per metre of 16-bit depth
-KEY_PREFIX = "depthcli:"
-"""Start of the names of the texts that depthcli writes into PNG, EXR and PLY files."""
-SOFTWARE_KEY = f"{KEY_PREFIX}software"
-"""Name of a text in every PNG (right after its header) and EXR that depthcli writes."""
+KEY_PREFIX = "depthcli:"  #: start of the names of texts in PNG, EXR and PLY
+SOFTWARE_KEY = f"{KEY_PREFIX}software"  #: a text in every PNG (after its header) and EXR
 LABEL_PREFIX = "DEPTHCLI_"  #: start of the names of the labels in a depth video
 _HEAD_BYTES = 4096
 _DEFAULT_STEM = re.compile(r"(?i)\.(depth|preview)(\.\d+)?$", re.ASCII)

@@ -106,8 +106,7 @@ def _brands(data: bytes) -> set[bytes]:
 _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha
 _WITH_ALPHA = (2, 4)
-_DAMAGE = (EOFError, LookupError, OSError, RuntimeError, SyntaxError, ValueError)
-"""What pillow-heif raises about damaged files."""
+_DAMAGE = (EOFError, LookupError, OSError, RuntimeError, SyntaxError, ValueError)  # of files
 
 
 decode_avif = partial(decode_with_opencv, has_alpha=True)

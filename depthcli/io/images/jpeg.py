@@ -21,8 +21,7 @@ _STANDALONE = frozenset(b"\x01\xd0\xd1\xd2\xd3\xd4\xd5\xd6\xd7")
 _FILLED_MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)  # fill, however long, and the marker
 _MULTI_PICTURE, _MP_ENTRIES, _MP_ENTRY_BYTES, _DISPARITY = b"MPF\0", 0xB002, 16, 0x020002
 _OTHER_EYE = "holds an image for each eye; only the first is used"
-_COLOURS = {1: "GRAY", 4: "CMYK"}
-"""What pixels are decoded to by the number of components; others to RGB."""
+_COLOURS = {1: "GRAY", 4: "CMYK"}  # by the number of components; others are decoded to RGB
 # After such messages of libjpeg pixels are made up. Other warnings are harmless, above all that of
 # extraneous bytes before the end (0xd9), which some cameras write.
 _DATA_LOSS = re.compile(

@@ -92,8 +92,7 @@ def netpbm_header(data: bytes) -> Header:
     return Header(int(found[1]), int(found[2]), white=white)
 
 
-IMAGE_SUFFIXES = (".jpg", ".png", ".tiff", ".webp", ".avif", ".bmp")
-"""One suffix for each format that OpenCV reads and writes."""
+IMAGE_SUFFIXES = (".jpg", ".png", ".tiff", ".webp", ".avif", ".bmp")  #: that OpenCV writes
 # What OpenCV logs about a damaged file is raised as an error, with the name of the file.
 getattr(cv2.utils, "logging", cv2).setLogLevel(0)  # OpenCV 4 has it in cv2 itself
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION

@@ -21,8 +21,7 @@ _TIMEOUT_S = 60
 _PART_BYTES = 8 << 20
 _PARTIAL, _RANGE_ERROR = 206, 416
 _TRANSIENT = frozenset((429, 500, 502, 503, 504))
-ERRORS = (HTTPException, OSError, ValueError)
-"""What requests raise; OSError without a number is that of an answer or a connection."""
+ERRORS = (HTTPException, OSError, ValueError)  #: of requests; OSError has no number
 _SAFE = "%/:=&?~+!$,;'@()*[]"
 
 
