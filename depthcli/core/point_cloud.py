@@ -23,7 +23,6 @@ class PointCloud:
     def __array__(
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
-        """The coordinates; NumPy calls this."""
         return np.array(self.xyz_m, dtype, copy=copy)
 
     def __repr__(self) -> str:

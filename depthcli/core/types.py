@@ -304,7 +304,6 @@ class DepthMap:
     def __array__(
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
-        """The values; NumPy calls this, so a map can be used wherever an array can."""
         return np.array(self.values, dtype, copy=copy)
 
     def __repr__(self) -> str:

@@ -306,7 +306,6 @@ class _ImageSums(NamedTuple):
 def _row_of(
     entry: Entry, alignment: Alignment, averaging: Averaging, scored: Mapping[str, _ImageSums]
 ) -> report.ReportRow:
-    """The row of an entry, of its scored images by id."""
     predictor, images = entry.predictor, scored.values()
     model = predictor.pipeline.session.model if isinstance(predictor, ModelPredictor) else None
     boundaries = [image.boundary for image in images if image.boundary is not None]

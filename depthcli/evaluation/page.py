@@ -157,7 +157,6 @@ def _signed(value: float, mark: str = " ") -> str:
 
 
 def _model_checksums(rows: Sequence[ReportRow]) -> list[str]:
-    """Name and checksum of each model of a table."""
     models = (model for row in rows for model in row.seeds or (row,))
     named = (f"{row.name} sha256 {row.model_sha256}" for row in models if row.model_sha256)
     return list(dict.fromkeys(map(one_line, named)))

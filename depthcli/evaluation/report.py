@@ -187,7 +187,6 @@ class EvalReport:
         return text.getvalue()
 
     def _cells(self, row: ReportRow) -> Iterator[tuple[str, object]]:
-        """(column, value) of a row in CSV."""
         split = SplitName.PAPER if row.source is Source.PUBLISHED else self.split
         yield from (("name", row.name), ("source", row.source), ("align", row.alignment))
         yield from (("dataset", self.dataset), ("split", split), ("images", row.image_count))

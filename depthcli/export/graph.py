@@ -161,8 +161,6 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.fl
 
 
 class _CalibrationReader(CalibrationDataReader):  # type: ignore[misc]
-    """Inputs for onnxruntime, one by one."""
-
     def __init__(self, feeds: list[dict[str, npt.NDArray[np.float32]]]) -> None:
         self._feeds = iter(feeds)
 

@@ -62,7 +62,6 @@ class Session:
         threads: int | None = None,
         provider_options: Mapping[str, str] | None = None,
     ) -> None:
-        """Load a model, as :class:`~depthcli.inference.loading.SessionLoader` does."""
         self.model = model
         wanted = providers.wanted_providers(provider)
         options = provider_options or {}

@@ -124,7 +124,6 @@ def _camera_in(path: Path, *, rectified: bool) -> _Camera:
 
 
 def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera:
-    """The camera of a file of names and values."""
     tree = _unwrapped(tree, path)
     size_px = _size_px(tree)
     projections = (*(_PROJECTIONS if rectified else ()), "P2", "P_rect_02")  # KITTI is rectified

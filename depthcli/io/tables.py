@@ -44,7 +44,6 @@ class CsvTable:
     """
 
     def __init__(self, data: bytes, name: str) -> None:
-        """Read the first line."""
         text = StringIO(data.decode("utf-8-sig", "surrogateescape"), newline="")
         self._name, self._lines = name, csv.reader(text, strict=True, skipinitialspace=True)
         self.columns = [word.strip() for word in next(self._cells(), [])]

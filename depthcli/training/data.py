@@ -51,7 +51,6 @@ def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray
 def _nearest_valid(
     depth_m: npt.NDArray[np.float32], valid_mask: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.float32]:
-    """Fill invalid pixels with the value of the nearest valid one."""
     if valid_mask.all():
         return depth_m
     _, labels = cv2.distanceTransformWithLabels(
@@ -220,7 +219,6 @@ class Batches:
 
 
 def _concatenated(views: Views, more: Views) -> TrainingBatch:
-    """One batch of the training pairs and the pseudo labels."""
     masks = [
         torch.ones_like(one.depth_m, dtype=torch.bool) if one.valid_mask is None else one.valid_mask
         for one in (views, more)

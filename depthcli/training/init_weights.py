@@ -90,7 +90,6 @@ def _is_encoder_file(path: Path) -> bool:
 
 
 def _origin(paths: Sequence[Path]) -> str:
-    """Names and the first 16 digits of SHA-256 of the files whose mean a run starts from."""
     if HUB in paths:
         return str(HUB)
     digests = [hashlib.sha256(path.read_bytes()).hexdigest()[:_HASH_LENGTH] for path in paths]

@@ -323,7 +323,6 @@ def fit(
 def _end_epoch(
     run: Run, validation: callbacks.Validation | None, folder: Path, losses: dict[str, float]
 ) -> None:
-    """Count an epoch, validate if it is due, and log it."""
     run.check_weights()
     epoch = run.state.epoch + 1
     run.state = replace(run.state, epoch=epoch)

@@ -148,7 +148,6 @@ def _own_depth(image: Path, camera: Intrinsics) -> AnchorPoints:
 
 
 def _table(data: bytes, name: str) -> AnchorPoints:
-    """The points of a CSV table with the columns x, y and depth_m."""
     table = CsvTable(data, name)
     for column in _COLUMNS:
         if column not in table.columns:

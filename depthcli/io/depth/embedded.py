@@ -80,7 +80,6 @@ def _auxiliary(data: bytes, name: str) -> Found | None:
 
 
 def _of_jpeg(data: bytes, name: str) -> Found | None:
-    """Depth in the XMP of a JPEG."""
     bodies = [body for _, body in segments(data)]
     first = b"".join(body[len(_XMP) :] for body in bodies if body.startswith(_XMP))
     more = sorted(body[_MORE_HEAD_BYTES:] for body in bodies if body.startswith(_MORE_XMP))

@@ -220,7 +220,6 @@ def _number_list(text: str | None) -> list[float | None]:
 
 
 def _centre_px(text: str | None) -> tuple[float, float] | None:
-    """A principal point from an untrusted file; None for anything else."""
     match _number_list(text):
         case [float(x), float(y)]:
             return x, y
@@ -228,7 +227,6 @@ def _centre_px(text: str | None) -> tuple[float, float] | None:
 
 
 def _size_px(text: str | None) -> tuple[int, int] | None:
-    """A size in whole pixels from an untrusted file; None for anything else."""
     match _number_list(text):
         case [float(width), float(height)] if width >= 1 and height >= 1:
             return int(width), int(height)
@@ -236,7 +234,6 @@ def _size_px(text: str | None) -> tuple[int, int] | None:
 
 
 def _anchor_fit(text: str | None) -> AnchorFit | None:
-    """A fit to known points from an untrusted file; None for anything else."""
     match _number_list(text):
         case [float(used), float(given), float(residual_m)] if (
             1 <= used <= given and residual_m >= 0

@@ -399,7 +399,6 @@ def _coloured_layers(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 def _channels_of(
     file: str, names: Sequence[str], coloured: Mapping[str, tuple[str, ...]], layer: str
 ) -> tuple[str, ...]:
-    """R, G and B, or Y, of a layer by its name."""
     grays = [name for name in names if last_part(name) == "Y" and not is_of_vectors(name, names)]
     channels = {**{layer_of(gray): (gray,) for gray in grays}, **coloured}
     return _of_layer(file, layer, channels, "R, G and B, or Y")

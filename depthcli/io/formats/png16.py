@@ -106,7 +106,6 @@ def read_metadata(path: Path) -> Mapping[str, str]:
 
 
 def _own_texts(data: bytes) -> dict[str, str]:
-    """The metadata of depthcli in a PNG, or in the comments of a PGM."""
     if data.startswith(SIGNATURE):
         return own_metadata(read_text(data))
     found = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])

@@ -36,7 +36,6 @@ class PreviewWriter:
     side_by_side: bool = False  #: put the picture at the left
 
     def __post_init__(self) -> None:
-        """Check the limits."""
         if math.isnan(self.vmin or 0) or math.isnan(self.vmax or 0):
             raise UsageError("vmin and vmax have to be numbers, not nan")
         if self.vmin is not None and self.vmax is not None and self.vmin > self.vmax:

@@ -173,7 +173,6 @@ def _describes(
 
 
 def _has_range(fields: Mapping[str, object], values: npt.NDArray[np.float32]) -> bool:
-    """Whether the least and the largest depth are those that a sidecar states."""
     known = values[has_depth(values, kind_named(_text(fields.get("kind"))))]
     low, high = (number(_text(fields.get(name))) for name in ("min", "max"))
     if low is None or high is None or not known.size:

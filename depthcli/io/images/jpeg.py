@@ -83,7 +83,6 @@ def _rgb_of_inverted_cmyk(cmyk: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 
 def _frame(data: bytes) -> tuple[int, int, int]:
-    """Width, height and number of components."""
     for marker, body in segments(data):
         if marker in _FRAMES:
             height, width, components = struct.unpack_from(">HHB", body, 1)

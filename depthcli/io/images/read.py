@@ -149,7 +149,6 @@ def _container_of(data: bytes) -> _Container | None:
 
 
 def _no_image(data: bytes, name: str) -> InputError:
-    """Message for a file of another kind."""
     if data.startswith(EXR_MAGIC):  # here, where only other formats are decoded
         return InputError(f"{name} is an EXR", "end its name in .exr, or save it as PNG or TIFF")
     advice = "'depthcli video' reads videos" if is_video(name) else ""

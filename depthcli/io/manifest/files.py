@@ -235,7 +235,6 @@ class RowFile:
     """A file of rows as JSON, one a line; other lines are passed over."""
 
     def __init__(self, path: Path, end: int | None = None) -> None:
-        """Open a file for reading, and with a second handle of it for appending."""
         self.path = path
         size = regular_size(path)
         self._file = path.open("rb")
@@ -284,7 +283,6 @@ class RowsFolder:
     """
 
     def __init__(self, out: Path) -> None:
-        """Download the rows of a remote folder."""
         self.path = out
         self._lock, self._uploaded_s = threading.Lock(), time.monotonic()
         self._exit_stack = ExitStack()

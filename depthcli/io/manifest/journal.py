@@ -68,7 +68,6 @@ class Rows:
             return None if place is None else self._at(place)
 
     def __iter__(self) -> Iterator[ManifestRow]:
-        """All rows, in the order of the files."""
         query = "SELECT source, position FROM rows ORDER BY 1, 2"
         return filter(None, map(self._at, self._database.execute(query)))
 

@@ -58,7 +58,6 @@ class Guard:
         return replace(self, overwrite=True)
 
     def _is_foreign(self, path: Path) -> bool:
-        """Whether there is a file that depthcli did not write."""
         is_remote = isinstance(path, RemotePath)
         try:
             if (not is_remote and not path.stat().st_size) or self.is_own(path):

@@ -134,7 +134,6 @@ def masked(text: str) -> str:
 
 
 def _send_request(verb: str, address: RemotePath, *words: Any, **options: Any) -> Any:  # noqa: ANN401
-    """Make a request."""
     return _with_retries(
         address,
         lambda: getattr(_library(address), verb)(
@@ -157,14 +156,12 @@ def _with_retries(address: RemotePath, request: Callable[[], Any]) -> Any:  # no
 
 
 def _pause(tries: int) -> None:
-    """Wait before a request is repeated."""
     from random import uniform  # noqa: PLC0415 - little used, and slow to load
 
     time.sleep(uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
 
 
 def _retries() -> int:
-    """Number of retries of a request."""
     word = os.environ.get(RETRIES_VARIABLE, "10")
     if not word.isdecimal():
         raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number such as 10")

@@ -32,7 +32,6 @@ class Proposed(CycleGan):
     def _terms(
         self, batch: TrainingBatch, y: Tensor, outputs: GeneratorOutputs
     ) -> dict[str, Tensor]:
-        """Weighted terms of eq. 7."""
         x, valid_mask, penalty = batch.network_input, batch.valid_mask, self.weights.weight_penalty
         raw_y = self._correct_pseudo_label_scale(outputs.raw_y, y, batch)
         terms = self._paired_terms(raw_y, y, valid_mask) | super()._terms(batch, y, outputs)
