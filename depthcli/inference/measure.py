@@ -38,14 +38,18 @@ def measure_latencies(actions: Sequence[Callable[[], object]], seconds: float) -
             action()
             end_s = time.perf_counter() + seconds / _ROUNDS
             while len(runs_ms) < turn * _MIN_RUNS / _ROUNDS or time.perf_counter() < end_s:
-                started_s = time.perf_counter()
-                action()
-                runs_ms.append(1e3 * (time.perf_counter() - started_s))
+                runs_ms.append(1e3 * _elapsed_s(action))
     found = []
     for runs_ms in times_ms:
         low, median, high = statistics.quantiles(runs_ms, n=4)
         found.append(Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms)))
     return found
+
+
+def _elapsed_s(action: Callable[[], object]) -> float:
+    started_s = time.perf_counter()
+    action()
+    return time.perf_counter() - started_s
 
 
 def network_run(pipeline: Pipeline) -> Callable[[], object]:
