@@ -1,6 +1,7 @@
 """Progress reports of long-running work."""
 
 import contextlib
+import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -28,6 +29,18 @@ class _NoProgress:
 
 
 NO_PROGRESS: Progress = _NoProgress()
+
+
+def begin_bytes(progress: Progress, what: str, size: int) -> Callable[[int], None]:
+    """Begin a stage that is shown in megabytes; the result is called with numbers of bytes."""
+    show, done = progress.begin(what, math.ceil(size / 1e6), "MB"), 0
+
+    def advance(count: int) -> None:
+        nonlocal done
+        show(math.ceil((done + count) / 1e6) - math.ceil(done / 1e6))
+        done += count
+
+    return advance
 
 
 Handler = Callable[[int, FrameType | None], object] | int | None

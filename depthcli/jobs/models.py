@@ -1,22 +1,33 @@
 """Adding models to the user's folder."""
 
+import errno
 import hashlib
 import json
+import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import DepthcliError, InputError, ModelError, UsageError
+from depthcli.errors import DepthcliError, InputError, ModelError, OutputError, UsageError
 from depthcli.inference.measure import try_other_size, try_session
 from depthcli.inference.session import Session
 from depthcli.io.storage.atomic import replace_folder, workspace
-from depthcli.io.storage.paths import local_copy, path_of, safe_name
+from depthcli.io.storage.paths import (
+    RemotePath,
+    download_rest,
+    errors_about,
+    local_copy,
+    path_of,
+    safe_name,
+)
+from depthcli.io.storage.temporary import open_locked
 from depthcli.models import catalog, onnx_file
-from depthcli.models.card import METADATA_KEY, ModelCard, fit_to_graph
+from depthcli.models.card import METADATA_KEY, ModelCard, WeightsSpec, fit_to_graph
 from depthcli.models.catalog import Model, ModelLocation, file_of_card, find_model, location_at
 
 _NAME = re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -157,6 +168,108 @@ def add_model(
         raise ModelError(str(error)) from error
 
 
+class PublishedModel(NamedTuple):
+    """A card whose ONNX file can be downloaded."""
+
+    source: str  #: name of the ready card, or its file
+    card: ModelCard  #: with placeholders for opset and IR version
+    weights: WeightsSpec  #: those of the card
+    url: RemotePath  #: of the ONNX file
+
+
+def published_model(name: str) -> PublishedModel | None:
+    """The model that the name of a ready card, or a ``.json`` file, stands for; None if neither.
+
+    Raises:
+        UsageError: the card states no address of an ONNX file.
+        ModelError: it is not a card.
+    """
+    if name not in catalog.ready_names() and not name.endswith(".json"):
+        return None
+    draft = _named_draft(name)
+    fields = {"onnx": catalog.NO_FILE_YET} | draft.fields
+    card = ModelCard.from_json(json.dumps(fields), where=draft.where)
+    url = path_of(card.weights.url or "") if card.weights else None
+    if card.weights is None or not isinstance(url, RemotePath):
+        raise UsageError(
+            f"{draft.where} states no address of an ONNX file", catalog.how_to_add(card, name)
+        )
+    return PublishedModel(name, card, card.weights, url)
+
+
+def add_published(
+    model: PublishedModel,
+    *,
+    name: str | None = None,
+    force: bool = False,
+    sha256: str | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> Model:
+    """Download a model and add it.
+
+    If its checksum is known, a download that was interrupted goes on where it stopped.
+
+    Args:
+        model: of :func:`published_model`.
+        name: name for ``--model``; None for the card's own name.
+        force: replace a model of this name, or override a bundled one.
+        sha256: checksum that the file must have; None for the published one, if there is one.
+        progress: advanced by downloaded megabytes.
+
+    Raises:
+        UsageError: as :func:`add_model`.
+        ModelError: the file cannot be downloaded, has another checksum, or fails to run.
+        OutputError: the folder cannot be written.
+    """
+    name = valid_name(name or model.card.name)
+    folder_to_add(name, force=force)
+    sha256 = sha256 or model.weights.sha256
+    part = catalog.user_root() / f".{name}.part"
+    with _locked_file(part) as file, errors_about(model.url, part):
+        if sha256 is None:  # the part may be that of another file
+            file.truncate(0)
+        _download(model, file, progress)
+        try:
+            added = _install(part, model.source, name=name, force=force, sha256=sha256)
+        except ModelError:
+            file.truncate(0)
+            raise
+    part.unlink()
+    return added
+
+
+@contextmanager
+def _locked_file(path: Path) -> Iterator[BinaryIO]:
+    """A file that only this process appends to."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = open_locked(path)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+    if handle is None:
+        raise UsageError(f"another process writes {path}; wait for its end")
+    with os.fdopen(handle, "r+b") as file:
+        yield file
+
+
+def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None:
+    """Append what a file lacks of the model's."""
+    size = model.weights.size_bytes
+    if size is not None and file.seek(0, os.SEEK_END) >= size:
+        return
+    try:
+        download_rest(model.url, file, progress, max_bytes=catalog.MAX_BYTES)
+        file.flush()
+    except OSError as error:
+        if error.errno == errno.ERANGE:  # it is complete, or else its checksum is wrong
+            return
+        raise ModelError(
+            f"{model.url} cannot be downloaded: {error.strerror}",
+            "try again to go on where it stopped, or download it elsewhere and run: depthcli "
+            f"models add FILE {{card}} {model.source}",
+        ) from error
+
+
 def _install(
     path: Path, card: str | None, *, name: str | None, force: bool, sha256: str | None
 ) -> Model:
@@ -206,6 +319,10 @@ def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
             )
         where = f"card inside {path}"
         return CardDraft(_json_object(embedded, where), where, is_ready=False)
+    return _named_draft(card)
+
+
+def _named_draft(card: str) -> CardDraft:
     if card.endswith(".json") or path_of(card).is_file():
         fields = _json_object(catalog.read_card(path_of(card)), safe_name(card))
         return CardDraft(fields, card, is_ready=False)

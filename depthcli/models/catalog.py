@@ -16,7 +16,7 @@ from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
 
 FOLDER = Path(__file__).parent / "cards"
-_NO_FILE_YET = {"opset": 1, "ir": 1}
+NO_FILE_YET = {"opset": 1, "ir": 1}
 
 
 def ready_names() -> tuple[str, ...]:
@@ -36,8 +36,21 @@ def ready_fields(name: str) -> dict[str, Any]:
 
 def ready_card(name: str) -> ModelCard:
     """A ready card, with placeholders for opset and IR version."""
-    fields = ready_fields(name) | {"onnx": _NO_FILE_YET}
+    fields = ready_fields(name) | {"onnx": NO_FILE_YET}
     return ModelCard.from_json(json.dumps(fields), where=f"card {name}")
+
+
+def how_to_add(card: ModelCard, name: str) -> str:
+    """Advice on adding the weights of a card, which has this name or is this file."""
+    weights = card.weights
+    if weights is None:
+        return f"download its weights, and run: depthcli models add FILE {{card}} {name}"
+    if weights.url is not None:
+        return f"download its weights ({weights.url}) with: depthcli models add {name}"
+    return (
+        f"get its weights from {weights.page} and export them ('depthcli models cards {name}'), "
+        f"then run: depthcli models add FILE {{card}} {name}"
+    )
 
 
 DEFAULT_MODEL = "default"
@@ -81,7 +94,7 @@ def find_location(name_or_path: str | os.PathLike[str] | None = None) -> ModelLo
         )
     advice = "see 'depthcli models list', or give a path"
     if name in ready_names():
-        advice = f"it is a ready card: add its weights with 'depthcli models add', {{card}} {name}"
+        advice = f"it is a ready card; {how_to_add(ready_card(name), name)}"
     raise ModelError(f"no model named {name!r}", advice)
 
 

@@ -404,10 +404,11 @@ def test_credentials_are_those_of_the_usual_chain(
 
 
 def test_a_copy_is_of_a_size_and_is_told_of(bucket: Bucket) -> None:
-    path, watched = remote(bucket.put("a.bin", b"12345")), Watched()
-    with local_copy(path, watched, max_bytes=5) as copy:
-        assert copy.read_bytes() == b"12345"
-    assert (watched.begun, watched.counts) == ([("a.bin", 5, "bytes")], [[5]])
+    data = bytes(2_500_000)
+    path, watched = remote(bucket.put("a.bin", data)), Watched()
+    with local_copy(path, watched, max_bytes=len(data)) as copy:
+        assert copy.read_bytes() == data
+    assert (watched.begun, sum(watched.counts[0])) == ([("a.bin", 3, "MB")], 3)
     with pytest.raises(InputError), local_copy(path, max_bytes=4):
         pass
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,7 +15,8 @@ from depthcli.core.options import one_line
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
-    from depthcli.models.card import ModelCard
+    from depthcli.jobs.models import PublishedModel
+    from depthcli.models.card import ModelCard, WeightsSpec
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -34,7 +36,11 @@ _Name = Annotated[
 @app.command("add")
 def add_model_file(
     file: str = typer.Argument(
-        ..., metavar="FILE", help="ONNX file with embedded weights, or its URL."
+        ...,
+        metavar="FILE",
+        autocompletion=completion.cards,
+        help="ONNX file with embedded weights, or its URL. Or the name of a ready card, or a "
+        "card.json, that says where to download it.",
     ),
     card: str | None = typer.Option(
         None,
@@ -63,18 +69,24 @@ def add_model_file(
     """
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import is_remote, path_of
-    from depthcli.jobs.models import add_model
+    from depthcli.jobs.models import add_model, add_published, published_model
     from depthcli.models.card import check_command, preprocessing_check
     from depthcli.models.catalog import location_at
 
-    beside = None if card or is_remote(file) else location_at(path_of(file))
+    published = published_model(file) if card is None else None
+    if published and not (as_json or quiet):
+        console.note(download_text(published))
+    beside = None if card or published or is_remote(file) else location_at(path_of(file))
+    add = (
+        partial(add_published, published) if published else partial(add_model, path_of(file), card)
+    )
     with show_progress(silent=as_json or quiet) as progress:
-        model = add_model(
-            path_of(file), card, name=name, force=force, sha256=sha256, progress=progress
-        )
+        model = add(name=name, force=force, sha256=sha256, progress=progress)
     name, folder, check = model.card.name, model.path.parent, preprocessing_check(model.card)
     if as_json:
         added: dict[str, object] = {"name": name, "path": str(folder), "sha256": model.sha256}
+        added |= {"license": model.card.license}
+        added |= {"url": str(published.url)} if published else {}
         if check is not None:
             stated = {"run_with_weights": check.run_with_weights, "verified": check.verified}
             added["preprocessing"] = stated | {"check": check_command(model.card)}
@@ -83,9 +95,10 @@ def add_model_file(
     if quiet:
         return ExitCode.OK
     console.report(one_line(f"{name}: {output_text(model.card)}, in {folder}"))
+    console.note(one_line(f"{metres_text(model.card)}; licence {model.card.license}"))
     if beside and beside.card:
         console.note(one_line(f"with the card {beside.card}"))
-    if is_remote(file) and sha256 is None:
+    if sha256 is None and (is_remote(file) or (published and published.weights.sha256 is None)):
         console.note(f"to get exactly this file again: --sha256 {model.sha256}")
     if check is not None and not check.run_with_weights:
         console.warn(
@@ -115,28 +128,89 @@ def remove_models(
 
 
 @app.command("cards")
-def list_cards(as_json: JsonOption = False) -> int:
-    """List ready cards for well-known models to download."""
+def list_cards(
+    names: list[str] | None = typer.Argument(
+        None,
+        metavar="[CARD...]",
+        autocompletion=completion.cards,
+        help="Show everything about these cards. Default: the list of all.",
+    ),
+    as_json: JsonOption = False,
+) -> int:
+    """List ready cards for well-known models, and where their weights are."""
     from depthcli.models.card import preprocessing_check
     from depthcli.models.catalog import ready_card, ready_names
 
     rows = []
-    for name, card in ((name, ready_card(name)) for name in ready_names()):
+    for name, card in [(name, ready_card(name)) for name in names or ready_names()]:
         check = preprocessing_check(card)
         was_run = "yes" if check and check.run_with_weights else "no"
-        rows.append((name, output_text(card), card.license, was_run, card.summary))
+        page = card.weights.page if card.weights else ""
+        rows.append((name, output_text(card), card.license, was_run, page, card.summary))
         if as_json:
-            facts = {"license": card.license, "summary": card.summary, **card.training}
-            console.out_json({"name": name, "kind": card.output.kind.value, **facts})
-    if as_json:
+            console.out_json(card_facts(card))
+        elif names:
+            console.out(card_text(card))
+    if as_json or names:
         return ExitCode.OK
-    console.print_table(("card", "output", "license", "run with real weights", "summary"), rows)
+    headings = ("card", "output", "license", "run with real weights", "weights", "summary")
+    console.print_table(headings, rows)
+    console.note("what a card says about its weights: depthcli models cards CARD")
     console.note(
         "a card that was never run with real weights may preprocess images incorrectly; check it "
         "against known depth: depthcli eval nyu --data NYU --split val --limit 20 --model NAME, "
         "with --align disparity for inverse depth"
     )
     return ExitCode.OK
+
+
+def card_facts(card: ModelCard) -> dict[str, object]:
+    """A ready card for machines."""
+    stated = json.loads(card.to_json()).get("weights", {})
+    facts = {"license": card.license, "summary": card.summary, "weights": stated, **card.training}
+    return {"name": card.name, "kind": card.output.kind.value, **facts}
+
+
+def card_text(card: ModelCard) -> str:
+    """Everything about a ready card that somebody needs who adds its weights."""
+    from depthcli.models.card import preprocessing_check
+
+    weights, check = card.weights, preprocessing_check(card)
+    lines = [card.name, card.summary, f"{output_text(card)}; {metres_text(card)}"]
+    lines.append(f"licence of the weights: {card.license}")
+    if weights:
+        lines.append(f"weights: {weights.page}")
+    if weights and weights.url:
+        sum_ = f", sha256 {weights.sha256}" if weights.sha256 else ""
+        lines.append(f"ONNX file: {weights.url}{size_text(weights, ', ')}{sum_}")
+        lines.append(f"to add it: depthcli models add {card.name}")
+    if weights and weights.export:
+        lines.append(f"to export it: {weights.export}")
+    if check:
+        lines.append(f"verified: {check.verified}")
+    return "\n  ".join(one_line(line) for line in lines)
+
+
+def download_text(model: PublishedModel) -> str:
+    """Address, size and licence of a model that is going to be downloaded."""
+    size = size_text(model.weights) or "of unknown size"
+    return one_line(f"{model.url}, {size}, licence {model.card.license}")
+
+
+def size_text(weights: WeightsSpec, before: str = "") -> str:
+    """Size of a published file; empty if it is not known."""
+    size = weights.size_bytes
+    return "" if size is None else f"{before}{size / 1e6:.1f} MB"
+
+
+def metres_text(card: ModelCard) -> str:
+    """The facts that a model needs for metres, as text."""
+    if card.output.kind != "metric":
+        return "metres need known points (--anchor, --anchors)"
+    if card.camera is None:
+        return "metres need no focal length"
+    hfov = f"{card.camera.hfov_deg:g}°"
+    return f"metres follow the focal length (--focal-px, --hfov, EXIF), without one that of {hfov}"
 
 
 def output_text(card: ModelCard) -> str:

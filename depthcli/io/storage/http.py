@@ -50,22 +50,31 @@ def head(url: str) -> tuple[int, int]:
         return _size(answer), int(parsedate_to_datetime(stated).timestamp()) if stated else 0
 
 
-def fetch(url: str, retries: int, pause: Callable[[int], None]) -> tuple[int, Iterator[bytes]]:
-    """Size of a file, and its content, a few megabytes at a time; resumed where it is cut off."""
-    answer = _retried(lambda: _opened(url), retries, pause)
-    size, tag = _size(answer), answer.headers.get("ETag", "")
+def fetch(
+    url: str, retries: int, pause: Callable[[int], None], start: int = 0
+) -> tuple[int, Iterator[bytes]]:
+    """Size of a file, and its content from a byte on; resumed where it is cut off.
+
+    The content comes a few megabytes at a time.
+    """
+    asked = {"Range": f"bytes={start}-"} if start else None
+    answer = _retried(lambda: _opened(url, asked), retries, pause)
+    first = start if answer.status == _PARTIAL else 0
+    size, tag = first + _size(answer), answer.headers.get("ETag", "")
 
     def parts() -> Iterator[bytes]:
-        source, done, tries = answer, 0, 0
+        source, done, tries = answer, first, 0
         while done < size:
             part = b""
             try:
                 part = source.read(min(_PART_BYTES, size - done))
             except (HTTPException, OSError):
                 source.close()
+            new = part[max(0, start - done) :]  # a server without ranges sends all of it
             done += len(part)
+            if new:
+                yield new
             if part:
-                yield part
                 continue
             if tries == retries:
                 raise OSError(errno.EIO, "it is cut off; try again later")

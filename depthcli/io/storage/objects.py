@@ -58,13 +58,19 @@ def head(address: RemotePath) -> tuple[int, int, Mapping[str, str]]:
     return found.meta["size"], time_s, dict(found.attributes)
 
 
-def fetch(address: RemotePath, max_bytes: int | None = None) -> tuple[int, Iterator[bytes]]:
-    """Size of an object, and its content, a few megabytes at a time, by one request."""
+def fetch(
+    address: RemotePath, max_bytes: int | None = None, start: int = 0
+) -> tuple[int, Iterator[bytes]]:
+    """Size of an object, and its content from a byte on, by one request.
+
+    The content comes a few megabytes at a time.
+    """
     if address.is_http:
         with _as_os_errors(address):
-            size, content = _http().fetch(address.url, _retries(), _pause)
+            size, content = _http().fetch(address.url, _retries(), _pause, start)
     else:
-        found = _send_request("get", address)
+        options = {"range": {"offset": start}} if start else None
+        found = _send_request("get", address, options=options)
         size, content = found.meta["size"], found.stream(min_chunk_size=_PART_BYTES)
     if max_bytes is not None and size > max_bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", str(address))

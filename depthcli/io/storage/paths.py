@@ -12,10 +12,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import unquote, urlsplit
 
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.progress import NO_PROGRESS, Progress, begin_bytes
 from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.storage import objects
 from depthcli.io.storage.temporary import temporary_folder
@@ -310,21 +310,41 @@ def local_copy(
             download(path, copy, progress, max_bytes=max_bytes)
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror}") from error
-        try:
+        with errors_about(path, copy):
             yield copy
-        except DepthcliError as error:
-            raise type(error)(str(error).replace(str(copy), str(path))) from error
+
+
+@contextmanager
+def errors_about(path: Path, copy: Path) -> Iterator[None]:
+    """Have the errors of the block name the path that was copied, not its copy."""
+    try:
+        yield
+    except DepthcliError as error:
+        problem, advice = (
+            text.replace(str(copy), str(path))
+            for text in (error.message.problem, error.message.advice)
+        )
+        raise type(error)(problem, advice, option=error.message.option) from error
 
 
 def download(
     path: RemotePath, file: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
 ) -> None:
     """Download an object to a file, with a few megabytes in memory."""
-    size, content = objects.fetch(path, max_bytes)
-    advance = progress.begin(path.name, size, "bytes")
     with file.open("wb") as target:
-        for part in content:
-            advance(target.write(part))
+        download_rest(path, target, progress, max_bytes=max_bytes)
+
+
+def download_rest(
+    path: RemotePath, file: BinaryIO, progress: Progress = NO_PROGRESS, *, max_bytes: int | None
+) -> None:
+    """Append to an open file what it lacks of an object."""
+    done = file.seek(0, os.SEEK_END)
+    size, content = objects.fetch(path, max_bytes, done)
+    advance = begin_bytes(progress, path.name, size - done)
+    for part in content:
+        file.write(part)
+        advance(len(part))
 
 
 @contextmanager

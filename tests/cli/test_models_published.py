@@ -1,0 +1,161 @@
+"""``depthcli models add NAME``: a model from the address that its card states."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from helpers.tiny import card_with, tiny_onnx, write_picture
+from helpers.web import FileServer
+
+from depthcli.io.storage.temporary import open_locked
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from helpers.command_line import Cli
+
+PAGE = "https://example.org/weights"
+AT_ONCE = {"DEPTHCLI_RETRIES": "0"}
+
+
+@pytest.fixture
+def server() -> Iterator[FileServer]:
+    with FileServer(tiny_onnx()) as running:
+        yield running
+
+
+def write_published(cli: Cli, url: str, **facts: Any) -> str:
+    """A card of the tiny model that states an address."""
+    weights = {"page": PAGE, "url": url, **facts}
+    fields = card_with({"weights": weights, "name": "far"})
+    del fields["onnx"]
+    (cli.folder / "far.json").write_text(json.dumps(fields))
+    return "far.json"
+
+
+def pinned(data: bytes) -> dict[str, Any]:
+    return {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+
+
+def part(cli: Cli) -> Path:
+    return cli.models / ".far.part"
+
+
+def test_model_is_downloaded_added_and_runs(cli: Cli, server: FileServer) -> None:
+    card = write_published(cli, server.url, **pinned(server.data))
+    added = cli("models", "add", card)
+    assert added.returncode == 0, added.stderr
+    assert all(fact in added.stderr.decode() for fact in (server.url, "0.0 MB", "MIT"))
+    write_picture(cli.folder / "a.png")
+    used = json.loads(cli("predict", "a.png", "-o", "a.npy", "--model", "far", "--json").stdout)
+    assert used["model_sha256"] == hashlib.sha256(server.data).hexdigest()
+    assert not part(cli).exists()
+    assert server.starts == [0]
+    again = cli("models", "add", card)
+    assert again.returncode == 2  # the name is taken
+    assert server.starts == [0]
+
+
+@pytest.mark.parametrize("has_ranges", [True, False])
+def test_interrupted_download_goes_on(inside: Cli, server: FileServer, has_ranges: bool) -> None:
+    card = write_published(inside, server.url, **pinned(server.data))
+    server.cut_after = 50
+    cut = inside("models", "add", card, **AT_ONCE)
+    assert cut.returncode == 3
+    assert cut.stderr.splitlines()[-1].count(server.url.encode()) == 1
+    assert part(inside).read_bytes() == server.data[:50]
+    assert not (inside.models / "far").exists()
+    server.cut_after, server.has_ranges = None, has_ranges
+    assert inside("models", "add", card, **AT_ONCE).returncode == 0
+    assert server.starts == [0, 50 if has_ranges else 0]
+    assert (inside.models / "far/model.onnx").read_bytes() == server.data
+    assert not part(inside).exists()
+
+
+def test_download_goes_on_by_itself_where_it_is_cut(inside: Cli, server: FileServer) -> None:
+    server.cut_after = 100
+    assert inside("models", "add", write_published(inside, server.url)).returncode == 0
+    assert server.starts == list(range(0, len(server.data), 100))
+
+
+def test_complete_part_is_not_downloaded_again(inside: Cli, server: FileServer) -> None:
+    part(inside).write_bytes(server.data)
+    card = write_published(inside, server.url, **pinned(server.data))
+    assert inside("models", "add", card).returncode == 0
+    assert server.starts == []
+
+
+def test_file_with_another_checksum_is_refused(inside: Cli, server: FileServer) -> None:
+    card = write_published(inside, server.url, **pinned(server.data))
+    good, server.data = server.data, server.data + b"\x72\x00"  # an empty metadata entry
+    refused = inside("models", "add", card)
+    assert refused.returncode == 3
+    assert hashlib.sha256(server.data).hexdigest().encode() in refused.stderr
+    assert str(part(inside)).encode() not in refused.stderr
+    assert not (inside.models / "far").exists()
+    server.data = good
+    assert inside("models", "add", card).returncode == 0  # begins anew
+
+
+def test_checksum_that_is_not_published_is_recorded(inside: Cli, server: FileServer) -> None:
+    part(inside).write_bytes(b"the beginning of another file")
+    added = inside("models", "add", write_published(inside, server.url), "--json")
+    assert added.returncode == 0, added.stderr
+    told = json.loads(added.stdout)
+    assert told["sha256"] == hashlib.sha256(server.data).hexdigest()
+    assert (told["url"], told["license"]) == (server.url, "MIT")
+    shown = json.loads(inside("models", "show", "far").stdout)
+    assert (shown["sha256"], shown["weights"]["url"]) == (told["sha256"], server.url)
+
+
+def test_without_network_the_address_is_said(inside: Cli, server: FileServer) -> None:
+    server.__exit__(None, None, None)
+    failed = inside("models", "add", write_published(inside, server.url), **AT_ONCE)
+    assert failed.returncode == 3
+    (line,) = failed.stderr.splitlines()[1:]
+    assert server.url.encode() in line
+    assert b"--card far.json" in line
+
+
+def test_two_processes_do_not_write_one_download(inside: Cli, server: FileServer) -> None:
+    card = write_published(inside, server.url, **pinned(server.data))
+    assert open_locked(part(inside)) is not None
+    assert inside("models", "add", card).returncode == 2
+    assert server.starts == []
+
+
+def test_card_without_address_says_where_weights_are(inside: Cli) -> None:
+    fields = json.loads(inside("models", "show", "fastdepth").stdout)
+    (inside.folder / "mine.json").write_text(json.dumps(fields | {"weights": {"page": PAGE}}))
+    refused = inside("models", "add", "mine.json")
+    assert refused.returncode == 2
+    assert PAGE.encode() in refused.stderr
+
+
+def test_hint_names_the_address_of_a_ready_card(inside: Cli, picture: Path) -> None:
+    cards = [json.loads(line) for line in inside("models", "cards", "--json").stdout.splitlines()]
+    stated = {card["name"]: card["weights"] for card in cards}
+    for name, weights in stated.items():
+        failed = inside("predict", picture, "--model", name)
+        assert failed.returncode == 3
+        assert (weights.get("url") or weights["page"]).encode() in failed.stderr
+
+
+def test_cards_show_the_addresses_of_weights(inside: Cli) -> None:
+    rows = inside("models", "cards").stdout.decode().splitlines()
+    shown = inside("models", "cards", "depth-anything-v2-small").stdout.decode()
+    stated = json.loads(inside("models", "show", "depth-anything-v2-small").stdout)["weights"]
+    assert any(stated["page"] in row for row in rows)
+    assert all(stated[fact] in shown for fact in ("page", "url", "sha256"))
+    assert inside("models", "cards", "none").returncode == 2
+
+
+def test_every_ready_card_states_where_its_weights_are(inside: Cli) -> None:
+    for line in inside("models", "cards", "--json").stdout.splitlines():
+        weights = json.loads(line)["weights"]
+        assert weights["page"]
+        assert "source" in weights or "url" not in weights
