@@ -178,6 +178,10 @@ class DepthMap(types.DepthMap):
         png_scale: float | None = None,
         exr_channel: str | None = None,
         half: bool | None = None,
+        stride: int | None = None,
+        max_depth_m: float | None = None,
+        keep_edges: bool | None = None,
+        faces: bool | None = None,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         centre_px: tuple[float, float] | None = None,
@@ -186,14 +190,19 @@ class DepthMap(types.DepthMap):
         """Write a file atomically; its suffix chooses the format.
 
         ``.png`` is 16 bit in millimetres, ``.preview.png`` a colour preview, ``.exr`` and ``.npy``
-        metres in float32, ``.ply`` a point cloud, ``.json`` the metadata. If a format cannot store
-        something, such as depth beyond its range, a ``DepthcliWarning`` is issued.
+        metres in float32, ``.ply`` a point cloud, ``.glb`` a mesh, ``.json`` the metadata. If a
+        format cannot store something, such as depth beyond its range, a ``DepthcliWarning`` is
+        issued.
 
         Args:
             path: the file; missing folders are created.
             png_scale: units per metre of a PNG; None for 1000.
             exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
+            stride: points and meshes of every n-th pixel of every n-th row.
+            max_depth_m: leave out of points and meshes what is farther.
+            keep_edges: keep pixels between near and far in points and meshes.
+            faces: triangles in a PLY.
             focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
             centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
@@ -214,7 +223,15 @@ class DepthMap(types.DepthMap):
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
         if depth is not self and not name.facts.has_camera:
             raise UsageError(f"{name.facts.suffix} states no camera; leave it out for {file}")
-        options = {"png_scale": png_scale, "exr_channel": exr_channel, "half": half}
+        options = {
+            "png_scale": png_scale,
+            "exr_channel": exr_channel,
+            "half": half,
+            "stride": stride,
+            "max_depth_m": max_depth_m,
+            "keep_edges": keep_edges,
+            "faces": faces,
+        }
         given = {option: value for option, value in options.items() if value is not None}
         if others := given.keys() - {*name.facts.options}:
             raise UsageError(f"{min(others)} is not for {name.facts.suffix}")

@@ -348,12 +348,34 @@ class PreviewOptions:
 
 
 @group
+class SurfaceOptions:
+    """Points and meshes."""
+
+    stride: int = option("Points of every N-th pixel of every N-th row.", default=1, min=1)
+    max_depth_m: float | None = option(
+        "Leave out what is farther, in metres.", "--max-depth", callback=positive, metavar="METRES"
+    )
+    keep_edges: bool = option(
+        "Keep the pixels between near and far where edges of depth are smeared.", default=False
+    )
+
+
+@group
+class PlyOptions:
+    """Points and meshes."""
+
+    faces: bool = option("Write triangles into PLY, not only points.", default=False)
+
+
+@group
 class WritingOptions:
     """Options of the output formats."""
 
     png: PngOptions
     exr: ExrOptions
     preview: PreviewOptions
+    surface: SurfaceOptions
+    ply: PlyOptions
 
 
 QuietOption = Annotated[

@@ -74,9 +74,10 @@ def writer_options(options: groups.WritingOptions) -> WriterOptions:
     Raises:
         UsageError: they contradict each other.
     """
-    written = (options.png, options.exr, options.preview)
     values = {
-        field.name: getattr(group, field.name) for group in written for field in fields(group)
+        field.name: getattr(group, field.name)
+        for group in (getattr(options, part.name) for part in fields(options))
+        for field in fields(group)
     }
     _refuse_alternatives(values)
     values["colormap"], values["near"] = _colours(options.preview)

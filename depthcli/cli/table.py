@@ -7,11 +7,12 @@ if TYPE_CHECKING:
 
 PROGRAM = "depthcli"
 COMMANDS = {
-    "predict": ("predict", "Depth maps from images: 16-bit PNG, EXR, NPY, preview, PLY."),
+    "predict": ("predict", "Depth maps from images: 16-bit PNG, EXR, NPY, preview, mesh."),
     "batch": ("batch", "Depth maps for a folder tree; can be resumed."),
     "manifest": ("manifest", "Sum up, search and merge the manifests of a batch."),
     "video": ("video", "Depth video: lossless 16-bit, preview, or image sequence."),
     "models": ("models", "List, inspect, verify, add and remove models."),
+    "view": ("view", "Show a depth file in three dimensions, as a page of one file."),
     "convert": ("convert", "Convert depth files and report the conversion error."),
     "info": ("info", "Show unit, scale and range of a depth file."),
     "probe": ("probe", "Show the depth at given pixels of a depth file."),

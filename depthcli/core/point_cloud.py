@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthMap, Frame, Provenance, panorama_rays
+from depthcli.core.surface import surface_of
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import UsageError
 
 
@@ -40,17 +41,6 @@ def point_cloud(depth: DepthMap, focal_px: float, frame: Frame | None = None) ->
         raise UsageError(
             f"a point cloud needs metres, and {depth.kind} depth has none; fit it to anchors"
         )
-    source = depth.provenance or Provenance()
-    centre_x, centre_y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
-    valid = depth.valid
-    rgb = None if frame is None else frame.pixels_8bit()[valid]
-    if source.projection.is_other:
-        rays = panorama_rays(depth.width, depth.height)[valid]
-        return PointCloud(rays * depth.values[valid][:, np.newaxis], rgb)
-    rows, columns = np.nonzero(valid)
-    xyz_m = np.empty((len(rows), 3), np.float32)
-    xyz_m[:, 2] = depth.values[valid]
-    xyz_m[:, 0] = ((np.arange(depth.width) - centre_x) / focal_px)[columns] * xyz_m[:, 2]
-    focal_y_px = focal_px * source.pixel_aspect
-    xyz_m[:, 1] = ((np.arange(depth.height) - centre_y) / focal_y_px)[rows] * xyz_m[:, 2]
-    return PointCloud(xyz_m, rgb)
+    surface = surface_of(depth, focal_px)
+    rgb = None if frame is None else frame.pixels_8bit()[surface.valid]
+    return PointCloud(surface.xyz_m[surface.valid], rgb)

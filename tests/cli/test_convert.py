@@ -29,7 +29,9 @@ DEPTH = DepthMap(np.full((6, 8), 2, np.float32), provenance=Provenance("m", "0" 
 def points_m(path: Path) -> np.ndarray:
     """The points of a cloud, (N, 3) float32."""
     body = path.read_bytes().partition(b"end_header\n")[2]
-    return np.frombuffer(body, [("xyz_m", "<f4", 3), ("rgb", "u1", 3)])["xyz_m"]
+    return np.frombuffer(body, [("xyz_m", "<f4", 3), ("normal", "<f4", 3), ("rgb", "u1", 3)])[
+        "xyz_m"
+    ]
 
 
 def width_m(path: Path) -> float:
@@ -72,7 +74,7 @@ def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> N
     write_picture(files / "room.png", pixels)
     assert inside("convert", "d.png", "a.ply", "--picture", "room.png").returncode == 0
     body = (files / "a.ply").read_bytes().partition(b"end_header\n")[2]
-    colours = np.frombuffer(body, np.uint8).reshape(-1, 15)[:, 12:]
+    colours = np.frombuffer(body, np.uint8).reshape(-1, 27)[:, 24:]
     read = cv2.imread(str(files / "room.png"))
     assert read is not None
     np.testing.assert_array_equal(colours, read[..., ::-1].reshape(-1, 3))

@@ -20,8 +20,10 @@ from depthcli.cli.options import (
     CameraOptions,
     DetailOptions,
     ExrOptions,
+    PlyOptions,
     PngOptions,
     PreviewOptions,
+    SurfaceOptions,
     WritingOptions,
 )
 from depthcli.cli.table import COMMANDS, plain_command
@@ -132,7 +134,13 @@ def test_range_of_a_normalized_video_has_an_effect(inside: Cli) -> None:
 
 
 def _writing(**values: object) -> WritingOptions:
-    kinds = {"png": PngOptions, "exr": ExrOptions, "preview": PreviewOptions}
+    kinds = {
+        "png": PngOptions,
+        "exr": ExrOptions,
+        "preview": PreviewOptions,
+        "surface": SurfaceOptions,
+        "ply": PlyOptions,
+    }
     return WritingOptions(
         **{
             name: kind(**{k: v for k, v in values.items() if k in kind.__dataclass_fields__})
@@ -237,7 +245,7 @@ def test_device_names_of_other_programs_lead_to_the_option(
     [
         ["predict", "a.png", "-o", "/dev/stdout", "--format", "npy"],
         ["batch", ".", "--out", "out", "--shard", ""],
-        ["predict", "a.png", "-o", "a.glb"],
+        ["predict", "a.png", "-o", "a.obj"],
     ],
 )
 def test_values_that_choose_nothing_are_usage_errors(
@@ -252,6 +260,6 @@ def test_values_that_choose_nothing_are_usage_errors(
 def test_unknown_suffix_of_out_is_told_with_the_known_ones(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    main(["predict", "a.png", "-o", "a.glb"])
+    main(["predict", "a.png", "-o", "a.obj"])
     problem = capsys.readouterr().err
-    assert all(suffix in problem for suffix in (".glb", ".png", ".exr", ".npy", ".ply"))
+    assert all(suffix in problem for suffix in (".obj", ".png", ".exr", ".npy", ".ply"))

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         ("x.depth.exr", Format.EXR),
         ("x.NPY", Format.NPY),
         ("x.ply", Format.PLY),
+        ("x.glb", Format.GLB),
         ("x.depth.json", Format.JSON),
         ("x.pfm", Format.PFM),
         ("x.depth.TIFF", Format.TIFF),
@@ -116,6 +117,10 @@ def test_each_writer_takes_its_options_and_has_their_defaults(name: Format) -> N
         "vmax": 2.0,
         "legend": True,
         "side_by_side": True,
+        "stride": 2,
+        "max_depth_m": 5.0,
+        "keep_edges": True,
+        "faces": True,
     }
     assert {field.name for field in fields(WriterOptions)} == others.keys()
     writer = WriterOptions(**others).writer(name)

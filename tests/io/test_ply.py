@@ -17,7 +17,8 @@ from depthcli.io.formats.ply import PlyWriter
 if TYPE_CHECKING:
     from pathlib import Path
 
-POINT = np.dtype([*((name, "<f4") for name in "xyz"), *((name, "u1") for name in "rgb")])
+FLOATS = ("x", "y", "z", "nx", "ny", "nz")
+POINT = np.dtype([*((name, "<f4") for name in FLOATS), *((name, "u1") for name in "rgb")])
 DEPTH_M = np.array([[1, 2, 3, 4], [5, np.nan, 0, 8]], np.float32)
 
 
@@ -31,7 +32,7 @@ def points(path: Path) -> np.ndarray:
     lines = [line for line in header.decode("ascii").splitlines() if line[:8] != "comment "]
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
     assert lines[3:] == [
-        *(f"property float {name}" for name in "xyz"),
+        *(f"property float {name}" for name in FLOATS),
         *(f"property uchar {name}" for name in ("red", "green", "blue")),
     ]
     found = np.frombuffer(body, POINT)
@@ -80,7 +81,7 @@ def test_points_have_the_colours_of_the_image(tmp_path: Path) -> None:
 
 def test_comments_state_software_model_and_camera(tmp_path: Path) -> None:
     source = Provenance(model="室\nend_header\n", focal_px=519.5, camera_source=CameraSource.EXIF)
-    PlyWriter().write(DepthMap(DEPTH_M, provenance=source), tmp_path / "a.ply")
+    PlyWriter(keep_edges=True).write(DepthMap(DEPTH_M, provenance=source), tmp_path / "a.ply")
     assert len(points(tmp_path / "a.ply")["z"]) == (DEPTH_M > 0).sum()
     header = (tmp_path / "a.ply").read_bytes().partition(b"element")[0].decode("ascii")
     assert header.splitlines()[2:] == [

@@ -35,7 +35,7 @@ _CAMERA = tuple(field.name for field in fields(groups.CameraOptions))
 def _options_of(name: Format) -> tuple[str, ...]:
     """The options that a format uses, by parameter name."""
     camera = _CAMERA if name.facts.has_camera else ()
-    picture = ["picture"] if name in {Format.PLY, Format.PREVIEW} else []
+    picture = ["picture"] if name.facts.shows_image else []
     return (*name.facts.parameters, *camera, *picture)
 
 

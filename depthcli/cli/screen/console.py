@@ -39,6 +39,7 @@ _OPTIONS = {
     "init_weights": "init",
     "hfov_deg": "hfov",
     "provider_options": "provider-option",
+    "max_depth_m": "max-depth",
 }
 """Names of options that differ from those of their parameters."""
 _printed: set[str] = set()

@@ -64,6 +64,7 @@ class FormatFacts(NamedTuple):
     #: room for any, and only a default name tells whose a file is
     mark: bytes = b""
     options: tuple[str, ...] = ()  #: fields of :class:`WriterOptions` that its class has, too
+    shows_image: bool = False  #: whether its files show the image
     has_overscan: bool = False  #: whether its files have the pixels outside the display window
     has_camera: bool = False  #: whether its files depend on the camera of the map or state it
     #: whether its module has a function ``read``; a video is written to numbered files in it then
@@ -88,6 +89,7 @@ def suffix_of(path: str | PurePath) -> str:
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
 _EXR = ("exr_channel", "half")
 _PNG = ("png_scale", "png_normalize", "png_inverse")
+_SURFACE = ("stride", "max_depth_m", "keep_edges")
 _PNG_MARK = f"{SOFTWARE_KEY}\0".encode()
 
 
@@ -126,12 +128,34 @@ class Format(StrEnum):
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True)
     PREVIEW = (
         "preview",
-        FormatFacts("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS),
+        FormatFacts(
+            *("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS), shows_image=True
+        ),
     )
     PLY = (
         "ply",
         FormatFacts(
-            "ply:PlyWriter", ".ply", ".ply", f"comment {KEY_PREFIX}".encode(), has_camera=True
+            *("ply:PlyWriter", ".ply", ".ply", f"comment {KEY_PREFIX}".encode()),
+            (*_SURFACE, "faces"),
+            shows_image=True,
+            has_camera=True,
+        ),
+    )
+    GLB = (
+        "glb",
+        FormatFacts(
+            *("glb:GlbWriter", ".glb", ".glb", b'"generator":"depthcli ', _SURFACE),
+            shows_image=True,
+            has_camera=True,
+        ),
+    )
+    HTML = (
+        "html",
+        FormatFacts(
+            *("html:HtmlWriter", ".html", ".html", b'name="generator" content="depthcli '),
+            _SURFACE,
+            shows_image=True,
+            has_camera=True,
         ),
     )
     PFM = (
@@ -274,6 +298,10 @@ class WriterOptions:
     vmax: float | None = None  #: high end of the colour range; None for a percentile
     legend: bool = False  #: a scale beside the preview
     side_by_side: bool = False  #: the image beside its preview
+    stride: int = 1  #: points and meshes: every n-th pixel of every n-th row
+    max_depth_m: float | None = None  #: points and meshes: pixels beyond are left out
+    keep_edges: bool = False  #: points and meshes: keep pixels between near and far
+    faces: bool = False  #: triangles in PLY
 
     def writer(self, name: Format) -> Writer:
         """The writer of a format; its module is loaded now."""

@@ -1,0 +1,160 @@
+"""The surface that a metric depth map shows: points, their neighbours on it, faces and normals."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.types import DepthMap, Provenance, panorama_rays
+
+# Chosen on rendered rooms: of points more than 10 cm off any surface, about one in five stays, and
+# about one in a hundred others goes.
+_STEEPEST = math.tan(math.radians(82))  # against the image plane
+_TORN = math.tan(math.radians(87))  # of one step, where two such pixels are no ramp
+_LEAST_REACH, _REACH_SHARE = 5, 1 / 128  # pixels, and of the width: more than an edge is smeared
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """A grid of points, one for each pixel, or each n-th of each n-th row.
+
+    Attributes:
+        xyz_m: (H, W, 3) float32 metres: x right, y down, z along the camera axis; NaN without one.
+        depth_m: (H, W) float32 metres along the camera axis, or along the ray in a panorama; NaN
+            without a point.
+        steepest: change of depth between neighbours, by depth, above which they may be on different
+            surfaces.
+    """
+
+    xyz_m: npt.NDArray[np.float32]
+    depth_m: npt.NDArray[np.float32]
+    steepest: float
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """(H, W) bool, where there is a point."""
+        return ~np.isnan(self.depth_m)
+
+    @property
+    def right(self) -> npt.NDArray[np.bool_]:
+        """(H, W - 1) bool, whether a point and its right neighbour are on one surface."""
+        steps = _steps(self.depth_m)
+        return ~(np.isnan(steps) | _stands_out(steps, self.steepest))
+
+    @property
+    def down(self) -> npt.NDArray[np.bool_]:
+        """(H - 1, W) bool, whether a point and the one below it are on one surface."""
+        steps = _steps(self.depth_m.T)
+        return ~(np.isnan(steps) | _stands_out(steps, self.steepest)).T
+
+    def faces(self) -> npt.NDArray[np.uint32]:
+        """Triangles, (N, 3), of numbers of valid points; counter-clockwise for the camera.
+
+        There are two for each four neighbours, or one or none where the surface is torn.
+        """
+        numbers = np.cumsum(self.valid, dtype=np.uint32).reshape(self.valid.shape) - np.uint32(1)
+        a, b, c, d = numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, :-1], numbers[1:, 1:]
+        right, down = self.right, self.down
+        upper, lower = right[:-1] & down[:, :-1], right[1:] & down[:, 1:]
+        return np.concatenate(
+            [np.stack((a, c, b), -1)[upper], np.stack((b, c, d), -1)[lower]], dtype=np.uint32
+        )
+
+    def normals(self) -> npt.NDArray[np.float32]:
+        """Unit normals towards the camera, (H, W, 3) float32, axes as the points; NaN without one.
+
+        A point without neighbours on its surface faces the camera.
+        """
+        across = _tangents(self.xyz_m, self.right)
+        along = _tangents(self.xyz_m.swapaxes(0, 1), self.down.T).swapaxes(0, 1)
+        normals = np.cross(along, across)
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        facing = self.xyz_m / -np.linalg.norm(self.xyz_m, axis=-1, keepdims=True)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.where(length > 0, normals / length, facing), np.float32)
+
+
+def surface_of(
+    depth: DepthMap,
+    focal_px: float,
+    *,
+    stride: int = 1,
+    max_depth_m: float | None = None,
+    keep_edges: bool = True,
+) -> Surface:
+    """Points of a pinhole camera, or along the rays of a panorama.
+
+    The principal point is the one that the map states, else the middle of the map.
+
+    Args:
+        depth: a metric map.
+        focal_px: focal length in pixels of the map; if they are not square, in widths of them.
+        stride: every n-th pixel of every n-th row.
+        max_depth_m: pixels beyond have no point; None for no limit.
+        keep_edges: whether pixels between near and far, where an edge is smeared, have a point.
+    """
+    source = depth.provenance or Provenance()
+    if source.projection.is_other:
+        focal_px = depth.width / (2 * math.pi)
+    valid = depth.valid if max_depth_m is None else depth.valid & (depth.values <= max_depth_m)
+    depth_m = np.where(valid, depth.values, np.float32(np.nan))
+    if not keep_edges:
+        depth_m[is_flying(depth_m, focal_px)] = np.nan
+    depth_m = depth_m[::stride, ::stride]
+    rays = _rays(depth, focal_px)[::stride, ::stride]
+    return Surface(rays * depth_m[..., np.newaxis], depth_m, _TORN * stride / focal_px)
+
+
+def is_flying(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[np.bool_]:
+    """Pixels on a steep ramp between near and far, or far from both neighbours; (H, W) bool.
+
+    Args:
+        depth_m: (H, W) float32 metres, NaN where there is no depth.
+        focal_px: focal length in pixels.
+    """
+    return _is_ramp(depth_m, focal_px) | _is_ramp(depth_m.T, focal_px).T
+
+
+def _is_ramp(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[np.bool_]:
+    steps = np.pad(_steps(depth_m), ((0, 0), (1, 1)), constant_values=np.nan)
+    # The step of a clean edge is on one side of a pixel only.
+    return _stands_out(np.minimum(steps[:, :-1], steps[:, 1:]), _STEEPEST / focal_px)
+
+
+def _steps(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Differences of a row's neighbours by the nearer one's depth; NaN if one has none."""
+    left, right = depth_m[:, :-1], depth_m[:, 1:]
+    return np.asarray(np.abs(right - left) / np.minimum(left, right), np.float32)
+
+
+def _stands_out(steps: npt.NDArray[np.float32], steepest: float) -> npt.NDArray[np.bool_]:
+    """Where steps are too large, and twice those on one side: a road is as steep on both."""
+    reach = max(_LEAST_REACH, round(steps.shape[1] * _REACH_SHARE))
+    around = np.pad(np.nan_to_num(steps), ((0, 0), (reach, reach)))
+    return (steps > steepest) & (
+        np.minimum(around[:, : -2 * reach], around[:, 2 * reach :]) < steps / 2
+    )
+
+
+def _tangents(
+    xyz_m: npt.NDArray[np.float32], right: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float32]:
+    """Sum of the differences to a row's neighbours on the surface, (H, W, 3); 0 without one."""
+    steps = np.where(right[..., np.newaxis], np.diff(xyz_m, axis=1), np.float32(0))
+    steps = np.pad(steps, ((0, 0), (1, 1), (0, 0)))
+    return steps[:, :-1] + steps[:, 1:]
+
+
+def _rays(depth: DepthMap, focal_px: float) -> npt.NDArray[np.float32]:
+    """Points at a depth of 1, (H, W, 3) float32."""
+    source = depth.provenance or Provenance()
+    if source.projection.is_other:
+        return panorama_rays(depth.width, depth.height)
+    centre_x, centre_y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
+    rays = np.ones((depth.height, depth.width, 3), np.float32)
+    rays[..., 0] = (np.arange(depth.width) - centre_x) / focal_px
+    rays[..., 1] = ((np.arange(depth.height) - centre_y) / (focal_px * source.pixel_aspect))[
+        :, None
+    ]
+    return rays

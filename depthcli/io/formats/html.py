@@ -1,0 +1,108 @@
+"""A page that shows a map in space: one file that needs no network."""
+
+import base64
+import html
+import json
+import math
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.surface import Surface
+from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.io.depth.metadata import SOFTWARE
+from depthcli.io.formats.geometry import SurfaceWriter, camera_of
+from depthcli.io.formats.preview import PreviewWriter
+
+_HERE = Path(__file__).parent
+_STEPS = 2**16 - 2
+_JPEG_QUALITY = 90
+_MAX_POINTS = 640 * 480
+"""Points of a page for which the stride is 1, if none is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class HtmlWriter(SurfaceWriter):
+    """Points or a mesh to orbit, with a grid in metres, depth at the pointer, and distances."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write the page; without the image, in the colours of a preview."""
+        page, warnings = self.render(depth, frame)
+        path.write_text(page, "utf-8")
+        return warnings
+
+    def render(self, depth: DepthMap, frame: Frame | None = None) -> tuple[str, tuple[str, ...]]:
+        """The text of the page, and warnings of one line.
+
+        Of a large map, every n-th point is shown if no stride is given.
+        """
+        stride = self.stride
+        if stride == 1:
+            stride = math.ceil(math.sqrt(depth.values.size / _MAX_POINTS))
+        surface, warnings = replace(self, stride=stride).surface(depth)
+        pixels = PreviewWriter().render(depth) if frame is None else frame.pixels_8bit()
+        data = _data(depth, surface, stride) | {"image": _jpeg(pixels[::stride, ::stride])}
+        name = frame.path.name if frame and frame.path else "Depth"
+        parts = {
+            "software": SOFTWARE,
+            "title": html.escape(name),
+            "three": _module("three.module.min.js"),
+            "orbit": _module("OrbitControls.js"),
+            "script": (_HERE / "page.js").read_text("utf-8"),
+            "data": json.dumps(data),
+        }
+        page = (_HERE / "page.html").read_text("utf-8")
+        for part, text in parts.items():
+            page = page.replace(f"@{part}@", text)
+        return page, warnings
+
+
+def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
+    """Points and camera for the script: log depth in 16 bits, 0 where there is none."""
+    focal_px, _ = camera_of(depth)
+    source = depth.provenance or Provenance()
+    height, width = surface.depth_m.shape
+    nearest_m, farthest_m = (float(end(surface.depth_m)) for end in (np.nanmin, np.nanmax))
+    log_step = max(math.log(farthest_m / nearest_m), 1e-6) / (_STEPS - 1)
+    steps = np.rint(np.log(surface.depth_m / nearest_m) / log_step) + 1
+    links = np.zeros((height, width), np.uint8)
+    links[:, :-1] += surface.right
+    links[:-1] += 2 * surface.down.astype(np.uint8)
+    grid = _planes(np.nan_to_num(steps).astype(np.uint16)) + links.tobytes()
+    return {
+        "width": width,
+        "height": height,
+        "stride": stride,
+        "size_px": (depth.width, depth.height),
+        "focal_px": (focal_px, focal_px * source.pixel_aspect),
+        "centre_px": source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2),
+        "is_panorama": source.projection.is_other,
+        "nearest_m": nearest_m,
+        "log_step": log_step,
+        "grid": _text(zlib.compress(grid, 9)),
+    }
+
+
+def _planes(steps: npt.NDArray[np.uint16]) -> bytes:
+    """High bytes, then low ones, of the differences to the row above; a third of the size."""
+    differences = np.diff(steps, axis=0, prepend=np.uint16(0))
+    return (differences >> 8).astype(np.uint8).tobytes() + differences.astype(np.uint8).tobytes()
+
+
+def _jpeg(pixels: npt.NDArray[np.uint8]) -> str:
+    bgr = np.ascontiguousarray(pixels[..., ::-1])
+    return _text(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
+
+
+def _module(name: str) -> str:
+    """A script as the address of a module, so that pages opened from a file can import it."""
+    return f"data:text/javascript;base64,{_text((_HERE / 'three' / name).read_bytes())}"
+
+
+def _text(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")

@@ -1,0 +1,92 @@
+"""The surface of a depth map: its edges, faces and normals."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from depthcli.core.surface import is_flying, surface_of
+from depthcli.core.types import DepthMap, Provenance
+
+FOCAL_PX = 100.0
+HEIGHT, WIDTH = 60, 80
+
+
+def box_before_wall(smeared_px: int = 0) -> np.ndarray:
+    """A box at 1 m before a wall at 3 m; (60, 80) float32."""
+    depth_m = np.full((HEIGHT, WIDTH), 3, np.float32)
+    depth_m[20:40, 30:50] = 1
+    return cv2.blur(depth_m, (smeared_px, smeared_px)) if smeared_px else depth_m
+
+
+def plane(normal: tuple[float, float, float], distance_m: float) -> np.ndarray:
+    """Depth of the points p with normal · p = distance."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    rays = (x - (WIDTH - 1) / 2) / FOCAL_PX, (y - (HEIGHT - 1) / 2) / FOCAL_PX, 1
+    depth_m = distance_m / sum(a * b for a, b in zip(normal, rays, strict=True))
+    return np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
+
+
+def test_only_points_between_near_and_far_fly() -> None:
+    assert not is_flying(box_before_wall(), FOCAL_PX).any()
+    depth_m = box_before_wall(smeared_px=5)
+    between = np.minimum(abs(depth_m - 1), abs(depth_m - 3)) > 0.1
+    flying = is_flying(depth_m, FOCAL_PX)
+    assert flying[between].mean() > 0.95  # what is left is at the corners of the box
+    assert not flying[depth_m == 3].any()
+    assert not flying[depth_m == 1].any()
+
+
+def test_a_floor_to_the_horizon_stays() -> None:
+    depth_m = plane((0, 1, 0), 1.5)  # a floor 1.5 m below the camera
+    valid = ~np.isnan(depth_m)
+    assert np.nanmax(depth_m) == pytest.approx(300)
+    flying = is_flying(depth_m, FOCAL_PX)
+    assert not flying[depth_m < 1.5 * FOCAL_PX / 10].any()  # to ten rows below the horizon
+    assert flying[valid].mean() < 0.25
+
+
+def test_faces_are_cut_at_edges_and_look_at_the_camera() -> None:
+    surface = surface_of(DepthMap(box_before_wall()), FOCAL_PX)
+    faces, points_m = surface.faces(), surface.xyz_m[surface.valid]
+    corners_m = points_m[faces]
+    assert np.ptp(corners_m[..., 2], axis=1).max() == 0
+    whole = 2 * (HEIGHT - 1) * (WIDTH - 1)
+    assert len(faces) == whole - 2 * (2 * 20 + 2 * 20) + 2  # two edges of the 80 torn quads
+    normals = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    assert (normals[:, 2] < 0).all()
+
+
+def test_holes_have_no_faces() -> None:
+    depth_m = np.ones((3, 4), np.float32)
+    depth_m[1, 1] = np.nan
+    surface = surface_of(DepthMap(depth_m), FOCAL_PX)
+    numbers = {
+        place: number for number, place in enumerate(zip(*np.nonzero(surface.valid), strict=True))
+    }
+    expected = []
+    for y in range(2):
+        for x in range(3):
+            a, b, c, d = (y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1)
+            expected += [[numbers[p] for p in t] for t in ((a, c, b), (b, c, d)) if (1, 1) not in t]
+    assert sorted(surface.faces().tolist()) == sorted(expected)
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0.6, 0, 0.8), (0, -0.28, 0.96), (0.48, 0.6, 0.64)])
+def test_normals_of_a_plane_are_its_own(normal: tuple[float, float, float]) -> None:
+    surface = surface_of(DepthMap(plane(normal, 2.0)), FOCAL_PX)
+    normals = surface.normals()
+    np.testing.assert_allclose(
+        normals[surface.valid],
+        np.broadcast_to(-np.array(normal), normals[surface.valid].shape),
+        atol=2e-3,
+    )
+
+
+def test_stride_and_farthest_depth_thin_the_points() -> None:
+    depth = DepthMap(box_before_wall(), provenance=Provenance(centre_px=(0, 0)))
+    whole, thin = surface_of(depth, FOCAL_PX), surface_of(depth, FOCAL_PX, stride=4, max_depth_m=2)
+    np.testing.assert_array_equal(thin.xyz_m[thin.valid], whole.xyz_m[::4, ::4][thin.valid])
+    assert thin.valid.sum() == 25
+    assert np.nanmax(thin.xyz_m[..., 2]) == 1

@@ -1,0 +1,105 @@
+"""PLY and GLB as an independent library reads them."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from depthcli.core.surface import surface_of
+from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.errors import OutputError, UsageError
+from depthcli.io.formats.table import Format, WriterOptions, is_own
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+trimesh = pytest.importorskip("trimesh")
+
+FOCAL_PX = 40.0
+HEIGHT, WIDTH = 24, 32
+SOURCE = Provenance(model="room", focal_px=FOCAL_PX)
+PIXELS = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+
+
+def box_before_wall() -> DepthMap:
+    """A slanted box at about 1 m before a wall at 3 m, with a hole in the wall."""
+    depth_m = np.full((HEIGHT, WIDTH), 3, np.float32)
+    depth_m[8:16, 10:20] = np.linspace(1, 1.1, 10, dtype=np.float32)
+    depth_m[2, 3] = np.nan
+    return DepthMap(depth_m, provenance=SOURCE)
+
+
+def written(path: Path, depth: DepthMap, frame: Frame | None = None, **options: Any) -> Any:
+    """A mesh or cloud as trimesh reads it, with its points as they are in the file."""
+    which = Format(path.suffix[1:])
+    WriterOptions(**options).writer(which).write(depth, path, frame)
+    assert is_own(path)
+    return trimesh.load(path, process=False, force="mesh" if which is Format.GLB else None)
+
+
+def test_a_glb_is_a_mesh_in_metres_with_y_up(tmp_path: Path) -> None:
+    depth = box_before_wall()
+    mesh = written(tmp_path / "a.glb", depth, Frame(PIXELS))
+    surface = surface_of(depth, FOCAL_PX)
+    np.testing.assert_array_equal(mesh.vertices, surface.xyz_m[surface.valid] * [1, -1, -1])
+    np.testing.assert_array_equal(mesh.faces, surface.faces())
+    assert (mesh.face_normals[:, 2] > 0).all()  # towards the camera
+    edges_m = np.ptp(mesh.vertices[mesh.faces][..., 2], axis=1)
+    assert edges_m.max() < 0.1  # no curtain between box and wall
+
+
+def test_the_image_is_on_the_mesh(tmp_path: Path) -> None:
+    smooth = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    smooth[..., 0], smooth[..., 1] = np.arange(WIDTH) * 8, np.arange(HEIGHT)[:, None] * 10
+    depth = box_before_wall()
+    mesh = written(tmp_path / "a.glb", depth, Frame(smooth), stride=2)
+    colours = mesh.visual.material.to_color(mesh.visual.uv)[:, :3]
+    expected = smooth[::2, ::2][surface_of(depth, FOCAL_PX, stride=2).valid]
+    assert abs(colours.astype(int) - expected).max() < 16  # JPEG
+
+
+def test_a_glb_states_its_metadata_and_lengths(tmp_path: Path) -> None:
+    written(tmp_path / "a.glb", box_before_wall())
+    data = (tmp_path / "a.glb").read_bytes()
+    magic, version, length, size, kind = struct.unpack_from("<4sIII4s", data)
+    assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
+    document = json.loads(data[20 : 20 + size])
+    assert document["nodes"][0]["extras"]["model"] == "room"
+    assert not set(document) & {"images", "textures"}
+    assert all(view["byteOffset"] % 4 == 0 for view in document["bufferViews"])
+
+
+def test_a_ply_has_normals_and_faces(tmp_path: Path) -> None:
+    depth = box_before_wall()
+    mesh = written(tmp_path / "a.ply", depth, Frame(PIXELS), faces=True)
+    surface = surface_of(depth, FOCAL_PX)
+    np.testing.assert_array_equal(mesh.vertices, surface.xyz_m[surface.valid])
+    np.testing.assert_array_equal(mesh.faces, surface.faces())
+    np.testing.assert_allclose(mesh.vertex_normals, surface.normals()[surface.valid], atol=1e-6)
+    np.testing.assert_array_equal(mesh.visual.vertex_colors[:, :3], PIXELS[surface.valid])
+    cloud = written(tmp_path / "b.ply", depth, Frame(PIXELS), stride=3, max_depth_m=2.0)
+    thin = surface_of(depth, FOCAL_PX, stride=3, max_depth_m=2)
+    np.testing.assert_array_equal(cloud.vertices, thin.xyz_m[thin.valid])
+    np.testing.assert_array_equal(cloud.colors[:, :3], PIXELS[::3, ::3][thin.valid])
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb"])
+def test_points_between_near_and_far_are_left_out(suffix: str, tmp_path: Path) -> None:
+    values = np.broadcast_to(np.float32([1] * 5 + [1.5, 2, 2.5] + [3] * 8), (8, 16))
+    depth = DepthMap(np.ascontiguousarray(values), provenance=SOURCE)
+    points = written(tmp_path / f"a{suffix}", depth).vertices
+    assert set(abs(points[:, 2])) == {1, 3}
+    points = written(tmp_path / f"b{suffix}", depth, keep_edges=True).vertices
+    assert len(points) == depth.values.size
+
+
+def test_a_file_without_points_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(OutputError):
+        written(tmp_path / "a.glb", box_before_wall(), max_depth_m=0.5)
+    with pytest.raises(UsageError):
+        WriterOptions(stride=0).writer(Format.PLY)
+    assert not list(tmp_path.iterdir())
