@@ -6,6 +6,8 @@ import sys
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from enum import StrEnum
+from itertools import chain
+from threading import Event
 from typing import TYPE_CHECKING
 
 import typer
@@ -17,7 +19,7 @@ from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from depthcli.core.progress import Progress
     from depthcli.jobs.batch.plan import BatchPlan
@@ -82,6 +84,9 @@ class InputOptions:
     )
     exclude: list[str] | None = groups.option(
         "Skip matching files and folders; repeatable.", metavar="GLOB"
+    )
+    watch: bool = groups.option(
+        "Then wait for new and changed files, until interrupted.", default=False
     )
 
 
@@ -184,6 +189,7 @@ def batch(
         reading=parse.reading(read),
         column=inputs.column,
     )
+    changed = _changes(folder, output.out, inputs, camera.cameras)
     plan = _plan(folder, output.out, inputs, camera.cameras)
     request = _request(plan, options, engine, model)
     if not screen.quiet:
@@ -204,12 +210,50 @@ def batch(
     from depthcli.jobs.batch.run import Batch
 
     session = loading.result()
-    with graceful_shutdown(_GRACE_PERIOD_S, session.stop) as interrupt:
+    stopped = Event()
+
+    def on_signal() -> None:
+        session.stop()
+        stopped.set()
+
+    with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as interrupt:
         stop = StopOnSignal(interrupt)
         with _open_engine(engine, stop) as cluster:
-            job = Batch(request, session, cluster, progress=stop)
-            run_batch(job, plan, stop, as_json=screen.as_json, quiet=screen.quiet)
+            for each in chain([plan], changed(stopped)):
+                job = Batch(replace(request, plan=each), session, cluster, progress=stop)
+                run_batch(job, each, stop, as_json=screen.as_json, quiet=screen.quiet)
+        stop.check()
     return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
+
+
+def _changes(
+    folder: str | None, out: str, inputs: InputOptions, cameras: str | None
+) -> Callable[[Event], Iterator[BatchPlan]]:
+    """Plans of new and changed files of the folder; none without ``--watch``."""
+    if not inputs.watch:
+        return lambda _stop: iter(())
+    from depthcli.io.listing.folder import NameFilter
+    from depthcli.io.storage.paths import RemotePath, path_of
+    from depthcli.jobs.batch.plan import plan_files
+
+    if folder is None or inputs.files or inputs.shard or cameras:
+        raise UsageError("", "{watch} is for a folder, without {files}, {shard} and {cameras}")
+    place = path_of(folder)
+    if isinstance(place, RemotePath) or not place.is_dir():
+        raise UsageError(f"{folder} is not a local folder", option="watch")
+    try:
+        from depthcli.jobs.batch.watch import FolderChanges
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"it needs {error.name}",
+            "install it with: pip install '.[watch]'",
+            option="watch",
+        ) from error
+    wanted = NameFilter.of(inputs.include or (), inputs.exclude or ())
+    found = FolderChanges(folder, out, wanted)
+    return lambda stop: (
+        plan_files(names, folder, folder, out, wanted) for names in found.wait(stop)
+    )
 
 
 def _request(
