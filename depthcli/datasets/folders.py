@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.options import DepthEncoding
 from depthcli.core.types import Frame
 from depthcli.datasets import layouts
 from depthcli.datasets.base import DepthDataset, Pair
@@ -129,6 +130,12 @@ class FolderDataset(DepthDataset):
         """The depth file of pair ``i``."""
         pair = self.pairs[i]
         camera = pair.depth_camera if pair.depth_camera.has_focal else pair.camera
+        kind = self.reading.kind
+        if kind in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY} and not camera.has_focal:
+            raise DatasetError(
+                f"{pair.depth} holds {kind}, which needs the focal length",
+                f"give it in {CAMERAS_NAME} (id,focal_px)",
+            )
         return read_truth(_file(pair.depth), replace(self.reading, camera=camera))
 
     def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
@@ -314,7 +321,7 @@ def open_unpaired_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> F
         pairs.append(Pair(f"{image.name} {depth.name}", image=image, depth=depth))
     dataset = FolderDataset(tuple(pairs), path, reading, paired=False)
     _check_unit(dataset, PLAUSIBLE_M)
-    return dataset
+    return replace(dataset, warnings=dataset.stored(0).warnings_with_scale("png_scale"))
 
 
 def _check_unit(dataset: FolderDataset, plausible_m: tuple[float, float]) -> None:

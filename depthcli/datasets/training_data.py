@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from depthcli.datasets import folders, layouts, nyu
 from depthcli.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, opener_of
-from depthcli.errors import DatasetError
+from depthcli.errors import DatasetError, Message
 from depthcli.io.depth.read import DepthReadOptions
 from depthcli.io.formats.table import MILLIMETRES
 
@@ -36,6 +36,16 @@ class TrainingData(NamedTuple):
         if known.focal_px:
             known = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
         return self._replace(pseudo_labels=known)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Assumptions about its files, one line each, in the words of the settings."""
+        found = []
+        for text in self.dataset.warnings:
+            message = text if isinstance(text, Message) else Message(text)
+            advice = message.advice.replace("{png_scale}", "data.units_per_metre")
+            found.append(Message(message.problem, advice))
+        return tuple(found)
 
     @property
     def pseudo_labels_title(self) -> str:

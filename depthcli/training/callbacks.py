@@ -32,12 +32,15 @@ _SAMPLES = 6
 class Callback:
     """Called during training. The base class does nothing."""
 
-    def on_train_start(self, *, lacks_scenes: bool, seen_held_out: int) -> None:
+    def on_train_start(
+        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
+    ) -> None:
         """Called before the first step, also of a resumed run.
 
         Args:
             lacks_scenes: whether there are too few scenes to hold some out as configured.
             seen_held_out: number of held-out pairs that the init weights were trained on.
+            warnings: assumptions about the data, such as its unit, one line each.
         """
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
@@ -63,6 +66,14 @@ class TensorBoardLogger(Callback):
         self._writer_class, self._callback = SummaryWriter, callback
         self._folder, self._config = folder, config
         self._writer: SummaryWriter | None = None
+
+    def on_train_start(
+        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
+    ) -> None:
+        """Call ``callback``."""
+        self._callback.on_train_start(
+            lacks_scenes=lacks_scenes, seen_held_out=seen_held_out, warnings=warnings
+        )
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Log the losses and the learning rate."""

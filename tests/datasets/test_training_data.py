@@ -171,6 +171,10 @@ def test_the_unit_of_one_s_own_depth(tmp_path: Path) -> None:
     folder = _fill(tmp_path, names, names)
     data = open_training_data(folder, paired=True, units_per_metre=256)
     assert float(data.dataset.depth_m(0)[0, 0]) == 1000 / 256
+    assert not data.warnings
+    for paired in (True, False):  # millimetres are assumed
+        (warning,) = open_training_data(folder, paired=paired).warnings
+        assert "data.units_per_metre" in warning
     with pytest.raises(DatasetError):
         open_training_data(_nyu(tmp_path / "nyu", ROWS), paired=True, units_per_metre=256)
 

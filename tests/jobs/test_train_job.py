@@ -30,10 +30,14 @@ class Notes(Callback):
 
     def __init__(self) -> None:
         self.starts: list[tuple[bool, int]] = []
+        self.warnings: tuple[str, ...] = ()
         self.epochs: list[int] = []
 
-    def on_train_start(self, *, lacks_scenes: bool, seen_held_out: int) -> None:
+    def on_train_start(
+        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
+    ) -> None:
         self.starts.append((lacks_scenes, seen_held_out))
+        self.warnings = warnings
 
     def on_epoch_end(self, state: TrainState) -> None:
         self.epochs.append(state.epoch)
@@ -65,6 +69,7 @@ def test_pairs_without_scenes_are_said_to_lack_them(tmp_path: Path) -> None:
     notes = Notes()
     train(_request(tmp_path, minutes=0), notes)
     assert [lacks_scenes for lacks_scenes, _ in notes.starts] == [True]
+    assert len(notes.warnings) == 1  # of the unit, which is assumed
 
 
 def test_held_out_pairs_that_the_initial_weights_were_trained_on_are_counted(

@@ -65,8 +65,11 @@ class _Reporter(Callback):
     def __init__(self) -> None:
         self._losses: dict[str, float] = {}
 
-    def on_train_start(self, *, lacks_scenes: bool, seen_held_out: int) -> None:
-        """Warn of what the user may not expect of validation and init weights."""
+    def on_train_start(
+        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
+    ) -> None:
+        """Warn of what the user may not expect of data, validation and init weights."""
+        console.warn_all(warnings)
         if lacks_scenes:
             console.warn("too few scenes to hold one out, so nothing is validated")
         if seen_held_out:
@@ -107,9 +110,13 @@ class TextCallback(_Reporter):
         self._first_step: int | None = None
         self._steps = 0
 
-    def on_train_start(self, *, lacks_scenes: bool, seen_held_out: int) -> None:
+    def on_train_start(
+        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
+    ) -> None:
         """Warn, and show the bar."""
-        super().on_train_start(lacks_scenes=lacks_scenes, seen_held_out=seen_held_out)
+        super().on_train_start(
+            lacks_scenes=lacks_scenes, seen_held_out=seen_held_out, warnings=warnings
+        )
         if sys.stderr.isatty():
             self._display = self._stack.enter_context(show_progress(silent=False))
 
