@@ -233,8 +233,12 @@ class AnchorOptions:
         callback=png_scale_range,
     )
     anchors_kind: DepthEncoding | None = option(
-        "Meaning of the numbers in --anchors, as --from-kind of 'convert': distance is along the "
-        "ray and needs --focal-px, --hfov or --calibration.",
+        "Meaning of the numbers in --anchors, as --from-kind of 'convert': distance along the "
+        "ray and disparity (with --baseline) need --focal-px, --hfov or --calibration.",
+    )
+    baseline: float | None = option(
+        "Distance between the two cameras of --anchors-kind disparity in metres.",
+        callback=positive,
     )
 
 

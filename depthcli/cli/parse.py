@@ -171,7 +171,7 @@ def anchors(
     path = options.anchors
     _refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
-        for name in ("anchors_scale", "anchors_kind"):
+        for name in ("anchors_scale", "anchors_kind", "baseline"):
             if getattr(options, name) is not None:
                 raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
         return tuple(map(_anchor, options.anchor or ()))
@@ -185,7 +185,9 @@ def anchors(
     if path != SELF and not isinstance(place, RemotePath) and place.is_dir() != is_folder:
         kind = "a folder with a file for each image" if is_folder else "a file"
         raise UsageError(f"{safe_name(path)} is not {kind}", option="anchors")
-    return AnchorFiles(path, options.anchors_scale, options.anchors_kind, camera)
+    if options.baseline is not None and options.anchors_kind is not DepthEncoding.DISPARITY:
+        raise UsageError("", "{baseline} is for {anchors_kind} disparity")
+    return AnchorFiles(path, options.anchors_scale, options.anchors_kind, camera, options.baseline)
 
 
 def _refuse_alternatives(values: Mapping[str, object]) -> None:

@@ -141,12 +141,13 @@ def open_predictions(
 
 
 def _read(path: Path, reading: DepthReadOptions, sample: Sample) -> StoredDepth:
-    if reading.kind is DepthEncoding.DISTANCE:
+    if reading.kind in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}:
         focal_px, width = sample.camera.focal_px, sample.frame.pixels.shape[1]
         across_deg = hfov_deg(focal_px, width) if focal_px else sample.camera.hfov_deg
         if across_deg is None:
             raise DatasetError(
-                f"{path} holds distance, which needs the focal length", "give it in cameras.csv"
+                f"{path} holds {reading.kind}, which needs the focal length",
+                "give it in cameras.csv",
             )
         reading = replace(reading, camera=Intrinsics(hfov_deg=across_deg))
     with as_dataset_error():

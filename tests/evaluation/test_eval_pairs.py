@@ -268,6 +268,29 @@ def test_distance_along_the_ray_is_compared_along_the_axis(
     assert document["rows"][0]["scores"]["abs_rel"] < 0.03
 
 
+def test_disparity_is_compared_as_depth(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As of KITTI and Cityscapes, in 1/256 pixel."""
+    files, baseline_m = data.parent / "files", 0.5
+    for name, factor in FACTORS.items():
+        depth_m = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED) / 1000
+        disparity_px = FOCAL_PX * factor * baseline_m / depth_m
+        (files / name).parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(files / f"{name}.png"), np.rint(256 * disparity_px).astype(np.uint16))
+    stated = ("--predictions-kind", "disparity", "--predictions-scale", "256")
+    words = (str(data), "--predictions", str(files), *stated)
+    document, _ = _table(capsys, *words, "--baseline", "0.5")
+    assert document["rows"][0]["scores"]["abs_rel"] < 0.01
+    assert main(["eval", "pairs", *words]) == ExitCode.USAGE
+    for name in FACTORS:
+        (files / f"{name}.png").replace(data / f"depth/{name}.png")
+    truth = ("--depth-kind", "disparity", "--png-scale", "256")
+    words = (str(data), *truth, "--model", str(data.parent / "tiny"))
+    document, _ = _table(capsys, *words, "--baseline", "0.5")
+    assert document["rows"][0]["scores"]["abs_rel"] < 0.03
+    (data / "cameras.csv").unlink()
+    assert main(["eval", "pairs", *words, "--baseline", "0.5"]) == ExitCode.USAGE
+
+
 def test_pixels_without_a_prediction_are_counted(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -96,6 +96,16 @@ def test_distances_along_the_ray_become_depth(tmp_path: Path) -> None:
     assert points.depth_m == pytest.approx(np.full(24, 3.0))
     with pytest.raises(InputError):
         AnchorFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE).read()
+    np.save(tmp_path / "b.npy", np.full((4, 6), focal_px / 6))
+    for baseline_m in (0.5, None):
+        files = AnchorFiles(
+            str(tmp_path / "b.npy"), None, DepthEncoding.DISPARITY, camera, baseline_m
+        )
+        if baseline_m:
+            assert files.read().depth_m == pytest.approx(np.full(24, 3.0))
+        else:
+            with pytest.raises(InputError):
+                files.read()
 
 
 def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:

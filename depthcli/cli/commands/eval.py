@@ -55,7 +55,12 @@ class ModelOptions:
     )
     predictions_kind: choices.DepthEncoding | None = groups.option(
         "Meaning of the numbers in --predictions, if the files do not state it: metric (default), "
-        "distance (along the ray), relative, or inverse.",
+        "distance (along the ray), relative, inverse, or disparity (with --baseline).",
+    )
+    baseline: float | None = groups.option(
+        "Distance in metres between the two cameras of disparity, in --predictions and, in "
+        "'pairs', in the depth files.",
+        callback=groups.positive,
     )
     predictions_scale: float | None = groups.option(
         "Units per metre of --predictions in PNG and in NPY of integers, if the files do "
@@ -183,7 +188,8 @@ def pairs(
     ),
     depth_kind: choices.DepthEncoding = typer.Option(
         choices.DepthEncoding.METRIC,
-        help="Meaning of the depth files: metric (along the axis) or distance (along the ray).",
+        help="Meaning of the depth files: metric (along the axis), distance (along the ray), "
+        "disparity (with --baseline) or inverse (with --png-scale).",
     ),
     min_depth: float = typer.Option(
         0.001,
@@ -224,7 +230,7 @@ def pairs(
     request = replace(
         request,
         split=None,
-        truth=DepthReadOptions(png_scale, depth_kind),
+        truth=DepthReadOptions(png_scale, depth_kind, baseline_m=models.baseline),
         patterns=names.patterns,
         options=options,
     )
@@ -328,11 +334,16 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
     """Convention of the depth files of another tool."""
     from depthcli.io.depth.read import DepthReadOptions
 
-    if models.predictions_kind is choices.DepthEncoding.DISPARITY:
+    is_disparity = models.predictions_kind is choices.DepthEncoding.DISPARITY
+    if is_disparity and models.baseline is None:
         raise UsageError(
-            "it needs a baseline", "disparity up to a factor is inverse", option="predictions_kind"
+            "it needs {baseline}", "disparity up to a factor is inverse", option="predictions_kind"
         )
-    stated = DepthReadOptions(kind=models.predictions_kind, unstated_scale=models.predictions_scale)
+    stated = DepthReadOptions(
+        kind=models.predictions_kind,
+        unstated_scale=models.predictions_scale,
+        baseline_m=models.baseline if is_disparity else None,
+    )
     if stated != DepthReadOptions() and not models.predictions:
         option = "predictions_kind" if models.predictions_kind else "predictions_scale"
         raise UsageError("it is about depth files", "give {predictions} as well", option=option)

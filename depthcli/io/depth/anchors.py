@@ -32,7 +32,8 @@ class AnchorFiles:
     #: units per metre of PNG and of integers in NPY; None for what the file states, or millimetres
     scale: float | None = None
     kind: DepthEncoding | None = None  #: of the numbers in a map that states none; None for metres
-    camera: Intrinsics = UNKNOWN_CAMERA  #: of distances along the ray, as far as the user states it
+    camera: Intrinsics = UNKNOWN_CAMERA  #: of distances along the ray and of disparity, as stated
+    baseline_m: float | None = None  #: between the two cameras of disparity
 
     @property
     def is_self(self) -> bool:
@@ -116,7 +117,9 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
         )
     if suffix == ".csv":
         return _table(read_bytes(path), str(path))
-    options = DepthReadOptions(stated.scale, stated.kind, camera=stated.camera)
+    options = DepthReadOptions(
+        stated.scale, stated.kind, camera=stated.camera, baseline_m=stated.baseline_m
+    )
     try:
         found = read_stored_depth(path, options)
     except UsageError as error:  # of this file, not of all that the scale is given for
