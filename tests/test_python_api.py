@@ -411,6 +411,21 @@ def test_files_read_have_nan_where_there_is_no_depth(tmp_path: Path) -> None:
     np.testing.assert_array_equal(values, np.float32([stored[0], [math.nan] * 3]))
 
 
+def test_numbers_of_files_read_mean_what_is_stated(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, np.full((2, 3), 512.0, np.float32))
+    camera = {"png_scale": 256, "focal_px": 100, "baseline_m": 0.5}
+    assert depthcli.read_depth(path, kind="disparity", **camera).values == pytest.approx(25)
+    depth = depthcli.read_depth(path, kind="inverse", png_scale=1024)
+    assert (depth.kind, depth.values.max()) == ("metric", 2)
+    for words, error in (
+        ({"kind": "nearness"}, depthcli.UsageError),
+        ({"kind": "distance"}, depthcli.InputError),
+    ):
+        with pytest.raises(error):
+            depthcli.read_depth(path, **words)
+
+
 # Points
 
 

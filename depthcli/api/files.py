@@ -9,9 +9,10 @@ import numpy as np
 
 from depthcli.api.depth_map import DepthMap
 from depthcli.core import types
-from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions
+from depthcli.core.camera import Intrinsics
+from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOptions
 from depthcli.core.types import Frame
-from depthcli.errors import DepthcliWarning, InputError
+from depthcli.errors import DepthcliWarning, InputError, UsageError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.storage.paths import path_of
 from depthcli.video import depth_video as depth_videos
@@ -56,8 +57,19 @@ class VideoSource(video_frames.VideoSource):
             warnings.warn(f"{self._source}: {self.problem}", DepthcliWarning, stacklevel=2)
 
 
-def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) -> DepthMap:
-    """Depth of a 16-bit PNG, EXR or NPY file, with the file's metadata about model and camera.
+def read_depth(
+    path: str | os.PathLike[str],
+    *,
+    png_scale: float | None = None,
+    kind: str | None = None,
+    focal_px: float | None = None,
+    hfov_deg: float | None = None,
+    centre_px: tuple[float, float] | None = None,
+    baseline_m: float | None = None,
+    layer: str | None = None,
+    frame: int | None = None,
+) -> DepthMap:
+    """Depth of a file in any format that is read, with its metadata about model and camera.
 
     Values that are no depth (infinity; metres of 0 or less) are NaN.
     A ``DepthcliWarning`` tells if the sidecar beside it is that of another map, or if a PNG states
@@ -67,14 +79,35 @@ def read_depth(path: str | os.PathLike[str], *, png_scale: float | None = None) 
         path: the file, with the suffix of its format.
         png_scale: units per metre; None for what the file states, else millimetres in a PNG and
             metres in floats. Integers in an NPY file need it to be metric.
+        kind: meaning of the numbers in a file that does not state it: ``metric`` (along the camera
+            axis; None is the same), ``distance`` (along the ray), ``relative``, ``inverse``
+            (1/depth, metric with a scale) or ``disparity`` (in pixels).
+        focal_px: focal length in pixels, of distance and disparity.
+        hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
+        centre_px: principal point of distances; None for the middle.
+        baseline_m: metres between the two cameras of disparity.
+        layer: layer or part of an EXR; None for the likeliest.
+        frame: the one of several maps in NPY or NPZ, from 0.
 
     Raises:
-        InputError: missing, damaged, without depth, or metric integers without a scale.
+        InputError: missing, damaged, without depth, metric integers without a scale, or distance
+            or disparity without a camera.
+        UsageError: there is no such kind, or the camera is not valid.
     """
+    if kind is not None and kind not in tuple(DepthEncoding):
+        raise UsageError(f"no kind of depth named {kind!r}; choose {', '.join(DepthEncoding)}")
+    options = depth_files.DepthReadOptions(
+        png_scale,
+        None if kind is None else DepthEncoding(kind),
+        camera=Intrinsics.given(focal_px, hfov_deg, centre_px),
+        baseline_m=baseline_m,
+        layer=layer,
+        frame=frame,
+    )
     path = path_of(path)
     if path.suffix.lower() == ".mkv":
         raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
-    stored = depth_files.read_stored_depth(path, depth_files.DepthReadOptions(png_scale))
+    stored = depth_files.read_stored_depth(path, options)
     for message in stored.warnings_with_scale("png_scale"):
         warnings.warn(message, DepthcliWarning, stacklevel=2)
     return _with_nan(stored.displayed)

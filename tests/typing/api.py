@@ -53,6 +53,7 @@ model.predict_many([camera_frame, camera_frame], batch_size=2)
 model.predict_many(depthcli.VideoSource("walk.mp4").frames())
 
 read = depthcli.read_depth("depth.exr")
+depthcli.read_depth("left.png", png_scale=256, kind="disparity", focal_px=721, baseline_m=0.54)
 assert_type(read, depthcli.DepthMap)
 assert_type(read.fit_anchors([(0, 0, 1.5), depthcli.Anchor(9, 9, 3.0)]), depthcli.DepthMap)
 for stored in depthcli.DepthVideo("walk.mkv"):
