@@ -26,6 +26,7 @@ _DISTORTIONS = (  # nodes with a number that is not 0 if there is distortion
 _COEFFICIENTS = re.compile(r"(Camera1?\.)?[kp]\d")
 _LISTS = ("intrinsics", "intrinsic", "calibration")  # nodes with fx, fy, cx, cy and distortion
 _PREFIXES = ("", "Camera.", "Camera1.")
+_NORMALIZED = 10  # MoGe, DUSt3R and RealEstate10K state intrinsics in shares of the size
 _COLMAP_LINE = re.compile(r"\d+\s+[A-Z_]{3,}\s+\d+\s+\d+(\s+\S+)+")
 # Models of COLMAP's src/colmap/sensor/models.h by id; those with one focal length; a count.
 _COLMAP_MODELS = (
@@ -91,6 +92,9 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
             f"cy {cy:g}, which is not a valid camera matrix; calibrate the camera again"
         )
+    if max(fx, fy) < _NORMALIZED and not fx > width / 20:  # of which there are none
+        problem = f"{path} has a focal length of {fx:g}, in widths of the image and not in pixels"
+        raise InputError(problem, "multiply it and the principal point by the size")
     is_square = abs(fy / fx - 1) <= _SQUARE
     focal_px, aspect = (math.sqrt(fx * fy), 1.0) if is_square else (fx, fy / fx)
     size_px = (int(width), int(height)) if found.size_px else None
@@ -177,6 +181,7 @@ def _of_named(tree: Mapping[str, Any], size_px: tuple[float, float] | None) -> _
     for prefix in _PREFIXES:
         inner = tree.get("projection_parameters", tree)
         if f"{prefix}fx" in inner:
+            inner = {"cx": inner.get("ppx"), "cy": inner.get("ppy"), **inner}  # of RealSense
             fx, fy, cx, cy = (
                 _number(inner.get(prefix + name)) for name in ("fx", "fy", "cx", "cy")
             )

@@ -132,6 +132,9 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
         "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4]}",
         "cam0: {intrinsics: [1, 2, 3, 4]}\ncam1: {intrinsics: [1, 2, 3, 4]}",
         "1 PINHOLE 640 480 1 2 3 4\n2 PINHOLE 640 480 1 2 3 4",
+        '{"fx": 0.8, "fy": 1.07, "cx": 0.5, "cy": 0.5}',  # of MoGe, in shares of the size
+        "0.8 0 0.5\n0 1.07 0.5\n0 0 1\n",
+        TOPIC.replace("431.5", "0.8"),
         TOPIC.replace("640", "0"),
         TOPIC.replace("640", "640.5"),
         TOPIC.replace("431.5", "-431.5"),
@@ -253,6 +256,10 @@ DIALECTS = {
         "P_rect_02: 431.5 0 337.8 44.8 0 431.5 250.7 0.2 0 0 1 0.002\n"
     ),
     "mast3r.yaml": "width: 640\nheight: 480\ncalibration: [431.5, 431.5, 337.8, 250.7]\n",
+    "realsense.json": (
+        '{"width": 640, "height": 480, "ppx": 337.8, "ppy": 250.7, "fx": 431.5, "fy": 431.5, '
+        '"model": "distortion.brown_conrady", "coeffs": [0, 0, 0, 0, 0]}'
+    ),
     "fields.json": (
         '{"width": 640, "height": 480, "fx": 431.5, "fy": 431.5, "cx": 337.8, "cy": 250.7}'
     ),

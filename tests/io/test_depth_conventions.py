@@ -53,6 +53,23 @@ def test_floats_have_a_unit(name: str, units_per_metre: float, tmp_path: Path) -
         np.testing.assert_allclose(depth_of(path, **stated), PLANE_M, rtol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["a.exr", "a.npy"])
+def test_normalized_depth_is_told(name: str, tmp_path: Path) -> None:
+    """V-Ray's ZDepth and depth that programs normalize for viewing are from 0 to 1."""
+    path = write(tmp_path / name, np.linspace(0, 1, 48, dtype=np.float32).reshape(6, 8))
+    assert len(read_stored_depth(path).warnings_with_scale("from_scale")) == 1
+
+
+def test_mist_and_disparity_are_no_depth(tmp_path: Path) -> None:
+    """Blender's mist is from 0 to 1; its depth, if there is any, is found beside it."""
+    mist = write(tmp_path / "mist.exr", PLANE_M, "ViewLayer.Mist.Z")
+    with pytest.raises(InputError):
+        read_stored_depth(mist)
+    assert read_stored_depth(mist, DepthReadOptions(layer="Mist")).channel == "ViewLayer.Mist.Z"
+    found = read_stored_depth(write(tmp_path / "stereo.exr", PLANE_M, "disparity.R"))
+    assert found.depth.kind is DepthKind.INVERSE
+
+
 def test_metres_in_floats_need_no_warning(tmp_path: Path) -> None:
     assert not read_stored_depth(write(tmp_path / "a.npy", PLANE_M)).warnings_with_scale("scale")
     ExrWriter().write(DepthMap(PLANE_M), tmp_path / "own.exr")

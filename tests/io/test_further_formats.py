@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
@@ -104,6 +105,24 @@ def test_npz_of_other_programs(names: tuple[str, ...], tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.npz").depth.values, DEPTH_M)
 
 
+@pytest.mark.parametrize("name", ["disp", "inverse_depth"])
+def test_names_of_arrays_imply_inverse_depth(name: str, tmp_path: Path) -> None:
+    """As of stereo networks and MiDaS, of which 0.17 took the numbers for metres."""
+    np.savez(tmp_path / "a.npz", **{name: DEPTH_M})
+    assert read_stored_depth(tmp_path / "a.npz").depth.kind is DepthKind.INVERSE
+    stated = DepthReadOptions(kind=DepthEncoding.METRIC)
+    assert read_stored_depth(tmp_path / "a.npz", stated).depth.is_metric
+
+
+def test_pages_of_a_tiff_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    first, second = (Image.fromarray(DEPTH_M * factor) for factor in (1, 2))
+    first.save(path, save_all=True, append_images=[second])
+    found = read_stored_depth(path)
+    np.testing.assert_array_equal(found.depth.values, DEPTH_M)
+    assert len(found.warnings) == 1
+
+
 @pytest.mark.parametrize("name", ["a.npy", "a.npz"])
 def test_one_of_several_maps_is_read_by_its_number(name: str, tmp_path: Path) -> None:
     """Video Depth Anything and Depth Anything 3 write (N, H, W)."""
@@ -181,3 +200,6 @@ def test_inverse_depth_of_a_model_without_unit_keeps_near_white(tmp_path: Path) 
     steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
     assert steps is not None
     assert (steps[0, 0], steps[2, 3]) == (1, 65535)
+    relative = DepthMap(DEPTH_M, DepthKind.RELATIVE)  # has no inverse
+    (warning,) = Png16Writer(png_inverse=True).write(relative, tmp_path / "a.png")
+    assert "far is white" in warning

@@ -1,8 +1,9 @@
 """Depth files of depthcli and of other tools: what their numbers mean, in one description."""
 
 import math
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Self
@@ -27,6 +28,8 @@ from depthcli.io.formats.table import MILLIMETRES, READABLE_SUFFIXES, readable_f
 from depthcli.io.storage.paths import path_of
 
 _PLAUSIBLE_M = 0.05, 100.0  # medians of floats that are taken for metres without a word
+_NORMALIZED_MAX = 0.999
+_INVERSE_NAME = re.compile(r"(?i)disparity|^disp$|inv(erse)?_?depth")
 _FARTHEST = 1e12  # no depth is larger, in any unit
 _BACKGROUND = 1e9  # least number that stands for the sky: Blender writes 1e10, others up to 3e38
 _HALF_BACKGROUND = 65504.0  # largest half float, which Blender and Unreal write for the sky
@@ -49,6 +52,14 @@ class DepthReadOptions:
     baseline_m: float | None = None  #: between the two cameras of disparity
     layer: str | None = None  #: of an EXR; None for the likeliest
     frame: int | None = None  #: of several maps in NPY or NPZ, from 0
+
+    def for_name(self, name: str) -> Self:
+        """The options with what the name of a layer or an array implies, if no kind is stated.
+
+        Disparity without a baseline is inverse depth.
+        """
+        is_inverse = self.kind is None and _INVERSE_NAME.search(name)
+        return replace(self, kind=DepthEncoding.INVERSE) if is_inverse else self
 
 
 AS_STATED = DepthReadOptions()  #: no statement of the user: the file's own count
@@ -129,16 +140,22 @@ class StoredDepth:
     def warnings_with_scale(self, option: str) -> tuple[str, ...]:
         """The warnings, and one if the unit is assumed, which names the option that states it.
 
-        Of floats, metres are assumed, which is a warning only if they are hardly metres.
+        Of floats, metres are assumed, which is a warning only if they are hardly metres: too large,
+        too small, or up to 1 as normalized depth (V-Ray's ZDepth, images of other programs).
         """
         if self.scale is None or self.scale.source != "assumed":
             return self.warnings
         problem = f"{self.name} states no scale, so millimetres are assumed"
         if not self.is_integer:
-            median_m, (low_m, high_m) = DepthRange.of(self.depth).median, _PLAUSIBLE_M
-            if median_m is None or low_m <= median_m <= high_m:
+            _, median_m, most_m = DepthRange.of(self.depth)
+            low_m, high_m = _PLAUSIBLE_M
+            is_normalized = most_m is not None and _NORMALIZED_MAX <= most_m <= 1
+            if median_m is None or (low_m <= median_m <= high_m and not is_normalized):
                 return self.warnings
-            problem = f"{self.name} states no unit, and as metres its median is {median_m:.3g} m"
+            fact = f"as metres its median is {median_m:.3g} m"
+            if is_normalized:
+                fact = "its numbers end at 1, as those of normalized depth, and not of metres, do"
+            problem = f"{self.name} states no unit, and {fact}"
         return (*self.warnings, Message(problem, f"{{{option}}} states another"))
 
 

@@ -271,6 +271,7 @@ def read_exr_header(path: Path) -> dict[str, Any]:
 
 
 _DEPTHS = ("Z", "V", "Y", "R")
+_MIST = re.compile(r"(?i)\bmist\b")  # of Blender, from 0 to 1
 
 
 def choose_depth(
@@ -288,7 +289,9 @@ def choose_depth(
     names = list(channels)
     found = [n for n in names if last_part(n) in _DEPTHS and not is_of_vectors(n, names)]
     found.sort(key=_depth_rank)
-    if layer is not None:
+    if layer is None:
+        found = [n for n in found if not _MIST.search(n)]
+    else:
         layers = {layer_of(name): name for name in reversed(found)}
         return _of_layer(file, layer, layers, "depth"), None
     hero = next((c.part.view for c in channels.values() if c.part.view), None)

@@ -97,7 +97,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         time_code=part.time_code,
         view=part.view,
     )
-    found = stored_depth(path, stored.over(part.data), own, options, frame)
+    found = stored_depth(path, stored.over(part.data), own, options.for_name(name), frame)
     warnings = (*found.warnings, doubt) if doubt else found.warnings
     return replace(found, channel=name, warnings=warnings)
 

@@ -54,16 +54,17 @@ class NpzWriter:
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of one array of floats, or of integers of a known scale."""
-    data, own = read_bytes(path), dict[str, str]()
+    data, own, name = read_bytes(path), dict[str, str](), ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the header is read as Python, which may warn
             if path.suffix.lower() == ".npz":
-                values, own = _named_array(data)
+                name, values, own = _named_array(data)
             else:
                 values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     except Exception as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
+    options = options.for_name(name)
     values = _map_of(values, path, options.frame)
     is_bare = options.scale is None and options.unstated_scale is None
     if is_bare and options.kind not in {None, *METRIC}:
@@ -75,15 +76,15 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     return found
 
 
-def _named_array(data: bytes) -> tuple[npt.NDArray[Any], dict[str, str]]:
-    """The array of an NPZ that holds depth, by its usual names, and metadata of depthcli."""
+def _named_array(data: bytes) -> tuple[str, npt.NDArray[Any], dict[str, str]]:
+    """Name and values of the array of an NPZ that holds depth, and metadata of depthcli."""
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
         if any(member.file_size > _MAX_BYTES for member in arrays.zip.infolist()):
             raise ValueError("larger than any depth map")
         own = json.loads(str(arrays["depthcli"])) if "depthcli" in arrays else {}
         names = [name for name in arrays.files if name != "depthcli"]
         name = next((name for name in _NAMES if name in names), names[0] if len(names) == 1 else "")
-        return np.asarray(arrays[name]), {str(name): str(text) for name, text in own.items()}
+        return name, np.asarray(arrays[name]), {str(key): str(text) for key, text in own.items()}
 
 
 def _map_of(values: npt.NDArray[Any], path: Path, frame: int | None) -> npt.NDArray[Any]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import one_line
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError
 from depthcli.io.depth import scale as steps_of
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts, step_unit
@@ -67,6 +67,8 @@ def stored_steps(
     steps, low, high = stretched(depth)
     texts |= {"scale": scale, "range": f"{low:.9g} {high:.9g}"}
     warning = f"{depth.kind} depth has no unit; {suffix} is normalized"
+    if options.png_inverse and depth.kind is DepthKind.RELATIVE:
+        warning += ", and far is white, as it has no inverse"
     return steps, texts, (warning,) if not (is_metric or options.png_normalize) else ()
 
 

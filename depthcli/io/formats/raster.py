@@ -12,7 +12,7 @@ import numpy.typing as npt
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
-from depthcli.io.images.read import OPENCV_MAX_PIXELS, decode
+from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.storage.paths import read_bytes
 
 _PFM = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)\s")
@@ -47,16 +47,19 @@ class FloatWriter:
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of a gray file of any program, in the format that its suffix names."""
-    suffix, data = path.suffix.lower(), read_bytes(path)
+    suffix, data, several = path.suffix.lower(), read_bytes(path), None
     if suffix == ".pfm":
         values = _pfm(data, path)
     elif suffix == ".bin":
         values = _colmap(data, path)
     else:
-        values = decode(data, str(path), max_pixels=OPENCV_MAX_PIXELS)
+        image = check(data, str(path), OPENCV_MAX_PIXELS)
+        values, several = image.decode().pixels, image.header.warning
     if values.ndim != 2 or values.dtype == np.uint8:  # noqa: PLR2004
         raise InputError(f"{path} is a picture, not gray of 16 bits or more, so it holds no depth")
     found = stored_depth(path, values, {}, options)
+    if several:  # pages of a TIFF
+        found = replace(found, warnings=(*found.warnings, f"{path} {several}"))
     if suffix != ".bin" or found.scale is None or found.scale.source != "assumed":
         return found
     unit = Message("COLMAP's unit is arbitrary, and it is taken for metres", "state its scale")
