@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
+import mimetypes
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
 _RETRY_S = 1
-_MEDIA_TYPES = {".png": "image/png", ".json": "application/json", ".exr": "image/x-exr"}
 _IMAGE = "image"
 """Name of the file in a multipart form."""
 
@@ -194,10 +194,10 @@ class DepthServer:
             raise HTTPException(500, reason) from error
         self._seconds.observe(time.perf_counter() - start)
         self._requests.labels(200).inc()
-        media_type = _MEDIA_TYPES.get(asked.format.facts.suffix[-4:].lower())
+        kind = mimetypes.guess_type(f"depth{asked.format.facts.suffix}")[0]
         return Response(
             answer.body,
-            media_type=media_type or "application/octet-stream",
+            media_type=kind or "application/octet-stream",
             headers=_headers(answer.facts),
         )
 
