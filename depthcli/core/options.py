@@ -102,6 +102,17 @@ GPU_BATCH = 8  #: batch size of the network on other providers than the CPU
 MAX_PIXELS = 250_000_000  #: larger pictures are refused, unless another limit is given
 
 
+class AnchorsFit(StrEnum):
+    """How depth is fitted to known points."""
+
+    GLOBAL = "global"
+    """By a scale and a shift of the whole map."""
+    LOCAL = "local"
+    """By these; from five points on, the rest is spread over the map."""
+    NETWORK = "network"
+    """By a model that takes the points, and the rest as above."""
+
+
 @dataclass(frozen=True, slots=True)
 class UpsamplingOptions:
     """Upsampling and tiling from a network's output to a full-size image."""

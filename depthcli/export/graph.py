@@ -23,13 +23,15 @@ from depthcli.inference.transforms import prepare
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_video, list_folder
 from depthcli.io.storage.temporary import temporary_folder
-from depthcli.models.card import InputSpec
+from depthcli.models.card import PROMPT_INPUTS, InputSpec
 from depthcli.training.networks.encoder import folded_norms
+from depthcli.training.networks.prompted import PromptedGenerator
 
 OPSET = 17
 IR_VERSION = 8
 INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
+_KNOWN = 0.02  # share of known depth in comparisons
 _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
 
 
@@ -38,12 +40,16 @@ def build_graph(
 ) -> onnx.ModelProto:
     """A checked model of a generator, with dynamic batch, height and width, and IR version 8.
 
+    Its inputs are (B, C, H, W) in [-1, 1] and, if it follows known depth, that and its mask.
+
     With ``mirror``, it averages with the prediction for the mirrored picture, at twice the cost.
     """
-    network, channels = fold_batch_norm(generator), _channels(generator)
+    network = fold_batch_norm(generator)
+    example = torch.zeros(2, _channels(generator), *_TRACED_SIZE)
+    inputs = example, *_prompts(network, example)
     if mirror:
         network = MirrorAverage(network)
-    model = optimizer.optimize(_trace(network, channels, opset))
+    model = optimizer.optimize(_trace(network, inputs, opset))
     model.ir_version = min(model.ir_version, IR_VERSION)
     del model.graph.value_info[:]  # of the export tools, which this IR version does not have
     for node in model.graph.node:
@@ -53,25 +59,42 @@ def build_graph(
     return model
 
 
-def _trace(network: nn.Module, channels: int, opset: int) -> onnx.ModelProto:
+def _prompts(network: nn.Module, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Known depth and its mask for images (B, C, H, W), of a network that takes them; else none.
+
+    Of the first of several images, nothing is known.
+    """
+    network = network.network if isinstance(network, MirrorAverage) else network
+    if not isinstance(network, PromptedGenerator):
+        return ()
+    random = torch.Generator().manual_seed(0)
+    prompt, chosen = torch.rand(2, len(images), 1, *images.shape[2:], generator=random)
+    mask = (chosen < _KNOWN).float()
+    if len(images) > 1:
+        mask[0] = 0
+    return prompt * mask, mask
+
+
+def _trace(network: nn.Module, inputs: tuple[torch.Tensor, ...], opset: int) -> onnx.ModelProto:
     """Export a network with torch.
 
     The tracing exporter is used because the dynamo exporter cannot express sizes that are halved
     and rounded up, as between the encoder and the decoder.
     """
+    names = [INPUT, *PROMPT_INPUTS[: len(inputs) - 1]]
     with temporary_folder() as folder, warnings.catch_warnings():
         # The exporter warns of its deprecation; its result is checked here and by parity.
         warnings.simplefilter("ignore")
         path = folder / "model.onnx"
         torch.onnx.export(
             network,
-            (torch.zeros(2, channels, *_TRACED_SIZE),),
+            inputs,
             path,
-            input_names=[INPUT],
+            input_names=names,
             output_names=[OUTPUT],
             opset_version=opset,
             dynamic_axes={
-                INPUT: {0: "batch", 2: "height", 3: "width"},
+                **{name: {0: "batch", 2: "height", 3: "width"} for name in names},
                 OUTPUT: {0: "batch", 2: "out_height", 3: "out_width"},
             },
             dynamo=False,
@@ -86,10 +109,10 @@ class MirrorAverage(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Raw output (B, 1, h, w) for x (B, 1, H, W)."""
-        plain: torch.Tensor = self.network(x)
-        mirrored = self.network(torch.flip(x, [3]))
+    def forward(self, *inputs: torch.Tensor) -> torch.Tensor:
+        """Raw output (B, 1, h, w) for inputs (B, C, H, W)."""
+        plain: torch.Tensor = self.network(*inputs)
+        mirrored = self.network(*(torch.flip(x, [3]) for x in inputs))
         return (plain + torch.flip(mirrored, [3])) / 2
 
 
@@ -122,13 +145,20 @@ def weights_to_float16(model: onnx.ModelProto) -> None:
 MAX_PICTURES = 64
 
 
-def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]]) -> onnx.ModelProto:
+def quantize(
+    model: onnx.ModelProto,
+    batches: Sequence[npt.NDArray[np.float32]],
+    generator: nn.Module,
+) -> onnx.ModelProto:
     """Quantize weights (per channel) and activations to int8, in QDQ format.
 
     Weights use 7 bits: CPUs with AVX2 but without VNNI accumulate in 16 bits, which 8-bit weights
     could overflow. The batches, network inputs (1, C, H, W), calibrate the range of activations.
+    Of a generator that takes known depth, only convolutions are quantized.
     """
-    name = model.graph.input[0].name
+    names = [given.name for given in model.graph.input]
+    inputs = [(batch, *_prompts(generator, torch.from_numpy(batch))) for batch in batches]
+    feeds = [dict(zip(names, map(np.asarray, each), strict=True)) for each in inputs]
     with temporary_folder() as folder:
         # By path, as the quantizer moves the weights of a model in memory to a separate file.
         source, path = folder / "float.onnx", folder / "int8.onnx"
@@ -138,12 +168,13 @@ def quantize(model: onnx.ModelProto, batches: Sequence[npt.NDArray[np.float32]])
             quantize_static(
                 source,
                 path,
-                _CalibrationReader([{name: batch} for batch in batches]),
+                _CalibrationReader(feeds),
                 quant_format=QuantFormat.QDQ,
                 per_channel=True,
                 reduce_range=True,
                 activation_type=QuantType.QUInt8,
                 weight_type=QuantType.QInt8,
+                op_types_to_quantize=["Conv"] if len(names) > 1 else None,
             )
         finally:
             logging.disable(logging.NOTSET)
@@ -199,13 +230,17 @@ def check_parity(
         ParityError: a difference is larger than the tolerance.
     """
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
-    name, channels = session.get_inputs()[0].name, session.get_inputs()[0].shape[1]
+    names = [given.name for given in session.get_inputs()]
+    channels = session.get_inputs()[0].shape[1]
     largest, worst_mean = 0.0, 0.0
     for case in cases:
         for batch in pictures or _inputs(*case, channels):
+            images = torch.from_numpy(batch)
+            inputs = images, *_prompts(network, images)
             with torch.no_grad():
-                wanted = network(torch.from_numpy(batch)).numpy()
-            (found,) = session.run(None, {name: batch})
+                wanted = network(*inputs).numpy()
+            feed = {name: tensor.numpy() for name, tensor in zip(names, inputs, strict=True)}
+            (found,) = session.run(None, feed)
             difference = np.abs(found - wanted)
             # A NaN must not pass a comparison.
             largest = max(largest, float(np.nan_to_num(difference.max(), nan=np.inf)))

@@ -87,6 +87,7 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
             fit=cards.Fit.KEEP_ASPECT,
             mean=(0.5,) * config.data.channels,
             std=(0.5,) * config.data.channels,
+            prompt=bool(config.generator.prompt),
             pixel_aspect=round(saved.provenance.aspect * config.data.height / config.data.width, 9),
         ),
         output=cards.OutputSpec(
@@ -182,7 +183,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     folder = options.int8_pictures
     pictures = [] if folder is None else graph.calibration_batches(folder, card.input)
     if pictures:
-        model = graph.quantize(model, pictures)
+        model = graph.quantize(model, pictures, generator)
     elif options.half:
         graph.weights_to_float16(model)
     helper.set_model_props(model, {cards.METADATA_KEY: card.to_json()})

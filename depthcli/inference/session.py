@@ -14,7 +14,7 @@ from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS, ort
-from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout
+from depthcli.models.card import MAX_INPUT_PIXELS, PROMPT_INPUTS, TensorLayout
 from depthcli.models.catalog import Model
 
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
@@ -89,8 +89,15 @@ class Session:
         self._input, shape = _image_input(self._session, model)
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
-    def run(self, batch: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Run the network on (N, C, H, W) float32, normalized as the card says.
+    def run(
+        self, batch: npt.NDArray[np.float32], prompts: npt.NDArray[np.float32] | None = None
+    ) -> npt.NDArray[np.float32]:
+        """Run the network.
+
+        Args:
+            batch: (N, C, H, W) float32, normalized as the card says.
+            prompts: (N, 2, H, W) float32, known depth and its mask, for a network that takes them;
+                None where nothing is known.
 
         Returns:
             (N, h, w) float32, the raw output of the card's codec.
@@ -99,12 +106,19 @@ class Session:
             ModelError: onnxruntime failed, or the output is not one map for each picture.
         """
         if self._batch_size == 1 and len(batch) > 1:  # exported without a dynamic batch
-            return np.concatenate([self.run(batch[i : i + 1]) for i in range(len(batch))])
+            rows = [slice(i, i + 1) for i in range(len(batch))]
+            return np.concatenate(
+                [self.run(batch[i], None if prompts is None else prompts[i]) for i in rows]
+            )
+        feed = {self._input: batch}
+        if self.model.card.input.prompt:
+            if prompts is None:
+                prompts = np.zeros((len(batch), 2, *batch.shape[2:]), np.float32)
+            feed |= {name: prompts[:, i : i + 1] for i, name in enumerate(PROMPT_INPUTS)}
         if self.model.card.input.layout is TensorLayout.NHWC:
-            batch = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
+            feed[self._input] = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         try:
             with self._run_lock:
-                feed = {self._input: batch}
                 raw = self._session.run([self._output], feed, self._run_options)[0]
         except Exception as error:
             raise ModelError(
@@ -181,12 +195,18 @@ def _load_error(model: Model, wanted: tuple[str, ...], error: Exception) -> Mode
 
 
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
-    """Name and (N, C, H, W) of the one float32 input; None where a length is dynamic."""
+    """Name and (N, C, H, W) of the image's float32 input; None where a length is dynamic."""
     inputs: list[Any] = session.get_inputs()
-    if [(len(one.shape), one.type) for one in inputs] != [(_IMAGE_RANK, "tensor(float)")]:
+    names = PROMPT_INPUTS if model.card.input.prompt else ()
+    kinds = [(len(one.shape), one.type) for one in inputs]
+    is_usual = kinds == [(_IMAGE_RANK, "tensor(float)")] * (1 + len(names))
+    if not is_usual or tuple(one.name for one in inputs[1:]) != names:
         listed = one_line(", ".join(f"{one.name} {one.shape} {one.type}" for one in inputs))
         told = f"{model.path} has the inputs {listed or 'none'}"
-        raise ModelError(told, "export it with one float32 input of (N, C, H, W)")
+        raise ModelError(
+            told,
+            "export it with one float32 input of (N, C, H, W), or state input.prompt in its card",
+        )
     first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]
     is_last = spec.layout is TensorLayout.NHWC

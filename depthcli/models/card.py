@@ -96,6 +96,13 @@ class InputSpec:
     #: width over height of the network's pixels as it learned them, in pixels of the picture: 4/3
     #: if it learned pictures of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
     pixel_aspect: _Ratio = 1.0
+    #: whether known depth, coded as the output, and its mask are further inputs of this size, with
+    #: the names of ``PROMPT_INPUTS`` and one channel each
+    prompt: bool = False
+
+
+PROMPT_INPUTS = "prompt", "mask"
+"""Names of the inputs for known depth and for its mask, 1 where it is known and 0 elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +161,12 @@ class WeightsSpec:
 SCHEMA = 1
 METADATA_KEY = "depthcli.card"
 """Key of the ONNX metadata under which a model carries its own card."""
-_OPTIONAL_INPUT = {"resize": Resize.AREA, "layout": TensorLayout.NCHW, "pixel_aspect": 1.0}
+_OPTIONAL_INPUT = {
+    "resize": Resize.AREA,
+    "layout": TensorLayout.NCHW,
+    "pixel_aspect": 1.0,
+    "prompt": False,
+}
 _UNPRINTABLE = "[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 _BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
 _FileName: TypeAlias = Annotated[
@@ -231,6 +243,7 @@ class ModelCard:
             card = validated(cls, parsed)
             _check_input(card.input)
             _check_output(card.output)
+            _check_prompt(card)
         except FieldError as refused:
             raise ModelError(f"{where}: {refused}; correct the card or restore the model") from None
         return card
@@ -279,10 +292,18 @@ def _check_input(spec: InputSpec) -> None:
         raise FieldError(f"times height is more than {MAX_INPUT_PIXELS:,} pixels", "input.width")
     if spec.dynamic and spec.multiple_of > min(spec.width, spec.height):
         raise FieldError("is more than input.width or input.height", "input.multiple_of")
+    if spec.prompt and spec.layout is not TensorLayout.NCHW:
+        raise FieldError(f"has to be {TensorLayout.NCHW} with a prompt", "input.layout")
     if spec.fit in _BOUNDS and not spec.dynamic:
         raise FieldError(f"is {spec.fit}, which needs a dynamic size", "input.fit")
     if spec.fit in _BOUNDS and spec.pixel_aspect != 1:
         raise FieldError(f"has to be 1 with a fit of {spec.fit}", "input.pixel_aspect")
+
+
+def _check_prompt(card: "ModelCard") -> None:
+    """Check that known depth can be coded as the output."""
+    if card.input.prompt and card.output.transform is not Transform.EXP:
+        raise FieldError(f"has to be {Transform.EXP} with a prompt", "output.transform")
 
 
 def _check_output(spec: OutputSpec) -> None:

@@ -20,9 +20,11 @@ from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.metrics.depth import PixelSums, Scores, mean_scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
+from depthcli.training.augment import Views
 from depthcli.training.checkpoint import TrainState, write_errors
 from depthcli.training.config import TrainConfig
-from depthcli.training.data import PairStore, whole_images
+from depthcli.training.data import PairStore, drawn_prompts, whole_images
+from depthcli.training.networks.prompted import coded_prompt
 
 TENSORBOARD_FOLDER = "tensorboard"
 _BATCH_SIZE = 16  # of validation
@@ -161,12 +163,28 @@ class Validation:
         """Network inputs (B, 1, H, W) in [-1, 1] of some of the pairs."""
         return whole_images(self.store, self.config.data, torch.tensor(list(rows)))
 
+    def _prompts(self, rows: Sequence[int]) -> tuple[Tensor, ...]:
+        """Known depth and its mask as training draws them, the same in every epoch; or none."""
+        config, size = self.config, (self.config.data.height, self.config.data.width)
+        if not config.generator.prompt:
+            return ()
+        found = []
+        for row in rows:
+            depth_m = F.interpolate(self.store.depth_m[[row]].float(), size, mode="nearest")
+            mask = self.store.valid_mask
+            if mask is not None:
+                depth_m *= F.interpolate(mask[[row]].float(), size, mode="nearest")
+            views = Views(self.inputs([row]), depth_m, None)
+            found.append(drawn_prompts(views, config.prompt, np.random.SeedSequence(row)))
+        return coded_prompt(torch.cat(found), config.output.codec)
+
     @torch.no_grad()
     def raw(self, generator: nn.Module, rows: Sequence[int], device: torch.device) -> Tensor:
         """Raw outputs (B, 1, h, w) float32 on the CPU of some of the pairs."""
         was_training = generator.training
         generator.eval()
-        raw: Tensor = generator(self.inputs(rows).to(device)).float().cpu()
+        inputs = [self.inputs(rows), *self._prompts(rows)]
+        raw: Tensor = generator(*(tensor.to(device) for tensor in inputs)).float().cpu()
         generator.train(was_training)
         return raw
 

@@ -17,7 +17,7 @@ from depthcli.core.validation import FieldError, merged, validated
 from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageError
 from depthcli.io.storage.temporary import temporary_beside
 from depthcli.training.config import Amount, Count, TrainConfig, check_config
-from depthcli.training.networks.build import build_generator
+from depthcli.training.networks.build import build_network
 from depthcli.training.provenance import DataProvenance, data_set
 
 _FORMAT = "depthcli-checkpoint"
@@ -139,7 +139,9 @@ def _from_version_1(content: dict[str, Any]) -> dict[str, Any]:
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:
     """The generator of a checkpoint in evaluation mode, with averaged or raw weights."""
     checkpoint = Checkpoint.load(path)
-    generator = build_generator(checkpoint.config.generator, checkpoint.config.data.channels)
+    generator: nn.Module = build_network(
+        checkpoint.config.generator, checkpoint.config.data.channels
+    )
     state = checkpoint.ema_generator if weights is Weights.AVERAGED else None
     if state is None:
         prefix = "generator."

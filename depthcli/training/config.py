@@ -22,6 +22,7 @@ _LEVELS = {
     "efficient": {"encoder": 5, "decoder": 4, "depths": 4},
     "encoder": {"decoder": 4},
 }
+_PROMPT_LEVELS = 5
 _TERM = "term"
 
 Precision: TypeAlias = Literal["32-true", "bf16-mixed", "16-mixed"]
@@ -65,6 +66,35 @@ class GeneratorConfig:
     #: Statistics of ``batch`` are those of all inputs of G: with identity, cycle or contrast also
     #: of depth maps
     norm: Literal["batch", "decoder", "none"] = "batch"
+    #: channels at strides 32, 16, 8, 4, 2 of the layers that take known depth, for the method
+    #: ``prompted``; empty without them
+    prompt: tuple[Positive, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PromptConfig:
+    """Known depth that the method ``prompted`` learns from; each view gets one of the patterns."""
+
+    #: ``uniform`` points, ``lidar`` lines, a depth ``camera`` of few pixels, ``corners`` as of SLAM
+    patterns: tuple[Literal["uniform", "lidar", "camera", "corners"], ...] = (
+        "uniform",
+        "uniform",
+        "lidar",
+        "camera",
+        "corners",
+    )
+    points: tuple[Positive, Positive] = (5, 20_000)  #: least and largest number of uniform points
+    corners: tuple[Positive, Positive] = (10, 1_000)  #: of corners
+    lines: tuple[Positive, ...] = (1, 4, 16, 64)  #: numbers of lidar lines
+    columns: tuple[Positive, Positive] = (16, 64)  #: of a depth camera
+    #: largest standard deviation of noise relative to depth, of half of the prompts
+    noise: Share = 0.03
+    kinect: UnitInterval = 0.2  #: share of prompts whose noise grows with distance, as Kinect's
+    wrong: tuple[Share, ...] = (0.0, 0.0, 0.02, 0.25)  #: shares of points that are wrong
+    jitter_px: Amount = 0.3  #: standard deviation of the shift of each point, network px
+    shift_px: Amount = 2.0  #: largest shift of all points, of a wrong calibration, network px
+    shifted: UnitInterval = 0.2  #: share of prompts that are shifted
+    missing: UnitInterval = 0.3  #: share of prompts that lack a part of the image
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +275,7 @@ class TrainConfig:
     #: Fabric's name of it: ``32-true``, ``bf16-mixed`` or ``16-mixed``
     precision: Precision = "32-true"
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
+    prompt: PromptConfig = field(default_factory=PromptConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
     data: DataConfig = field(default_factory=DataConfig)
     loss: LossConfig = field(default_factory=LossConfig)
@@ -272,6 +303,7 @@ def check_config(config: TrainConfig) -> None:
             raise UsageError(f"generator.{name} has to be {count} numbers")
     if generator.name == "encoder" and not isinstance(generator.encoder, str):
         raise UsageError("generator.encoder is the name of a model of timm: set it")
+    _check_prompt(config)
     needs = [name for name in ("l1", *PAIRED_LOSSES) if getattr(config.loss, name)]
     needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
     if needs and not config.data.paired:
@@ -283,3 +315,20 @@ def check_config(config: TrainConfig) -> None:
     if config.data.channels > 1 and (generator.name != "encoder" or others):
         told = "data.colour=rgb is for generator.name=encoder with loss.l1 and loss.gradient alone"
         raise UsageError(told)
+
+
+def _check_prompt(config: TrainConfig) -> None:
+    """Check the layers that take known depth."""
+    generator = config.generator
+    if bool(generator.prompt) != (config.method == "prompted"):
+        raise UsageError("generator.prompt is for the method prompted, which needs it")
+    if not generator.prompt:
+        return
+    if generator.name == "resnet" or config.output.coding != "log":
+        raise UsageError(
+            "the method prompted needs generator.name=efficient or encoder and output.coding=log"
+        )
+    if len(generator.prompt) != _PROMPT_LEVELS:
+        raise UsageError(f"generator.prompt has to be {_PROMPT_LEVELS} numbers")
+    if not (config.prompt.patterns and config.prompt.lines and config.prompt.wrong):
+        raise UsageError("prompt.patterns, prompt.lines and prompt.wrong are not empty")

@@ -2,8 +2,9 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -13,8 +14,9 @@ from torch import Tensor, nn
 
 from depthcli.errors import CheckpointError
 from depthcli.models.catalog import find_model
-from depthcli.training.checkpoint import load_generator
+from depthcli.training.checkpoint import Checkpoint, load_generator
 from depthcli.training.networks.encoder import EncoderGenerator
+from depthcli.training.networks.prompted import PromptedGenerator
 from depthcli.training.provenance import DataProvenance, PairIds, ids_of_card, merged_ids
 
 HUB = Path("hub")  #: in place of a file: the pretrained encoder that timm downloads
@@ -29,6 +31,7 @@ _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
 # Names of an exported network's weights end so; graphs have other constants, too.
 _WEIGHTS = (".weight", ".bias", "input_gain")
 _HASH_LENGTH = 16
+_INPUT_SETTINGS = ("width", "height", "colour")
 
 
 def weights_file(source: Path) -> Path:
@@ -39,6 +42,38 @@ def weights_file(source: Path) -> Path:
         raise CheckpointError(f"no checkpoint at {source}")
     model = find_model(source)
     return find_model(model.card.float_model).path if model.card.float_model else model.path
+
+
+def settings_of(source: Path) -> dict[str, Any]:
+    """Settings that a network with the layers of another has to share with it.
+
+    Args:
+        source: a checkpoint or a model.
+
+    Returns:
+        Fields of ``generator``, ``output`` and ``data``; of an exported model, as far as its card
+        states them.
+
+    Raises:
+        CheckpointError: it is no checkpoint, or the weights of an encoder alone.
+        ModelError: there is no such model, or it is damaged.
+    """
+    path = weights_file(source)
+    if _is_encoder_file(path):
+        raise CheckpointError(f"{path} has weights of an encoder, not of a whole network")
+    if path.suffix == ".onnx":
+        stated = find_model(path).card.training.get("config", {})
+        generator = stated.get("generator", {}) | {"norm": "none"}
+        stated = stated | {"generator": generator}
+    else:
+        stated = asdict(Checkpoint.load(path).config)
+    inputs = {k: v for k, v in stated.get("data", {}).items() if k in _INPUT_SETTINGS}
+    own = stated.get("generator", {})
+    return {
+        "generator": {k: v for k, v in own.items() if k != "prompt"},
+        "output": stated.get("output", {}),
+        "data": inputs,
+    }
 
 
 def load_init_weights(
@@ -71,6 +106,9 @@ def load_init_weights(
         encoder = "timm's hub" if paths[0] == HUB else encoder
         return replace(provenance, init_weights=origin, encoder_weights=encoder)
     weights, ids, encoders = zip(*map(_read, paths), strict=True)
+    is_prompted = any(name.startswith("correction.") for name in weights[0])
+    if isinstance(generator, PromptedGenerator) and not is_prompted:
+        generator = generator.base
     try:
         generator.load_state_dict(_mean(weights, paths))
     except RuntimeError as error:

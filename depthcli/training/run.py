@@ -360,6 +360,7 @@ def _set_up(
         config.seed,
         fabric.device,
         None if labels is None else PairStore(labels, range(len(labels)), config.data),
+        config.prompt if config.generator.prompt else None,
     )
     validation = callbacks.Validation(dataset, held_out, config) if held_out else None
     run = Run(config, fabric, batches.steps_per_epoch)

@@ -12,6 +12,7 @@ from depthcli.core.options import short_repr
 from depthcli.errors import UsageError
 from depthcli.training.checkpoint import CHECKPOINT, saved_checkpoint
 from depthcli.training.config import TrainConfig, check_config, updated
+from depthcli.training.init_weights import settings_of
 from depthcli.training.methods.registry import check_terms, default_config
 from depthcli.training.presets import preset_file
 from depthcli.training.provenance import config_differences, mismatch_error
@@ -23,16 +24,20 @@ def resolve_config(
     files: Sequence[Path] = (),
     settings: Sequence[str] = (),
     folder: Path | None = None,
+    init: Path | None = None,
 ) -> TrainConfig:
     """A method's default configuration, overridden by a preset, files and ``a.b=c`` settings.
 
     Later ones override earlier ones. If ``folder`` has a checkpoint, its configuration is returned.
+    The method ``prompted`` takes the network of ``init``, a checkpoint or a model.
 
     Raises:
         UsageError: a name or a value is wrong.
         CheckpointError: the checkpoint has another configuration.
     """
     usual = default_config(method)
+    if usual.generator.prompt and init is not None:
+        usual = updated(usual, settings_of(init))
     files = [preset_file(preset, method), *files] if preset else files
     saved = None if folder is None else saved_checkpoint(folder)
     if folder is not None and saved is not None:

@@ -13,7 +13,7 @@ import pytest
 
 from depthcli.cli.app import main
 from depthcli.training.methods.registry import default_config
-from depthcli.training.methods.table import METHODS
+from depthcli.training.methods.table import PAPER_METHODS
 from depthcli.training.presets import preset_file
 from depthcli.training.settings import apply_overrides, resolve_config
 from docs import write_methods
@@ -45,7 +45,7 @@ def _alone(words: list[str]) -> list[list[str]]:
         place = words.index("--methods")
         names, rest = words[place + 1].split(","), words[:place] + words[place + 2 :]
     elif "--all" in words:
-        names, rest = list(METHODS), [word for word in words if word != "--all"]
+        names, rest = list(PAPER_METHODS), [word for word in words if word != "--all"]
     else:
         return [words]
     if "--seeds" in rest:
@@ -56,8 +56,8 @@ def _alone(words: list[str]) -> list[list[str]]:
 
 def test_every_command_of_the_page_is_one_that_trains(capsys: pytest.CaptureFixture[str]) -> None:
     commands = [command for words in _commands() for command in _alone(words)]
-    assert {command[0] for command in commands} == set(METHODS)
-    assert len(commands) >= len(METHODS) + 5 + 6, "the seven, the pilot, the controls"
+    assert {command[0] for command in commands} == set(PAPER_METHODS)
+    assert len(commands) >= len(PAPER_METHODS) + 5 + 6, "the seven, the pilot, the controls"
     for command in commands:
         assert main(["train", *command, "--show-config"]) == 0, command
         shown = tomllib.loads(capsys.readouterr().out)
@@ -83,7 +83,7 @@ def test_commands_give_the_settings_of_the_measured_generators(card: Path) -> No
         assert given == {name: measured[part][name] for name in shared}
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_the_table_trains_every_method_alike(name: str) -> None:
     config = apply_overrides(default_config(name), [preset_file("paper-small")], [])
     usual, optim = default_config(name), config.optim

@@ -186,7 +186,7 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
     model = build_graph(network)
     batches = calibration_batches(tmp_path, SPEC)
     assert len(batches) == 4
-    small = quantize(model, batches)
+    small = quantize(model, batches, network)
     assert small.ByteSize() < 0.5 * model.ByteSize()
     weights = [w for w in map(to_array, small.graph.initializer) if w.dtype == np.int8]
     assert max(np.abs(w.astype(int)).max() for w in weights) <= 64  # 7 of the 8 bits

@@ -12,7 +12,7 @@ from depthcli.core.types import DepthCodec
 from depthcli.errors import UsageError
 from depthcli.training.config import LossConfig, TrainConfig, updated
 from depthcli.training.methods.registry import DEFAULTS, default_config
-from depthcli.training.methods.table import METHODS
+from depthcli.training.methods.table import PAPER_METHODS
 from depthcli.training.presets import FOLDER, PRESETS, preset_file
 from depthcli.training.settings import apply_overrides, resolve_config
 
@@ -140,7 +140,7 @@ def _leaves(values: dict[str, Any], path: str = "") -> dict[str, Any]:
     return leaves
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_a_methods_file_holds_only_differences(name: str) -> None:
     written = _leaves(tomllib.loads((DEFAULTS / f"{name}.toml").read_text()))
     usual = _leaves(dataclasses.asdict(TrainConfig()))
@@ -149,7 +149,7 @@ def test_a_methods_file_holds_only_differences(name: str) -> None:
 
 @pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
 def test_a_preset_holds_only_differences(file: Path) -> None:
-    usual = [_leaves(dataclasses.asdict(default_config(name))) for name in METHODS]
+    usual = [_leaves(dataclasses.asdict(default_config(name))) for name in PAPER_METHODS]
     for path, value in _leaves(tomllib.loads(file.read_text())).items():
         assert any(config[path] != value for config in usual), path
 
@@ -168,7 +168,7 @@ def test_presets_and_files_are_the_same() -> None:
     assert {file.stem for file in FOLDER.glob("*.toml")} == set(PRESETS)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", PAPER_METHODS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_preset_is_refused_for_other_methods_than_its_own(preset: str, method: str) -> None:
     if PRESETS[preset] in ("", method):

@@ -54,7 +54,7 @@ def test_neither_reads_nor_moves_the_global_generator() -> None:
 
 
 def test_shapes_and_ranges() -> None:
-    gray, depth_m, valid_mask, _ = _batches(size=3, width=48)[0]
+    gray, depth_m, valid_mask, *_ = _batches(size=3, width=48)[0]
     assert valid_mask is None
     assert gray.shape == depth_m.shape == (3, 1, 32, 48)
     assert gray.dtype == depth_m.dtype == torch.float32
@@ -259,7 +259,7 @@ def test_batches_never_show_zero_and_say_what_is_known() -> None:
     assert float(store.depth_m.min()) >= 0.9
     for changes in ({}, {"paired": False}, {"crop_286": True}):
         data = replace(HOLED_DATA, **changes)
-        gray, depth_m, valid_mask, _ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
+        gray, depth_m, valid_mask, *_ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
         assert valid_mask is not None
         assert valid_mask.shape == depth_m.shape == gray.shape
         assert valid_mask.dtype == torch.bool

@@ -20,7 +20,7 @@ from lightning_fabric import Fabric
 
 from depthcli.training.config import DataConfig, TrainConfig
 from depthcli.training.data import Batches, PairStore, TrainingBatch
-from depthcli.training.methods.table import METHODS
+from depthcli.training.methods.table import PAPER_METHODS
 from depthcli.training.run import Run
 
 STORED = Path(__file__).parents[1] / "reference" / "training-seeds.json"
@@ -43,7 +43,7 @@ SHOWN = {
     "extra": replace(LIGHT, pseudo_label_share=0.25, turn=1.0),
 }
 LEARNED = {
-    **{name: tiny(name) for name in METHODS},
+    **{name: tiny(name) for name in PAPER_METHODS},
     "efficient": EFFICIENT,
     "averaged": replace(PAPER, optim=replace(PAPER.optim, ema=0.9, clip_norm=0.5)),
 }

@@ -155,7 +155,14 @@ def train(
     planned: dict[Path, Callable[..., TrainConfig]] = {}
     for name, seed in itertools.product(methods, seeds or (None,)):
         settings = [*(config.settings or ()), *([] if seed is None else [f"seed={seed}"])]
-        resolve = partial(resolve_config, name, config.preset, config.config or (), settings)
+        resolve = partial(
+            resolve_config,
+            name,
+            config.preset,
+            config.config or (),
+            settings,
+            init=data.init[0] if data.init else None,
+        )
         if config.show_config:
             show_config(resolve())
         is_one = runs.methods is None and not seeds

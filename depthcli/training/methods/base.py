@@ -3,13 +3,15 @@
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import ClassVar, Literal, TypeVar
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from depthcli.training.config import TrainConfig
+from depthcli.training import losses
+from depthcli.training.config import PAIRED_LOSSES, TrainConfig
 from depthcli.training.data import TrainingBatch
 from depthcli.training.losses import discriminator_loss, generator_loss
 from depthcli.training.networks.build import Generator, build_discriminator, build_generator
@@ -67,6 +69,22 @@ class Method(nn.Module):
         """Weighted terms of losses, each named as its weight; a weight of zero leaves it out."""
         weights = {name: getattr(self.weights, name) for name in losses}
         return {name: weights[name] * loss() for name, loss in losses.items() if weights[name]}
+
+    def paired_terms(
+        self, raw_y: Tensor, y: Tensor, valid_mask: Tensor | None
+    ) -> dict[str, Tensor]:
+        """Eq. 1 and the other losses against ground truth, over pixels with valid depth."""
+        size = raw_y.shape[2:]
+        if size != y.shape[2:]:
+            y = F.interpolate(y, size=size, mode="area")
+            if valid_mask is not None:
+                valid_mask = F.interpolate(valid_mask.float(), size=size, mode="area") == 1
+        pair, penalty = (raw_y, y), self.weights.weight_penalty
+        l1 = partial(losses.regularized_l1, *pair, self.generator, penalty, valid_mask)
+        others = {name: getattr(losses, function) for name, function in PAIRED_LOSSES.items()}
+        return self.weighted(
+            l1=l1, **{name: partial(loss, *pair, valid_mask) for name, loss in others.items()}
+        )
 
     def encode(self, depth_m: Tensor) -> Tensor:
         """Depth (B, 1, H, W) in metres to the networks' coding in [-1, 1]."""

@@ -3,7 +3,6 @@
 from functools import partial
 from typing import ClassVar
 
-import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from depthcli.training import losses
@@ -34,7 +33,7 @@ class Proposed(CycleGan):
     ) -> dict[str, Tensor]:
         x, valid_mask, penalty = batch.network_input, batch.valid_mask, self.weights.weight_penalty
         raw_y = self._correct_pseudo_label_scale(outputs.raw_y, y, batch)
-        terms = self._paired_terms(raw_y, y, valid_mask) | super()._terms(batch, y, outputs)
+        terms = self.paired_terms(raw_y, y, valid_mask) | super()._terms(batch, y, outputs)
         if self.weights.l1 and self.weights.l1_backward:
             backward = base.required(self.backward_generator)
             l1 = losses.regularized_l1(
@@ -59,22 +58,6 @@ class Proposed(CycleGan):
             offset = difference.mean((1, 2, 3))
         moved = batch.is_pseudo_label * (1 - self.weights.pseudo_label_scale) * offset
         return raw_y + moved[:, None, None, None]
-
-    def _paired_terms(
-        self, raw_y: Tensor, y: Tensor, valid_mask: Tensor | None
-    ) -> dict[str, Tensor]:
-        """Eq. 1 and the other losses against ground truth, over pixels with valid depth."""
-        size = raw_y.shape[2:]
-        if size != y.shape[2:]:
-            y = F.interpolate(y, size=size, mode="area")
-            if valid_mask is not None:
-                valid_mask = F.interpolate(valid_mask.float(), size=size, mode="area") == 1
-        pair, penalty = (raw_y, y), self.weights.weight_penalty
-        l1 = partial(losses.regularized_l1, *pair, self.generator, penalty, valid_mask)
-        others = {name: getattr(losses, function) for name, function in PAIRED_LOSSES.items()}
-        return self.weighted(
-            l1=l1, **{name: partial(loss, *pair, valid_mask) for name, loss in others.items()}
-        )
 
     def _contrastive_terms(
         self, x: Tensor, y: Tensor, outputs: GeneratorOutputs

@@ -1,6 +1,6 @@
 """The methods by name; imports nothing, for use in help texts and completion."""
 
-METHODS = {  #: name -> ``module:class``, in the order of the paper's Table I
+PAPER_METHODS = {  #: name -> ``module:class``, in the order of the paper's Table I
     "cyclegan": "cyclegan:CycleGan",
     "cut": "cut:Cut",
     "fastcut": "cut:Cut",
@@ -9,3 +9,5 @@ METHODS = {  #: name -> ``module:class``, in the order of the paper's Table I
     "hnegsrc": "cut:HnegSrc",
     "proposed": "proposed:Proposed",
 }
+
+METHODS = PAPER_METHODS | {"prompted": "prompted:Prompted"}  #: all methods

@@ -4,13 +4,22 @@ from depthcli.training.config import GeneratorConfig, TrainConfig
 from depthcli.training.networks.efficient import EfficientGenerator
 from depthcli.training.networks.encoder import EncoderGenerator
 from depthcli.training.networks.patch import PatchGan
+from depthcli.training.networks.prompted import PromptedGenerator
 from depthcli.training.networks.resnet import ResnetGenerator
 
 Generator = EfficientGenerator | EncoderGenerator | ResnetGenerator
 
 
+def build_network(config: GeneratorConfig, channels: int = 1) -> Generator | PromptedGenerator:
+    """The generator of a configuration, with the layers that take known depth, if it has some."""
+    generator = build_generator(config, channels)
+    if config.prompt and not isinstance(generator, ResnetGenerator):
+        return PromptedGenerator(generator, config.prompt)
+    return generator
+
+
 def build_generator(config: GeneratorConfig, channels: int = 1) -> Generator:
-    """The generator of a configuration, newly initialized."""
+    """The generator of a configuration, newly initialized, without layers for known depth."""
     if config.name == "encoder":
         return EncoderGenerator(
             str(config.encoder), config.decoder, config.dropout, norm=config.norm, channels=channels

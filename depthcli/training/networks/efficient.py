@@ -49,16 +49,22 @@ class DecodingGenerator(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, C, H, W) in [-1, 1]."""
+        return self.head(self.decoded(x)[-1])  # type: ignore[no-any-return]
+
+    def decoded(self, x: Tensor) -> list[Tensor]:
+        """Feature maps of the decoder at strides 32, 16, 8, 4, 2, of x (B, C, H, W)."""
         skips, y = self._encode(x)
         y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
         y = self.dropout(y)
+        maps = [y]
         for fusion, skip in zip(self.fusions, reversed(skips), strict=True):
             if skip is None:
                 y = fusion(F.interpolate(y, scale_factor=2.0, mode="bilinear"))
             else:
                 y = F.interpolate(y, size=skip.shape[2:], mode="bilinear", align_corners=False)
                 y = fusion(torch.cat([y, skip], 1))
-        return self.head(y)  # type: ignore[no-any-return]
+            maps.append(y)
+        return maps
 
 
 class EfficientGenerator(DecodingGenerator):

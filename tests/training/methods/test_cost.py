@@ -8,7 +8,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from depthcli.training.config import updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
-from depthcli.training.methods.table import METHODS
+from depthcli.training.methods.table import PAPER_METHODS
 
 TFLOP = {
     "cyclegan": 1.85,
@@ -22,7 +22,7 @@ TFLOP = {
 """Forward and backward passes of one picture, 256 x 256, generators and discriminators."""
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_a_step_makes_the_passes_of_its_formula_and_no_other(name: str) -> None:
     config = updated(default_config(name), {"loss": {"flip_contrast": False}})  # costs nothing
     with FakeTensorMode():

@@ -28,7 +28,7 @@ from depthcli.training.methods.registry import (
     default_config,
     method_class,
 )
-from depthcli.training.methods.table import METHODS
+from depthcli.training.methods.table import PAPER_METHODS
 from depthcli.training.run import fit
 from depthcli.training.settings import apply_overrides
 
@@ -38,7 +38,7 @@ def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:
     return fit(config, room_data(), folder, fabric, Callback(), max_steps=steps).step
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_method_steps_saves_and_resumes(tmp_path: Path, name: str) -> None:
     config = tiny(name)
     assert _two_steps(config, tmp_path) == 2
@@ -52,7 +52,7 @@ def test_method_steps_saves_and_resumes(tmp_path: Path, name: str) -> None:
     assert {n.partition(".")[0] for n in moved} == phases  # every network learns
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_method_resumes_bit_exactly(tmp_path: Path, name: str) -> None:
     config = tiny(name)
     _two_steps(config, tmp_path / "broken")
@@ -66,7 +66,7 @@ def test_method_resumes_bit_exactly(tmp_path: Path, name: str) -> None:
     assert torch.equal(whole.rng, broken.rng)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_methods_generator_maps_a_picture_to_depth(tmp_path: Path, name: str) -> None:
     config = tiny(name)
     _two_steps(config, tmp_path)
@@ -83,7 +83,7 @@ def test_methods_generator_maps_a_picture_to_depth(tmp_path: Path, name: str) ->
     assert bool(np.all((depth_m >= 0) & (depth_m <= 10)))
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_phases_own_every_weight_once(name: str) -> None:
     method = build_method(tiny(name))
     owned = [
@@ -97,7 +97,7 @@ def test_unknown_method_names_the_known() -> None:
         build_method(replace(PAPER, method="pix2pix"))
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> None:
     fabric = Fabric(accelerator="cpu", devices=1)
     fit(tiny(name), room_data(), tmp_path, fabric, Callback(), max_steps=2)
@@ -120,7 +120,7 @@ def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> Non
     np.testing.assert_allclose(exported[0], raw, atol=1e-4)
 
 
-UNPAIRED_METHODS = sorted(set(METHODS) - {"proposed"})
+UNPAIRED_METHODS = sorted(set(PAPER_METHODS) - {"proposed"})
 
 
 def _gradient(name: str, picture: int, depth: int, **loss: Any) -> Tensor:
@@ -204,7 +204,7 @@ SCHEDULES = {
 }
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_weights_are_the_published_ones(name: str) -> None:
     loss = default_config(name).loss
     terms = method_class(name).TERMS
@@ -214,7 +214,7 @@ def test_weights_are_the_published_ones(name: str) -> None:
     assert loss.flip_contrast == (name == "fastcut")
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_the_order_of_the_half_steps_is_the_published_one(name: str) -> None:
     first = "generator" if name in {"cyclegan", "proposed"} else "discriminator"
     method = build_method(tiny(name))
@@ -223,7 +223,7 @@ def test_the_order_of_the_half_steps_is_the_published_one(name: str) -> None:
     assert sorted(method.phases) == ["discriminator", "generator"]
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_schedules_pools_and_pairing_are_the_published_ones(name: str) -> None:
     config = default_config(name)
     optim = config.optim
@@ -243,7 +243,7 @@ def test_the_generator_has_the_published_size() -> None:
         assert sum(w.numel() for w in generator.parameters()) == pytest.approx(11.37e6, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_a_loss_that_the_method_has_not_is_refused(name: str) -> None:
     own = set(WEIGHTS["cut" if name == "fastcut" else name])
     own |= {"gradient"} if name == "proposed" else set()
@@ -257,7 +257,7 @@ def test_a_loss_that_the_method_has_not_is_refused(name: str) -> None:
             check_terms(config)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_a_run_without_any_loss_is_refused(name: str) -> None:
     nothing = LossConfig(0, 0, 0, 0, 0, 0, 0, 0)
     with pytest.raises(UsageError):

@@ -1,0 +1,164 @@
+"""The network that follows known depth: where it begins, what it keeps, and a run of it."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from helpers.rooms import rooms
+from helpers.supervised_runs import SUPERVISED, train_two_steps
+from helpers.tiny import load
+from torch import Tensor, nn
+
+from depthcli.core.types import Frame
+from depthcli.errors import UsageError
+from depthcli.export.onnx import ExportOptions, export_checkpoint
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
+from depthcli.training.config import TrainConfig
+from depthcli.training.networks.efficient import EfficientGenerator
+from depthcli.training.networks.encoder import EncoderGenerator
+from depthcli.training.networks.prompted import PromptedGenerator, coded_prompt, robust_mean
+from depthcli.training.settings import resolve_config
+
+WIDTHS = (8, 8, 8, 8, 8)
+
+
+def _base(kind: str = "efficient") -> EfficientGenerator | EncoderGenerator:
+    torch.manual_seed(0)
+    made: EfficientGenerator | EncoderGenerator
+    if kind == "efficient":
+        made = EfficientGenerator((8,) * 5, (8,) * 4, (1,) * 4, 0.1, norm=True)
+    else:
+        made = EncoderGenerator("test_resnet", (8,) * 4, 0.0, norm="batch")
+    nn.init.normal_(made.head.weight)
+    return made
+
+
+def _known(height: int = 36, width: int = 64) -> tuple[Tensor, Tensor, Tensor]:
+    random = torch.Generator().manual_seed(1)
+    image, prompt, chosen = torch.rand(3, 2, 1, height, width, generator=random)
+    mask = (chosen < 0.05).float()
+    return image, prompt * mask, mask
+
+
+@pytest.mark.parametrize("kind", ["efficient", "encoder"])
+def test_without_points_it_is_the_plain_network(kind: str) -> None:
+    base = _base(kind)
+    network = PromptedGenerator(base, WIDTHS)
+    for weight in network.correction.parameters():
+        nn.init.normal_(weight)
+    image, prompt, mask = _known()
+    plain = base.eval()(image)
+    network.train()
+    mask[0] = 0
+    assert torch.equal(network(image), plain)
+    found = network(image, prompt, mask)
+    assert torch.equal(found[0], plain[0])
+    assert not torch.equal(found[1], plain[1])
+
+
+def test_depth_of_the_points_times_a_number_is_depth_times_it() -> None:
+    network = PromptedGenerator(_base(), WIDTHS)
+    image, prompt, mask = _known()
+    found = network(image, prompt, mask)
+    moved = network(image, (prompt + 3) * mask, mask)
+    assert float((moved - found - 3).detach().abs().max()) < 1e-4
+
+
+def test_starts_as_an_interpolation_that_leaves_wrong_points_out() -> None:
+    network = PromptedGenerator(_base().eval(), WIDTHS)
+    image = torch.zeros(1, 1, 96, 128)
+    raw = network(image)
+    across = torch.linspace(-0.3, 0.3, 128).expand(1, 1, 96, 128)
+    truth = nn.functional.interpolate(raw, (96, 128), mode="bilinear") + across
+    random = torch.Generator().manual_seed(0)
+    mask = (torch.rand(1, 1, 96, 128, generator=random) < 0.05).float()
+    wrong = (torch.rand(1, 1, 96, 128, generator=random) < 0.1) * 1.5
+    wanted = raw + nn.functional.interpolate(across, raw.shape[2:], mode="area")
+    errors = [
+        float((network(image, (truth + extra) * mask, mask) - wanted).detach().abs().mean())
+        for extra in (0 * wrong, wrong)
+    ]
+    assert errors[0] < 0.02
+    assert errors[1] < 0.04
+
+
+def test_robust_mean_is_near_most_values() -> None:
+    values = torch.tensor([0.5, 0.52, 0.48, 0.5, 1.5, 9.0]).view(1, 1, 2, 3)
+    mask = torch.tensor([1.0, 1, 1, 1, 1, 0]).view(1, 1, 2, 3)
+    assert float(robust_mean(values, mask)) == pytest.approx(0.5, abs=0.03)
+    assert float(robust_mean(values, 0 * mask)) == 0
+
+
+def test_coded_prompt_is_the_inverse_of_decoding() -> None:
+    codec = SUPERVISED.output.codec
+    depth_m = torch.tensor([0.0, 0.5, 20.0]).view(1, 1, 1, 3)
+    coded, mask = coded_prompt(depth_m, codec)
+    assert mask.flatten().tolist() == [0, 1, 1]
+    decoded = codec.decode(coded.numpy()).ravel()[1:]
+    np.testing.assert_allclose(decoded, [0.5, 20], rtol=1e-5)
+
+
+def _plain_run(folder: Path) -> Path:
+    train_two_steps(SUPERVISED, folder)
+    return folder / CHECKPOINT
+
+
+def _config(init: Path, *settings: str) -> TrainConfig:
+    usual = ("generator.prompt=[8,8,8,8,8]", "precision=32-true", "optim.batch_size=4")
+    small = ("validate_every=1", "data.holdout_every=4", "data.holdout_offset=1", "data.aspects=()")
+    return resolve_config("prompted", settings=(*usual, *small, *settings), init=init)
+
+
+def test_run_trains_the_added_layers_alone_resumes_and_exports(tmp_path: Path) -> None:
+    init = _plain_run(tmp_path / "plain")
+    config = _config(init)
+    assert config.generator.encoder == SUPERVISED.generator.encoder
+    assert (config.data.width, config.data.height) == (64, 32)
+    assert train_two_steps(config, tmp_path / "run", init_weights=init).step == 2
+    plain, _ = load_generator(init)
+    assert train_two_steps(config, tmp_path / "run").step == 4
+    generator, saved = load_generator(tmp_path / "run" / CHECKPOINT)
+    assert isinstance(generator, PromptedGenerator)
+    for name, value in plain.state_dict().items():
+        assert torch.equal(generator.base.state_dict()[name], value)
+    assert any(weight.any() for weight in generator.correction[0].head.parameters())
+    assert np.isfinite(saved.state.scores["abs_rel"])
+    exported = export_checkpoint(
+        tmp_path / "run" / CHECKPOINT, tmp_path / "m.onnx", ExportOptions()
+    )
+    assert exported.card.input.prompt
+    assert exported.parity.max_abs < 1e-3
+    depth = load(tmp_path / "m.onnx", provider="cpu").predict(Frame(rooms().image(0))).depth
+    assert depth.valid.all()
+
+
+def test_resumes_bit_exactly(tmp_path: Path) -> None:
+    init = _plain_run(tmp_path / "plain")
+    config = _config(init, "optim.epochs_decay=4")
+    train_two_steps(config, tmp_path / "broken", init_weights=init)
+    train_two_steps(config, tmp_path / "broken")
+    train_two_steps(config, tmp_path / "again", init_weights=init)
+    train_two_steps(config, tmp_path / "again")
+    one, other = (Checkpoint.load(tmp_path / n / CHECKPOINT).method for n in ("broken", "again"))
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_exported_models_give_their_settings(tmp_path: Path) -> None:
+    init = _plain_run(tmp_path / "plain")
+    exported = export_checkpoint(init, tmp_path / "m.onnx", ExportOptions())
+    config = _config(exported.path)
+    assert config.generator.norm == "none"
+    assert asdict(config.output) == asdict(SUPERVISED.output)
+    assert train_two_steps(config, tmp_path / "run", init_weights=exported.path).step == 2
+
+
+@pytest.mark.parametrize(
+    "setting", ["generator.name=resnet", "output.coding=linear", "generator.prompt=()"]
+)
+def test_networks_without_a_decoder_and_other_codings_are_refused(setting: str) -> None:
+    with pytest.raises(UsageError):
+        resolve_config("prompted", settings=(setting,))
+    with pytest.raises(UsageError):
+        resolve_config("proposed", settings=("generator.prompt=[8,8,8,8,8]",))
