@@ -8,15 +8,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import cv2
 import numpy as np
 
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics, hfov_deg
-from depthcli.core.options import DEFAULT_UPSAMPLING, DepthEncoding, UpsamplingOptions
+from depthcli.core.options import DEFAULT_UPSAMPLING, AnchorsFit, DepthEncoding, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.folders import as_dataset_error
+from depthcli.datasets.prompts import Prompt
 from depthcli.errors import DatasetError
 from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
@@ -50,6 +53,14 @@ class Sample:
         """The image."""
         return self._dataset.frame(self._position)
 
+    def known_points(self, prompt: Prompt) -> AnchorPoints:
+        """Points of the true depth, the same whenever they are drawn."""
+        depth_m = self._dataset.depth_m(self._position)
+        gray = cv2.resize(self.frame.pixels_8bit().max(2), depth_m.shape[::-1])
+        random = np.random.default_rng(self._position)
+        drawn_m = prompt.draw(depth_m, np.asarray(gray, np.float32), random)
+        return AnchorPoints.of_map(drawn_m)
+
 
 @dataclass(frozen=True, slots=True)
 class Predictor(ABC):
@@ -76,21 +87,29 @@ class ModelPredictor(Predictor):
     pipeline: Pipeline  #: the inference pipeline
     run: TrainedRun | None = None  #: the training run that the model is of
     latency_ms: float = math.nan  #: median of the network for one image; NaN if not measured
+    prompt: Prompt | None = None  #: known depth that it is given; None for none
+    fit: AnchorsFit | None = None  #: how its depth is fitted to that; None for the best it can
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth at the image's size."""
-        return self.pipeline.predict(sample.frame, sample.camera).depth
+        points = None
+        if self.prompt is not None:
+            points = replace(sample.known_points(self.prompt), fit=self.fit)
+        return self.pipeline.predict(sample.frame, sample.camera, points).depth
 
 
 def open_model(
-    loader: SessionLoader, detail: UpsamplingOptions = DEFAULT_UPSAMPLING
+    loader: SessionLoader,
+    detail: UpsamplingOptions = DEFAULT_UPSAMPLING,
+    prompt: Prompt | None = None,
+    fit: AnchorsFit | None = None,
 ) -> ModelPredictor:
-    """Find a model and load it."""
+    """Find a model and load it; with known depth, its depth is metric."""
     pipeline = Pipeline(loader.load(), detail)
     name = str(loader.model or pipeline.card.name)
-    kind = pipeline.card.output.kind
+    kind = DepthKind.METRIC if prompt else pipeline.card.output.kind
     stated = f"{kind}, m" if kind is DepthKind.METRIC else kind
-    return ModelPredictor(name, Source.MODEL, kind, stated, pipeline)
+    return ModelPredictor(name, Source.MODEL, kind, stated, pipeline, prompt=prompt, fit=fit)
 
 
 @dataclass(frozen=True, slots=True)

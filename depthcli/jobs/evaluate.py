@@ -5,11 +5,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from depthcli.core.options import Mask, UpsamplingOptions, Weights
+from depthcli.core.options import AnchorsFit, Mask, UpsamplingOptions, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
+from depthcli.datasets.prompts import Prompt
 from depthcli.errors import DepthcliError, Message, UsageError
 from depthcli.evaluation import evaluate as table
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
@@ -48,6 +49,8 @@ class EvalRequest:
     weights: Weights = Weights.AVERAGED
     #: provider and threads of the runs; its model is not used
     runner: SessionLoader = field(default_factory=SessionLoader)
+    prompt: Prompt | None = None  #: known depth that the models are given; None for none
+    anchors_fit: AnchorsFit | None = None  #: to that; None for the best that each model can
     truth: DepthReadOptions = AS_STATED  #: what is known about the depth of a custom folder
     #: of the names of images and depth in it, with ``*``; None for a known layout
     patterns: tuple[str, str] | None = None
@@ -102,7 +105,8 @@ def run_evaluation(
     if options.protocol.mask is Mask.RAW:
         task.dataset.raw_depth_m(task.test[0])  # before the models are loaded
     with temporary_folder() as fallback_folder:
-        models = [open_model(loader, request.detail) for loader in request.models]
+        known = request.prompt, request.anchors_fit
+        models = [open_model(loader, request.detail, *known) for loader in request.models]
         if runs:
             models += _load_runs(request, runs, fallback_folder, progress, failed)
         files = [
@@ -119,6 +123,9 @@ def run_evaluation(
             warn(text)
         if runs and request.weights is Weights.RAW:
             report = replace(report, notes=(*report.notes, _RAW_WEIGHTS))
+        if request.prompt:
+            told = f"the models are given known depth of these images, {request.prompt}"
+            report = replace(report, notes=(*report.notes, told))
         shown = _shown(compared, report)
         if not (positions and shown):
             return EvalResult(report, (), tuple(failed))

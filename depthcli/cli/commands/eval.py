@@ -69,6 +69,15 @@ class ModelOptions:
     )
     detail: ProtocolDetail
     workers: groups.WorkersOption = None
+    prompt: str | None = groups.option(
+        "Known depth that models are given, drawn from the truth: uniform:500 (points), lidar:4 "
+        "(lines), camera:64 (columns of a depth camera) or corners:200; with ,noise=0.02 or "
+        ",wrong=0.25 (shares).",
+        metavar="PATTERN",
+    )
+    anchors_fit: choices.AnchorsFit | None = groups.option(
+        "How depth follows it, as in 'predict'.",
+    )
     average: choices.Averaging = groups.option(
         "Average over images, or over all pixels.", default=choices.Averaging.IMAGE
     )
@@ -295,6 +304,7 @@ def _request(
     """A request to compare models and predictions; without any, the bundled model if allowed."""
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
+    from depthcli.datasets.prompts import parsed_prompt
     from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.jobs.evaluate import EvalRequest
 
@@ -305,6 +315,8 @@ def _request(
         raise UsageError("scores of each image are part of the JSON output", "add {json}")
     if not names and (models.detail.upsample, models.detail.tile) != (protocol.upsampling, None):
         raise UsageError("no model is compared", "remove {upsample} and {tile}")
+    if models.anchors_fit and not models.prompt:
+        raise UsageError("", "{anchors_fit} is for {prompt}: give both or neither")
     workers, threads = share_cores(models.workers, table.runtime.threads)
     size_px = models.compare_at
     return EvalRequest(
@@ -312,6 +324,8 @@ def _request(
         models=tuple(parse.session_loader(name, table.runtime, threads) for name in names),
         predictions=tuple(models.predictions or ()),
         predictions_reading=_reading(models),
+        prompt=parsed_prompt(models.prompt) if models.prompt else None,
+        anchors_fit=models.anchors_fit,
         limit=table.limit,
         options=EvalOptions(
             replace(
