@@ -3,7 +3,7 @@
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Self, TypeAlias
 
 import numpy as np
@@ -13,7 +13,7 @@ from depthcli.core import anchors as anchor_fit
 from depthcli.core import types
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-from depthcli.core.options import Colormap, Near, short_repr
+from depthcli.core.options import AnchorsFit, Colormap, Near, short_repr
 from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
@@ -85,7 +85,7 @@ class DepthMap(types.DepthMap):
         """Residual of the fit to known points; None if there was none."""
         return self.provenance.anchor_fit if self.provenance else None
 
-    def fit_anchors(self, anchors: Anchors) -> Self:
+    def fit_anchors(self, anchors: Anchors, *, fit: str = AnchorsFit.LOCAL) -> Self:
         """Metric depth that fits known points best.
 
         One point fits the scale, two or more also a shift. Depth follows five or more locally, and
@@ -96,11 +96,12 @@ class DepthMap(types.DepthMap):
             anchors: (column, row, metres along the camera axis), one or more, as a list or (N, 3)
                 numbers, each of the nearest pixel; or a sparse map of the same aspect, as (H, W)
                 float metres or metric ``DepthMap``, whose pixels that are NaN or 0 are unknown.
+            fit: ``local``, or ``global`` for scale and shift alone.
 
         Raises:
             UsageError: the points do not fit the map, or not each other.
         """
-        points = anchor_points(anchors)
+        points = anchor_points(anchors, fit)
         fitted = anchor_fit.fit_anchors(self, points)
         inside = points.within(self.width, self.height)
         for message in (*inside.warnings, *anchor_fit.lost_in_fit(self, fitted)):
@@ -244,12 +245,18 @@ class DepthMap(types.DepthMap):
             warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
 
 
-def anchor_points(anchors: Anchors) -> AnchorPoints:
-    """The points of :meth:`DepthMap.fit_anchors`.
+def anchor_points(anchors: Anchors, fit: str | None) -> AnchorPoints:
+    """The points of :meth:`DepthMap.fit_anchors`, and how depth is fitted to them.
 
     Raises:
-        UsageError: they are of another form.
+        UsageError: they are of another form, or there is no such fit.
     """
+    if fit not in {None, *AnchorsFit}:
+        raise UsageError(f"the fit is {', '.join(AnchorsFit)}, not {fit!r}")
+    return replace(_points(anchors), fit=None if fit is None else AnchorsFit(fit))
+
+
+def _points(anchors: Anchors) -> AnchorPoints:
     if isinstance(anchors, types.DepthMap):
         if not anchors.is_metric:
             raise UsageError(f"anchors are metres, and {anchors.kind} depth has none")

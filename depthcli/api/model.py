@@ -130,6 +130,7 @@ class DepthModel:
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         anchors: Anchors | None = None,
+        anchors_fit: str | None = None,
         white_level: int | None = None,
     ) -> DepthMap:
         """Depth of every pixel of a picture.
@@ -143,6 +144,8 @@ class DepthModel:
                 that the model learned is assumed; ``camera_source`` of the map states which.
             anchors: known points that metres are fitted to; see :meth:`DepthMap.fit_anchors`. None
                 for no fit.
+            anchors_fit: ``global`` by scale and shift alone, ``local`` also by what that leaves, or
+                ``network`` by a model that takes known depth; None for the last that it can.
             white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; None
                 for 65535. Not for a ``Frame``, whose white is 65535.
 
@@ -156,7 +159,7 @@ class DepthModel:
             UsageError: the camera, the anchors or the white level are not valid.
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
-        points = None if anchors is None else anchor_points(anchors)
+        points = None if anchors is None else anchor_points(anchors, anchors_fit)
         frame = frame_of(picture, white_level)
         depth, texts = _displayed(self.pipeline.predict(frame, camera, points), frame)
         for text in (*self._focal_warnings(camera, points), *texts):
@@ -170,6 +173,7 @@ class DepthModel:
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         anchors: Anchors | None = None,
+        anchors_fit: str | None = None,
         white_level: int | None = None,
         batch_size: int = 1,
         workers: int = 0,
@@ -181,6 +185,7 @@ class DepthModel:
             focal_px: as in :meth:`predict`.
             hfov_deg: as in :meth:`predict`.
             anchors: as in :meth:`predict`.
+            anchors_fit: as in :meth:`predict`.
             white_level: as in :meth:`predict`.
             batch_size: pictures in one run of the network, which is faster on a GPU.
             workers: threads; 0 works in the calling thread and never reads ahead. With more, twice
@@ -195,7 +200,7 @@ class DepthModel:
                 picture.
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
-        points = None if anchors is None else anchor_points(anchors)
+        points = None if anchors is None else anchor_points(anchors, anchors_fit)
         check_levels(white_level)
         _check_several(pictures, batch_size, workers)
         for text in self._focal_warnings(camera, points):

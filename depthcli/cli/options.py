@@ -13,6 +13,7 @@ from depthcli.core.camera import FOCAL_PX, HFOV_DEG
 from depthcli.core.options import (
     EXPOSURE,
     MAX_PIXELS,
+    AnchorsFit,
     Colormap,
     DepthEncoding,
     Near,
@@ -239,6 +240,11 @@ class AnchorOptions:
     baseline: float | None = option(
         "Distance between the two cameras of --anchors-kind disparity in metres.",
         callback=positive,
+    )
+    anchors_fit: AnchorsFit | None = option(
+        "How depth follows known points: global by scale and shift alone; local also by what that "
+        "leaves, spread over the image; network by a model that takes them. Default: network, if "
+        "the model does, else local."
     )
 
 

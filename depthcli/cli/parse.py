@@ -174,6 +174,8 @@ def anchors(
         for name in ("anchors_scale", "anchors_kind", "baseline"):
             if getattr(options, name) is not None:
                 raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
+        if options.anchors_fit and not options.anchor:
+            raise UsageError("", "{anchors_fit} is for {anchors} and {anchor}: give one of them")
         return tuple(map(_anchor, options.anchor or ()))
     from depthcli.io.depth.anchors import SELF, AnchorFiles
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
 from depthcli.core.local_correction import spread_log_ratio
+from depthcli.core.options import AnchorsFit
 from depthcli.core.types import (
     AnchorFit,
     DepthKind,
@@ -37,6 +38,7 @@ class AnchorPoints:
         depth_m: (N,) float64, metres along the camera axis.
         size_px: (columns, rows) of the map that they are from; None for a list of points.
         warnings: about their file, or why it has none, one line each.
+        fit: how depth is fitted to them; None for the best that the model can.
     """
 
     x: npt.NDArray[np.int64]
@@ -44,6 +46,7 @@ class AnchorPoints:
     depth_m: npt.NDArray[np.float64]
     size_px: tuple[int, int] | None = None
     warnings: tuple[str, ...] = ()
+    fit: AnchorsFit | None = None
 
     @classmethod
     def of(cls, points: Sequence[Anchor]) -> Self:
@@ -86,7 +89,8 @@ class AnchorPoints:
 
     def sha256(self) -> str:
         """Checksum of the points, 64 hex digits."""
-        digest = hashlib.sha256(repr(self.size_px).encode())
+        stated = self.size_px if self.fit is None else (self.size_px, str(self.fit))
+        digest = hashlib.sha256(repr(stated).encode())
         for values in (self.x.astype("<i8"), self.y.astype("<i8"), self.depth_m.astype("<f8")):
             digest.update(values.tobytes())
         return digest.hexdigest()
@@ -299,7 +303,7 @@ def fit_anchors(
         fitted = np.float32(1) / fitted
     fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
     result = DepthMap(fitted, DepthKind.METRIC)
-    if local and len(used) >= ROBUST_FROM:
+    if local and points.fit is not AnchorsFit.GLOBAL and len(used) >= ROBUST_FROM:
         result, used = _followed(result, points, known, used, windows)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
@@ -320,8 +324,7 @@ def _followed(
     windows: Windows | None,
 ) -> tuple[DepthMap, npt.NDArray[np.bool_]]:
     """Fitted depth that follows the points locally, and which points it follows."""
-    rows, columns = windows.display.within(windows.pixels) if windows else (slice(0), slice(0))
-    x, y = points.x + (columns.start or 0), points.y + (rows.start or 0)
+    x, y = pixels_of(points, windows)
     mapped_m = depth.values[y, x]
     chosen = np.flatnonzero(known)
     is_fitted = np.isfinite(mapped_m[chosen])
@@ -330,6 +333,14 @@ def _followed(
     log_ratio = np.log(points.depth_m[at] / mapped_m[at])
     field, used[some] = spread_log_ratio(log_ratio, x[at], y[at], depth.values, used[some])
     return replace(depth, values=depth.values * np.exp(field)), used
+
+
+def pixels_of(
+    points: AnchorPoints, windows: Windows | None
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Columns and rows of points of the display window, in the pixels of the file: (N,) each."""
+    rows, columns = windows.display.within(windows.pixels) if windows else (slice(0), slice(0))
+    return points.x + (columns.start or 0), points.y + (rows.start or 0)
 
 
 def fitted(

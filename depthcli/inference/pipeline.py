@@ -8,14 +8,20 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.anchors import AnchorPoints, fitted
-from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import AUTO_TILE, DEFAULT_UPSAMPLING, Projection, UpsamplingOptions
+from depthcli.core.anchors import ROBUST_FROM, AnchorPoints, fitted
+from depthcli.core.camera import DEPTH_M_RANGE, UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.options import (
+    AUTO_TILE,
+    DEFAULT_UPSAMPLING,
+    AnchorsFit,
+    Projection,
+    UpsamplingOptions,
+)
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
-from depthcli.errors import InputError, Message, ModelError
+from depthcli.errors import InputError, Message, ModelError, UsageError
 from depthcli.inference.camera import frame_warnings, intrinsics_of, metric_camera, metric_scale
 from depthcli.inference.session import Session
-from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare
+from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare, prompt_input
 from depthcli.models.card import InputSpec, ModelCard, OutputSpec
 
 _STEP = 4  # pixels between those that are counted
@@ -113,18 +119,55 @@ class Pipeline:
             for frame, camera in zip(frames, own, strict=True)
         ]
         prepared = [prepare(self.card.input, frame) for frame in frames]
-        raws = self._run([single for single, _ in prepared])
-        each = zip(frames, raws, prepared, own, anchors, strict=True)
+        layouts = [layout for _, layout in prepared]
+        known = [self._prompt(*one) for one in zip(frames, layouts, anchors, strict=True)]
+        raws = self._run([single for single, _ in prepared], known)
         return [
-            _finished(*self._model_depth(frame, raw, layout, camera), frame, points)
-            for frame, raw, (_, layout), camera, points in each
+            _finished(
+                *self._model_depth(frame, raw, layout, camera, is_prompted=prompt is not None),
+                frame,
+                points,
+            )
+            for frame, raw, layout, camera, prompt, points in zip(
+                frames, raws, layouts, own, known, anchors, strict=True
+            )
         ]
 
+    def _prompt(
+        self, frame: Frame, layout: Layout, anchors: AnchorPoints | None
+    ) -> npt.NDArray[np.float32] | None:
+        """Known depth for the network, (2, H, W); None if it takes none, or there is too little."""
+        if not anchors:
+            return None
+        if not self.card.input.prompt:
+            if anchors.fit is AnchorsFit.NETWORK:
+                raise InputError(
+                    f"model {self.card.name!r} takes no known depth",
+                    "give another {model}, or another {anchors_fit}",
+                )
+            return None
+        if anchors.fit not in {None, AnchorsFit.NETWORK} or len(anchors) < ROBUST_FROM:
+            return None
+        try:
+            points = anchors.within(*frame.display_size_px)
+        except UsageError as error:
+            raise InputError(str(error)) from error
+        return prompt_input(self.card.output, points, frame, layout)
+
     def _model_depth(
-        self, frame: Frame, raw: npt.NDArray[np.float32], layout: Layout, camera: Intrinsics
+        self,
+        frame: Frame,
+        raw: npt.NDArray[np.float32],
+        layout: Layout,
+        camera: Intrinsics,
+        *,
+        is_prompted: bool,
     ) -> Prediction:
-        """Depth at the image's size, as the model and the camera give it."""
-        coarse = coarse_depth(self.card.output, raw, layout)
+        """Depth at the image's size, as the model and the camera, or known depth, give it."""
+        spec = self.card.output
+        if is_prompted:  # metres are those of the points, whatever the range and the camera
+            spec = replace(spec, min_m=DEPTH_M_RANGE[0], max_m=DEPTH_M_RANGE[1])
+        coarse = coarse_depth(spec, raw, layout)
         if not np.isfinite(coarse).any():
             where = frame.path or "an image"
             told = f"{self.session.model.path} gives not one finite number for {where}"
@@ -134,15 +177,15 @@ class Pipeline:
             from depthcli.inference.tiles import refine  # noqa: PLC0415 - few images need it
 
             columns = coarse.shape[1]
-            coarse = refine(self.card.output, coarse, frame, tile_px, self._coarse)
+            coarse = refine(spec, coarse, frame, tile_px, self._coarse)
             radius = math.ceil(coarse.shape[1] / columns)
-        values = full_size(self.card.output, coarse, frame, self.detail.upsampling, radius)
-        scale = metric_scale(self.card, frame, layout, camera)
+        values = full_size(spec, coarse, frame, self.detail.upsampling, radius)
+        scale = 1.0 if is_prompted else metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
         source = self._provenance(frame, (layout.width, layout.height), camera)
         depth = DepthMap(values, self.card.output.kind, source)
-        warnings = flat_warnings(depth) or _range_warnings(self.card.output, depth, scale)
+        warnings = flat_warnings(depth) or _range_warnings(spec, depth, scale)
         if self.detail.tile_px and tile_px is None:
             wide = f"the image is {frame.width} pixels wide"
             warnings += (Message("it has no effect", wide, option="tile"),)
@@ -174,8 +217,15 @@ class Pipeline:
         batch, layout = prepare(self.card.input, frame)
         return coarse_depth(self.card.output, self.session.run(batch)[0], layout)
 
-    def _run(self, inputs: Sequence[npt.NDArray[np.float32]]) -> list[npt.NDArray[np.float32]]:
-        """The network's (h, w) output for each (1, C, H, W) input, batched by size."""
+    def _run(
+        self,
+        inputs: Sequence[npt.NDArray[np.float32]],
+        known: Sequence[npt.NDArray[np.float32] | None],
+    ) -> list[npt.NDArray[np.float32]]:
+        """The network's (h, w) output for each (1, C, H, W) input, batched by size.
+
+        ``known`` is known depth and its mask, (2, H, W), for each; None for none.
+        """
         sizes: dict[tuple[int, ...], list[int]] = {}
         for i, single in enumerate(inputs):
             sizes.setdefault(single.shape, []).append(i)
@@ -183,7 +233,11 @@ class Pipeline:
         for members in sizes.values():
             together = [inputs[i] for i in members]
             batch = together[0] if len(together) == 1 else np.concatenate(together)
-            outputs |= zip(members, self.session.run(batch), strict=True)
+            prompts = None
+            if any(known[i] is not None for i in members):
+                nothing = np.zeros((2, *batch.shape[2:]), np.float32)
+                prompts = np.stack([nothing if (k := known[i]) is None else k for i in members])
+            outputs |= zip(members, self.session.run(batch, prompts), strict=True)
         return [outputs[i] for i in range(len(inputs))]
 
     def _provenance(

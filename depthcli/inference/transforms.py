@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core import imageops as colour
+from depthcli.core.anchors import AnchorPoints, pixels_of
 from depthcli.core.imageops import (
     resize_area,
     resize_bilinear,
@@ -71,6 +72,31 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Lay
     normalized = (small - np.asarray(spec.mean, np.float32)) / np.asarray(spec.std, np.float32)
     batch = normalized.astype(np.float32, copy=False).transpose(2, 0, 1)[np.newaxis]
     return np.ascontiguousarray(batch), layout
+
+
+def prompt_input(
+    spec: OutputSpec, points: AnchorPoints, frame: Frame, layout: Layout
+) -> npt.NDArray[np.float32]:
+    """Known depth and its mask as the network takes them: (2, H, W) float32.
+
+    A pixel of the network has the mean of the logarithms of the points in it, coded as the output.
+
+    Args:
+        spec: of the network's output.
+        points: of the displayed part of the picture.
+        frame: the picture.
+        layout: its place in the network's input.
+    """
+    x, y = pixels_of(points, frame.windows)
+    inside = (x >= 0) & (x < frame.width) & (y >= 0) & (y < frame.height)
+    x, y, depth_m = x[inside], y[inside], points.depth_m[inside]
+    columns = layout.left + ((x + 0.5) * layout.inner_width / frame.width).astype(np.int64)
+    rows = layout.top + ((y + 0.5) * layout.inner_height / frame.height).astype(np.int64)
+    cells, size = rows * layout.width + columns, layout.width * layout.height
+    count = np.bincount(cells, minlength=size)
+    coded = (np.log(depth_m) - spec.shift) / spec.scale
+    mean = np.bincount(cells, coded, size) / np.maximum(count, 1)
+    return np.stack([mean, count > 0]).reshape(2, layout.height, layout.width).astype(np.float32)
 
 
 def _same_area(spec: InputSpec, width: float, height: float) -> Layout:

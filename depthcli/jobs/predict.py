@@ -15,6 +15,7 @@ from depthcli.core.options import (
     AS_STATED,
     DEFAULT_UPSAMPLING,
     MAX_PIXELS,
+    AnchorsFit,
     ReadOptions,
     UpsamplingOptions,
 )
@@ -67,6 +68,7 @@ class PredictRequest:
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
     #: points of known depth, a file of them for all images, or the images themselves
     anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    anchors_fit: AnchorsFit | None = None  #: to these; None for the best that the model can
     reading: ReadOptions = AS_STATED  #: how images are read
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     detail: UpsamplingOptions = DEFAULT_UPSAMPLING  #: how depth becomes that of a full-size picture

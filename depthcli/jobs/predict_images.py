@@ -4,6 +4,7 @@ import errno
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.parallel import Background
@@ -70,6 +71,7 @@ def _predict_picture(
     start = time.perf_counter()
     frame = _read_picture(request, plan)
     session = loading.result()
+    points = points and replace(points, fit=request.anchors_fit)
     depth, depth_warnings = Pipeline(session, request.detail).predict(frame, request.camera, points)
     warnings = [*session.warnings, *frame.warnings, *depth_warnings]
     if not points:

@@ -186,6 +186,7 @@ def batch(
         max_pixels=read.max_pixels,
         overwrite=output.overwrite,
         anchors=parse.anchors(anchors, seen_by, is_folder=True),
+        anchors_fit=anchors.anchors_fit,
         reading=parse.reading(read),
         column=inputs.column,
     )

@@ -76,6 +76,7 @@ def predict(
         model=parse.session_loader(model.model, model.runtime),
         camera=seen_by,
         anchors=parse.anchors(anchors, seen_by),
+        anchors_fit=anchors.anchors_fit,
         reading=parse.reading(read),
         writing=parse.writer_options(writing),
         detail=parse.detail(detail),

@@ -37,6 +37,8 @@ class BatchOptions:
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
     #: points of known depth, a folder with a file of them for each image, or the images
     anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    #: how depth is fitted to these; None for the best that the model can
+    anchors_fit: core_options.AnchorsFit | None = None
     reading: core_options.ReadOptions = core_options.AS_STATED  #: how images are read
     detail: core_options.UpsamplingOptions = (
         core_options.DEFAULT_UPSAMPLING
@@ -61,12 +63,14 @@ class BatchOptions:
         if isinstance(self.anchors, AnchorFiles):
             path = path_of(picture.path)
             if self.anchors.is_self:
-                return self.anchors.of_image(path)
+                return replace(self.anchors.of_image(path), fit=self.anchors_fit)
             file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
             if any(is_same_file(output, file) for output in outputs):
                 raise InputError(f"{file} is its known depth", "choose another {out}")
-            return read_known_depth(file, self.anchors)
-        return AnchorPoints.of(self.anchors) if self.anchors else None
+            return replace(read_known_depth(file, self.anchors), fit=self.anchors_fit)
+        if not self.anchors:
+            return None
+        return replace(AnchorPoints.of(self.anchors), fit=self.anchors_fit)
 
 
 @dataclass(frozen=True, slots=True)
