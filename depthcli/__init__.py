@@ -16,7 +16,7 @@ from depthcli._version import __version__
 
 TYPE_CHECKING = False  # checkers take it for typing's, which would be a quarter of ``--help``
 if TYPE_CHECKING:
-    from depthcli.api.depth_map import DepthMap
+    from depthcli.api.depth_map import DepthMap, DepthPage
     from depthcli.api.files import DepthVideo, VideoSource, read_depth
     from depthcli.api.model import DepthModel, load_model
     from depthcli.core.camera import Anchor, CameraSource, Intrinsics
@@ -54,6 +54,7 @@ __all__ = [
     "DepthKind",
     "DepthMap",
     "DepthModel",
+    "DepthPage",
     "DepthVideo",
     "DepthcliError",
     "DepthcliWarning",
@@ -87,7 +88,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "depthcli.api.depth_map": ("DepthMap",),
+    "depthcli.api.depth_map": ("DepthMap", "DepthPage"),
     "depthcli.api.files": ("DepthVideo", "VideoSource", "read_depth"),
     "depthcli.api.model": ("DepthModel", "load_model"),
     "depthcli.core.camera": ("Anchor", "CameraSource", "Intrinsics"),

@@ -1,5 +1,6 @@
 """A depth map with methods to save, colour and back-project it."""
 
+import html
 import os
 import warnings
 from collections.abc import Sequence
@@ -13,10 +14,11 @@ from depthcli.core import anchors as anchor_fit
 from depthcli.core import types
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-from depthcli.core.options import AnchorsFit, Colormap, Near, short_repr
+from depthcli.core.options import AnchorsFit, Colormap, Near, StereoLayout, short_repr
 from depthcli.core.point_cloud import PointCloud, point_cloud
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
+from depthcli.io.formats.html import HtmlWriter
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import (
     FILE_SUFFIXES,
@@ -24,12 +26,29 @@ from depthcli.io.formats.table import (
     is_own,
     writer_class,
 )
+from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import path_of
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | npt.NDArray[Any] | types.DepthMap
 _TABLE_RANK, _COLUMNS = 2, 3
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class DepthPage:
+    """A page that shows a map in three dimensions; notebooks show it in a frame.
+
+    Attributes:
+        html: the text of the file.
+    """
+
+    html: str
+
+    def _repr_html_(self) -> str:
+        """The page in a frame of its own."""
+        frame = '<iframe style="width: 100%; height: 600px; border: 0" srcdoc="{}"></iframe>'
+        return frame.format(html.escape(self.html))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -172,6 +191,34 @@ class DepthMap(types.DepthMap):
         writer = PreviewWriter(Colormap(colormap), Near(near), vmin, vmax, legend)
         return writer.render(self)
 
+    def view(
+        self,
+        *,
+        stride: int = 1,
+        max_depth_m: float | None = None,
+        keep_edges: bool = False,
+        focal_px: float | None = None,
+        hfov_deg: float | None = None,
+    ) -> DepthPage:
+        """The map in three dimensions, which a notebook shows; a page that needs no network.
+
+        Options are those of :meth:`save`; more than 640×480 points are thinned if no stride is
+        given.
+
+        Raises:
+            OutputError: the map has no metres, or no point within the limit.
+        """
+        depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg))
+        writer = HtmlWriter(stride, max_depth_m, keep_edges)
+        page, messages = writer.render(depth, self.frame)
+        for message in messages:
+            warnings.warn(message, DepthcliWarning, stacklevel=2)
+        return DepthPage(page)
+
+    def _repr_png_(self) -> bytes:
+        """A preview, which notebooks show."""
+        return encode_png(PreviewWriter().render(self))
+
     def save(
         self,
         path: str | os.PathLike[str],
@@ -183,6 +230,9 @@ class DepthMap(types.DepthMap):
         max_depth_m: float | None = None,
         keep_edges: bool | None = None,
         faces: bool | None = None,
+        stereo_layout: Literal["side-by-side", "anaglyph"] | None = None,
+        eye_distance_m: float | None = None,
+        convergence_m: float | None = None,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         centre_px: tuple[float, float] | None = None,
@@ -191,9 +241,9 @@ class DepthMap(types.DepthMap):
         """Write a file atomically; its suffix chooses the format.
 
         ``.png`` is 16 bit in millimetres, ``.preview.png`` a colour preview, ``.exr`` and ``.npy``
-        metres in float32, ``.ply`` a point cloud, ``.glb`` a mesh, ``.json`` the metadata. If a
-        format cannot store something, such as depth beyond its range, a ``DepthcliWarning`` is
-        issued.
+        metres in float32, ``.ply`` a point cloud, ``.glb`` a mesh, ``.html`` a page to look at it,
+        ``.normals.png`` and ``.stereo.png`` what they say, ``.json`` the metadata. If a format
+        cannot store something, such as depth beyond its range, a ``DepthcliWarning`` is issued.
 
         Args:
             path: the file; missing folders are created.
@@ -204,6 +254,9 @@ class DepthMap(types.DepthMap):
             max_depth_m: leave out of points and meshes what is farther.
             keep_edges: keep pixels between near and far in points and meshes.
             faces: triangles in a PLY.
+            stereo_layout: arrangement of a stereo pair.
+            eye_distance_m: between the eyes of a stereo pair; None for 63 mm.
+            convergence_m: depth at the screen of a stereo pair; None for the nearest.
             focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
             centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
@@ -232,6 +285,9 @@ class DepthMap(types.DepthMap):
             "max_depth_m": max_depth_m,
             "keep_edges": keep_edges,
             "faces": faces,
+            "stereo_layout": stereo_layout and StereoLayout(stereo_layout),
+            "eye_distance_m": eye_distance_m,
+            "convergence_m": convergence_m,
         }
         given = {option: value for option, value in options.items() if value is not None}
         if others := given.keys() - {*name.facts.options}:

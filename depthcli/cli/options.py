@@ -19,6 +19,7 @@ from depthcli.core.options import (
     Near,
     Projection,
     Rule,
+    StereoLayout,
     Upsampling,
     Weights,
 )
@@ -378,6 +379,29 @@ class PlyOptions:
 
 
 @group
+class StereoOptions:
+    """Stereo pair."""
+
+    stereo_layout: StereoLayout = option(
+        "Views side by side, or as an anaglyph for red and cyan glasses.",
+        default=StereoLayout.SIDE_BY_SIDE,
+    )
+    eye_distance_m: float = option(
+        "Distance between the eyes in metres; larger is deeper.",
+        "--eye-distance",
+        default=0.063,
+        callback=positive,
+        metavar="METRES",
+    )
+    convergence_m: float | None = option(
+        "Depth that appears at the screen; nearer is in front of it. Default: the nearest.",
+        "--convergence",
+        callback=positive,
+        metavar="METRES",
+    )
+
+
+@group
 class WritingOptions:
     """Options of the output formats."""
 
@@ -386,6 +410,7 @@ class WritingOptions:
     preview: PreviewOptions
     surface: SurfaceOptions
     ply: PlyOptions
+    stereo: StereoOptions
 
 
 QuietOption = Annotated[

@@ -37,6 +37,7 @@ ALTERNATIVES = (
 )
 """Parameters of which only one is given, because they state the same."""
 _LARGEST_PX = 20_000
+_BOX_COMMAS = 3
 
 
 def session_loader(
@@ -224,6 +225,22 @@ def pixel(word: str) -> tuple[int, int]:
             f"{word!r} is not X,Y", "give a column and a row from 0, for example 320,240"
         )
     return int(x), int(y)
+
+
+def area(word: str) -> tuple[int, ...] | str:
+    """Parse ``X,Y``, a box ``X0,Y0,X1,Y1``, or the name of a file with a mask.
+
+    Raises:
+        UsageError: numbers that are neither a pixel nor a box.
+    """
+    if not re.fullmatch(r"[-+.\d\s]*,[-+.,\d\s]*", word):
+        return word
+    if word.count(",") != _BOX_COMMAS:
+        return pixel(word)
+    ends = _numbers(word, _BOX_COMMAS + 1)
+    if not all(map(_is_index, ends)):
+        raise UsageError(f"{word!r} is not X0,Y0,X1,Y1", "give columns and rows from 0")
+    return tuple(map(int, ends))
 
 
 def _centre(word: str) -> tuple[float, float]:

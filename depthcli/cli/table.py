@@ -15,7 +15,7 @@ COMMANDS = {
     "view": ("view", "Show a depth file in three dimensions, as a page of one file."),
     "convert": ("convert", "Convert depth files and report the conversion error."),
     "info": ("info", "Show unit, scale and range of a depth file."),
-    "probe": ("probe", "Show the depth at given pixels of a depth file."),
+    "probe": ("probe", "Show the depth at pixels, in boxes or masks of a depth file."),
     "eval": ("eval", "Measure accuracy on NYU Depth v2 or your pairs."),
     "render": ("render", "Render rooms with exact depth as training data."),
     "train": ("train", "Train a model; can be resumed."),

@@ -149,6 +149,15 @@ EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 
 """Exposures of images of linear light."""
 
 
+class StereoLayout(StrEnum):
+    """Arrangement of the views of two eyes."""
+
+    SIDE_BY_SIDE = "side-by-side"
+    """The left eye's view at the left."""
+    ANAGLYPH = "anaglyph"
+    """For glasses whose left side is red and whose right side is cyan."""
+
+
 class Projection(StrEnum):
     """Mapping of directions to the pixels of an image."""
 

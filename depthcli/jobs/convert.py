@@ -295,8 +295,9 @@ def _why_no_depth(path: str) -> str | None:
         return HIDDEN
     if name.suffix.lower() not in READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
         return name.suffix.lower() or "without suffix"
-    is_preview = format_of(name) is Format.PREVIEW and is_own_picture(path)
-    return "preview" if is_preview else None
+    found = format_of(name)
+    is_image = found is not None and not found.facts.is_readable and is_own_picture(path)
+    return str(found) if is_image else None
 
 
 def _stem(name: str) -> str:

@@ -1,13 +1,18 @@
-"""Reading a depth map from any depth file, facts about it, and its depth at a pixel."""
+"""Reading a depth map from any depth file, facts about it, its depth at a pixel or in an area."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.types import DepthMap, DepthRange, Window
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions, StoredDepth, read_stored_depth
+from depthcli.io.images.read import read_image
 from depthcli.io.storage.paths import local_copy, path_of, safe_name
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import FALLBACK_RATE, rate_text, time_code_text
@@ -101,6 +106,57 @@ def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
     if x >= depth.width or y >= depth.height:
         raise UsageError(f"{x},{y} is outside the map of {depth.width}×{depth.height} pixels")
     return float(depth.values[y, x]) if depth.valid[y, x] else None
+
+
+QUANTILES = {"min": 0, "p05": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "max": 1}
+"""Shares of the pixels of an area that are nearer, by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class AreaDepth:
+    """Depth in a part of a map."""
+
+    pixels: int  #: of the area
+    without_depth: float  #: share of them
+    quantiles: Mapping[str, float | None]  #: by the names of ``QUANTILES``; None without depth
+
+
+def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | npt.NDArray[np.bool_]) -> AreaDepth:
+    """Depth in a box or a mask.
+
+    Args:
+        depth: the map.
+        area: first column and row, and those after the last ones; or (H, W) bool.
+
+    Raises:
+        UsageError: it has no pixel, or another size than the map.
+    """
+    size = f"the map of {depth.width}×{depth.height} pixels"
+    if isinstance(area, tuple):
+        left, top, right, bottom = area
+        if not (left < right <= depth.width and top < bottom <= depth.height):
+            raise UsageError(f"{','.join(map(str, area))} is no box within {size}")
+        mask: Any = np.s_[top:bottom, left:right]
+    else:
+        if area.shape != depth.values.shape:
+            raise UsageError(f"a mask of {area.shape[1]}×{area.shape[0]} is not for {size}")
+        if not area.any():
+            raise UsageError("the mask has no pixel above 0")
+        mask = area
+    valid, values = depth.valid[mask], depth.values[mask]
+    found = np.quantile(values[valid], list(QUANTILES.values())) if valid.any() else ()
+    named = dict.fromkeys(QUANTILES) | dict(zip(QUANTILES, map(float, found), strict=False))
+    return AreaDepth(valid.size, float(1 - valid.mean()), named)
+
+
+def read_mask(file: str) -> npt.NDArray[np.bool_]:
+    """The pixels of an image that are above 0 in any channel, (H, W) bool.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    pixels = read_image(file).pixels
+    return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2), np.bool_)
 
 
 def _exr_facts(stored: StoredDepth) -> dict[str, str]:

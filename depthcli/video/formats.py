@@ -36,18 +36,21 @@ class VideoFormatFacts:
 
     @property
     def is_preview(self) -> bool:
-        """Whether it is a video of previews."""
-        return self.image is Format.PREVIEW
+        """Whether it is a video of colours: previews, or stereo pairs."""
+        return self.image is not None and not self.is_sequence
+
+
+_OF_PREVIEWS = "lock", "codec", "audio"
 
 
 def _preview(file_suffix: str) -> VideoFormatFacts:
-    options = (*FORMATS[Format.PREVIEW].options, "lock", "codec", "audio")
+    options = (*FORMATS[Format.PREVIEW].options, *_OF_PREVIEWS)
     return VideoFormatFacts(f".preview{file_suffix}", file_suffix, Format.PREVIEW, options)
 
 
-def _frames(image: Format) -> VideoFormatFacts:
+def _frames(image: Format, name: str = "depth") -> VideoFormatFacts:
     facts = FORMATS[image]
-    suffix = f".depth.{FRAME_NUMBER}{facts.file_suffix}"
+    suffix = f".{name}.{FRAME_NUMBER}{PurePath(facts.suffix).suffix}"
     return VideoFormatFacts(suffix, None, image, facts.parameters)
 
 
@@ -75,9 +78,16 @@ class VideoFormat(StrEnum):
     MP4 = "mp4", _preview(".mp4")
     WEBM = "webm", _preview(".webm")
     MOV = "mov", _preview(".mov")
+    STEREO = (
+        "stereo",
+        VideoFormatFacts(
+            *(".stereo.mp4", None, Format.STEREO), (*Format.STEREO.facts.parameters, *_OF_PREVIEWS)
+        ),
+    )
     PNG16 = "png16", _frames(Format.PNG16)
     EXR = "exr", _frames(Format.EXR)
     NPY = "npy", _frames(Format.NPY)
+    NORMALS = "normals", _frames(Format.NORMALS, "normals")
     # What the numbers of the others mean.
     JSON = "json", VideoFormatFacts(".depth.json", ".json", None, Format.JSON.facts.parameters)
     # Every other format of images that is read back is that of a sequence as well.
@@ -92,6 +102,7 @@ COUNTERPARTS = {
     **{which.facts.image: which for which in SEQUENCES if which.facts.image},
     Format.PNG16: VideoFormat.MKV,
     Format.PREVIEW: VideoFormat.MP4,
+    Format.STEREO: VideoFormat.STEREO,
     Format.JSON: VideoFormat.JSON,
 }
 """The format that a batch writes for videos, by the format it writes for images."""
@@ -99,6 +110,9 @@ COUNTERPARTS = {
 
 def video_format_of(path: str | PurePath) -> VideoFormat | None:
     """The format of a whole video that a file's suffix chooses; None if it chooses none."""
+    name = PurePath(path).name.lower()
+    if name.endswith(VideoFormat.STEREO.facts.suffix):
+        return VideoFormat.STEREO
     suffix = PurePath(path).suffix.lower()
     return next((which for which in VideoFormat if which.facts.file_suffix == suffix), None)
 
@@ -114,7 +128,7 @@ def video_stem_of(path: str | PurePath) -> str:
 
     What selects no format is part of the name: ``shot.v003`` is its own stem.
     """
-    files = [which.facts for which in VideoFormat if which.facts.file_suffix]
+    files = [which.facts for which in VideoFormat if not which.facts.is_sequence]
     return stem_of(path, (*(f.suffix for f in files), *(f.file_suffix or "" for f in files)))
 
 

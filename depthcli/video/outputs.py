@@ -22,6 +22,7 @@ from depthcli.errors import OutputError
 from depthcli.io.depth.metadata import metadata_texts, step_unit
 from depthcli.io.depth.scale import UINT16_MAX, normalized, quantized
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.stereo import StereoWriter
 from depthcli.io.formats.table import LABEL_PREFIX, Writer
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.video.audio import AudioTrack
@@ -343,7 +344,7 @@ class PreviewVideoOutput(VideoFile):
         self,
         target: Path | OutputPipe,
         timing: Timing,
-        writer: PreviewWriter,
+        writer: PreviewWriter | StereoWriter,
         guard: Guard | None,
         *,
         codec: Codec = Codec.H264,

@@ -88,6 +88,36 @@ def test_probe_gives_the_depth_of_pixels(inside: Cli) -> None:
     assert second["depth"] is None
 
 
+def test_probe_sums_up_boxes_and_masks(inside: Cli, depth_npy: Path) -> None:
+    values = np.load(depth_npy)
+    mask = np.zeros((12, 16), np.uint8)
+    mask[2:5, 3] = 255
+    cv2.imwrite(str(inside.folder / "mask.png"), mask)
+    done = inside("probe", "d.npy", "0,0,4,2", "mask.png", "0,0,1,1", "--json")
+    box, masked, empty = map(json.loads, done.stdout.splitlines())
+    assert (box["area"], box["pixels"], box["without_depth"]) == ("0,0,4,2", 8, 0.125)
+    known = values[:2, :4][~np.isnan(values[:2, :4])]
+    shares = {"min": 0, "p05": 5, "p25": 25, "median": 50, "p75": 75, "p95": 95, "max": 100}
+    for name, percent in shares.items():
+        assert box[name] == pytest.approx(np.percentile(known, percent))
+        assert masked[name] == pytest.approx(np.percentile(values[2:5, 3], percent))
+        assert empty[name] is None
+    assert (masked["area"], masked["pixels"], empty["without_depth"]) == ("mask.png", 3, 1)
+    text = inside("probe", "d.npy", "0,0,4,2", "0,0,1,1").stdout.decode().splitlines()
+    assert "12.5% without depth" in text[0]
+    assert text[1] == "0,0,1,1  no depth in 1 pixels"
+
+
+@pytest.mark.usefixtures("depth_npy")
+@pytest.mark.parametrize(
+    "place", ["4,2,4,6", "0,0,17,2", "0,0,-1,2", "1,2,3", "black.png", "9x9.png"]
+)
+def test_probe_refuses_areas_that_are_not_in_the_map(place: str, inside: Cli) -> None:
+    cv2.imwrite(str(inside.folder / "black.png"), np.zeros((12, 16), np.uint8))
+    cv2.imwrite(str(inside.folder / "9x9.png"), np.ones((9, 9), np.uint8))
+    assert inside("probe", "d.npy", place).returncode == 2
+
+
 def test_convert_reports_the_round_trip(inside: Cli, depth_npy: Path) -> None:
     told = json.loads(inside("convert", "d.npy", "d.png", "--json").stdout)
     again = read_stored_depth(inside.folder / "d.png").displayed.values

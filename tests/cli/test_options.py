@@ -23,6 +23,7 @@ from depthcli.cli.options import (
     PlyOptions,
     PngOptions,
     PreviewOptions,
+    StereoOptions,
     SurfaceOptions,
     WritingOptions,
 )
@@ -96,7 +97,11 @@ def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> No
         (("predict", "room.png", "-o", "x.png", "--exposure", "1"), "--exposure", "EXR"),
         (("batch", "in", "-o", "out", "--legend"), "--legend", "preview"),
         (("batch", "in", "-o", "out", "--cpus-per-worker", "1"), "--cpus-per-worker", "ray"),
-        (("video", "clip.avi", "-o", "d.mkv", "--no-audio"), "--no-audio", "mp4, webm, mov"),
+        (
+            ("video", "clip.avi", "-o", "d.mkv", "--no-audio"),
+            "--no-audio",
+            "mp4, webm, mov, stereo",
+        ),
         (("video", "clip.avi", "-o", "d.mkv", "--fps", "24"), "--fps", "image sequences"),
         (("convert", "a.npy", "b.exr", "--png-scale", "256"), "--png-scale", "png16, pgm, json"),
         (("convert", "a.npy", "b.exr", "--include", "*.exr"), "--include", "a folder"),
@@ -140,6 +145,7 @@ def _writing(**values: object) -> WritingOptions:
         "preview": PreviewOptions,
         "surface": SurfaceOptions,
         "ply": PlyOptions,
+        "stereo": StereoOptions,
     }
     return WritingOptions(
         **{

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
         ("x.NPY", Format.NPY),
         ("x.ply", Format.PLY),
         ("x.glb", Format.GLB),
+        ("x.normals.png", Format.NORMALS),
+        ("x.stereo.png", Format.STEREO),
         ("x.depth.json", Format.JSON),
         ("x.pfm", Format.PFM),
         ("x.depth.TIFF", Format.TIFF),
@@ -121,6 +123,9 @@ def test_each_writer_takes_its_options_and_has_their_defaults(name: Format) -> N
         "max_depth_m": 5.0,
         "keep_edges": True,
         "faces": True,
+        "stereo_layout": "anaglyph",
+        "eye_distance_m": 0.1,
+        "convergence_m": 2.0,
     }
     assert {field.name for field in fields(WriterOptions)} == others.keys()
     writer = WriterOptions(**others).writer(name)

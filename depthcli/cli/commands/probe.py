@@ -1,4 +1,8 @@
-"""``depthcli probe``: depth at given pixels."""
+"""``depthcli probe``: depth at given pixels, in boxes and masks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -10,7 +14,11 @@ from depthcli.cli.options import (
     StatedCameraOptions,
 )
 from depthcli.cli.screen import console
+from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from depthcli.jobs.inspect import AreaDepth
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -19,33 +27,62 @@ app = typer.Typer(rich_markup_mode=None)
 @grouped
 def probe(
     file: FileArgument,
-    pixels: list[str] = typer.Argument(
-        ..., metavar="X,Y...", help="Pixel column and row, from 0 at the top left."
+    places: list[str] = typer.Argument(
+        ...,
+        metavar="PLACE...",
+        help="Pixel X,Y (column and row, from 0 at the top left), box X0,Y0,X1,Y1 (to X1 and Y1, "
+        "which are not in it), or an image of the same size, whose pixels above 0 are meant.",
     ),
     *,
     depth_file: DepthFileOptions,
     camera: StatedCameraOptions,
     as_json: JsonOption = False,
 ) -> int:
-    """Show the depth at one or several pixels of a depth file."""
+    """Show the depth at pixels of a depth file, or its spread in boxes and masks."""
     from depthcli.cli import parse
     from depthcli.io.storage.paths import path_of
-    from depthcli.jobs.inspect import depth_at, read_map
+    from depthcli.jobs.inspect import AreaDepth, depth_at, depth_in, read_map, read_mask
 
-    places = [parse.pixel(word) for word in pixels]
+    areas = [parse.area(word) for word in places]
     options = parse.depth_reading(depth_file, parse.camera(camera))
     stored = read_map(path_of(file), options)
     depth = stored.displayed
-    values = [depth_at(depth, x, y) for x, y in places]
+    found: list[float | AreaDepth | None] = []
+    for area in areas:
+        match area:
+            case (x, y):
+                found.append(depth_at(depth, x, y))
+            case (left, top, right, bottom):
+                found.append(depth_in(depth, (left, top, right, bottom)))
+            case _:
+                found.append(depth_in(depth, read_mask(str(area))))
     for warning in stored.warnings_with_scale("from_scale"):
         console.warn(warning)
     unit = depth.unit
-    for (x, y), value in zip(places, values, strict=True):
-        if as_json:
-            console.out_json({"x": x, "y": y, "depth": value, "unit": unit})
+    for word, area, value in zip(places, areas, found, strict=True):
+        name = word if isinstance(area, str) else ",".join(map(str, area))
+        if not as_json:
+            console.out(one_line(f"{name}  {_text(value, unit)}"))
+        elif isinstance(value, AreaDepth):
+            shares = {"pixels": value.pixels, "without_depth": value.without_depth}
+            console.out_json({"area": name, **shares, **value.quantiles, "unit": unit})
         else:
-            console.out(f"{x},{y}  {'no depth' if value is None else _depth_text(value, unit)}")
+            console.out_json({"x": area[0], "y": area[1], "depth": value, "unit": unit})
     return ExitCode.OK
+
+
+def _text(found: float | AreaDepth | None, unit: str | None) -> str:
+    if found is None:
+        return "no depth"
+    if isinstance(found, float):
+        return _depth_text(found, unit)
+    if found.quantiles["median"] is None:
+        return f"no depth in {found.pixels} pixels"
+    values = (f"{k} {v:.4g}" for k, v in found.quantiles.items() if v is not None)
+    return (
+        f"{', '.join(values)} {unit or '(no unit)'} in {found.pixels} pixels, "
+        f"{found.without_depth:.1%} without depth"
+    )
 
 
 def _depth_text(value: float, unit: str | None) -> str:

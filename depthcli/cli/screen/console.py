@@ -40,6 +40,8 @@ _OPTIONS = {
     "hfov_deg": "hfov",
     "provider_options": "provider-option",
     "max_depth_m": "max-depth",
+    "eye_distance_m": "eye-distance",
+    "convergence_m": "convergence",
 }
 """Names of options that differ from those of their parameters."""
 _printed: set[str] = set()

@@ -14,7 +14,7 @@ from pathlib import PurePath
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
-from depthcli.core.options import Colormap, Near
+from depthcli.core.options import Colormap, Near, StereoLayout
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -90,6 +90,7 @@ _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
 _EXR = ("exr_channel", "half")
 _PNG = ("png_scale", "png_normalize", "png_inverse")
 _SURFACE = ("stride", "max_depth_m", "keep_edges")
+_STEREO = ("stereo_layout", "eye_distance_m", "convergence_m")
 _PNG_MARK = f"{SOFTWARE_KEY}\0".encode()
 
 
@@ -154,6 +155,18 @@ class Format(StrEnum):
         FormatFacts(
             *("html:HtmlWriter", ".html", ".html", b'name="generator" content="depthcli '),
             _SURFACE,
+            shows_image=True,
+            has_camera=True,
+        ),
+    )
+    NORMALS = (
+        "normals",
+        FormatFacts("normals:NormalsWriter", ".normals.png", None, _PNG_MARK, has_camera=True),
+    )
+    STEREO = (
+        "stereo",
+        FormatFacts(
+            *("stereo:StereoWriter", ".stereo.png", None, _PNG_MARK, _STEREO),
             shows_image=True,
             has_camera=True,
         ),
@@ -302,6 +315,9 @@ class WriterOptions:
     max_depth_m: float | None = None  #: points and meshes: pixels beyond are left out
     keep_edges: bool = False  #: points and meshes: keep pixels between near and far
     faces: bool = False  #: triangles in PLY
+    stereo_layout: StereoLayout = StereoLayout.SIDE_BY_SIDE  #: arrangement of a stereo pair
+    eye_distance_m: float = 0.063  #: between the eyes of a stereo pair
+    convergence_m: float | None = None  #: depth at the screen of a stereo pair; None: nearest
 
     def writer(self, name: Format) -> Writer:
         """The writer of a format; its module is loaded now."""

@@ -336,7 +336,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         folder=folder,
         names=names,
         codecs={
-            which: preview_codec(f".{which}", request.codec)
+            which: preview_codec(PurePath(which.facts.suffix).suffix, request.codec)
             for which in names
             if which.facts.is_preview
         },

@@ -149,7 +149,9 @@ def open_journal(
         for which in numbered
     )
     is_alone = set(plan.names) <= set(SEQUENCES)
+    is_readable = any(w.facts.image and w.facts.image.facts.is_readable for w in numbered)
     can_resume = not settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
+    can_resume &= is_readable
     try:
         if can_resume:
             return FrameJournal(path, _origin(plan, source, pipeline, settings), plan)

@@ -36,6 +36,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.scale import dequantized, quantized
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
+from depthcli.io.formats.stereo import StereoWriter
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
@@ -200,7 +201,7 @@ def open_output(
         colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
         return DepthVideoOutput(target, timing, writing.png_scale, guard, colours)
     writer = writing.writer(image_format)
-    if not isinstance(writer, PreviewWriter):
+    if not isinstance(writer, PreviewWriter | StereoWriter):
         name, has_overscan = (
             partial(numbered_name, plan.names[which]),
             image_format.facts.has_overscan,

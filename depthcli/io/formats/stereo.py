@@ -1,0 +1,84 @@
+"""A stereo pair from an image and its depth, for headsets, 3-D screens or red-cyan glasses."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.options import StereoLayout
+from depthcli.core.stereo import eye_view, sharpened
+from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.errors import Message, OutputError
+from depthcli.io.depth.metadata import SOFTWARE
+from depthcli.io.formats.geometry import camera_of
+from depthcli.io.formats.preview import nearness, percentiles
+from depthcli.io.formats.table import SOFTWARE_KEY
+from depthcli.io.images.png import encode_png
+
+EYE_DISTANCE_M = 0.063
+"""Mean distance of adults' eyes."""
+_SHARE = 0.03  # of the width: disparity between near and far, where there are no metres
+
+
+@dataclass(frozen=True, slots=True)
+class StereoWriter:
+    """8-bit RGB PNG of the two views."""
+
+    stereo_layout: StereoLayout = StereoLayout.SIDE_BY_SIDE
+    eye_distance_m: float = EYE_DISTANCE_M
+    #: depth that appears at the screen; nearer is before it. None for the nearest 2 % of pixels
+    convergence_m: float | None = None
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write the pair."""
+        path.write_bytes(encode_png(self.render(depth, frame), {SOFTWARE_KEY: SOFTWARE}))
+        if depth.is_metric:
+            return camera_of(depth)[1]
+        told = f"{depth.kind} depth has no metres: near and far are {_SHARE:.0%} of the width apart"
+        return (
+            Message(told, "fit it to known depth with {anchors} for {convergence_m} in metres"),
+        )
+
+    def render(
+        self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
+    ) -> npt.NDArray[np.uint8]:
+        """Draw the pair: (H, 2 W, 3) RGB uint8, the left eye's at the left, or (H, W, 3) in one.
+
+        Args:
+            depth: the map; without depth, a pixel is as far as the farthest.
+            frame: the image.
+            spread: low and high end of depth, of a video; None for the map's percentiles.
+
+        Raises:
+            OutputError: there is no image, or it is a panorama.
+        """
+        if frame is None:
+            raise OutputError("a stereo pair is made of the image", "give it with {picture}")
+        if (depth.provenance or Provenance()).projection.is_other:
+            raise OutputError("a panorama gives no stereo pair of flat images")
+        disparity_px = sharpened(self._disparity_px(depth, spread or percentiles(depth)))
+        low, high = float(disparity_px.min()), float(disparity_px.max())
+        near = (disparity_px - np.float32(low)) / np.float32(max(high - low, 1e-6))
+        rgb = np.ascontiguousarray(frame.pixels_8bit())
+        left, right = (eye_view(rgb, disparity_px * np.float32(s), near) for s in (0.5, -0.5))
+        if self.stereo_layout is StereoLayout.SIDE_BY_SIDE:
+            return np.hstack([left, right])
+        return np.dstack([left[..., :1], right[..., 1:]])
+
+    def _disparity_px(
+        self, depth: DepthMap, spread: tuple[float, float]
+    ) -> npt.NDArray[np.float32]:
+        """How much farther right the left eye sees a pixel than the right eye; (H, W) float32."""
+        if not depth.is_metric:
+            near, far = spread if depth.kind == "relative" else spread[::-1]
+            share = np.nan_to_num(nearness(depth, near, far)) - np.float32(1)
+            largest = _SHARE * depth.width * self.eye_distance_m / EYE_DISTANCE_M
+            return np.asarray(share * np.float32(largest), np.float32)
+        focal_px, _ = camera_of(depth)
+        screen_m = self.convergence_m or spread[0]
+        farthest_m = depth.values[depth.valid].max(initial=screen_m)
+        values_m = np.where(depth.valid, depth.values, farthest_m)
+        disparity_px = focal_px * self.eye_distance_m * (1 / values_m - 1 / screen_m)
+        # Nothing is moved farther than across the image.
+        return np.clip(disparity_px, -depth.width, depth.width).astype(np.float32)

@@ -1,0 +1,107 @@
+"""``depthcli view``, and the formats of three dimensions in the other commands."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from helpers.tiny import write_picture
+from helpers.videos import flat_frames, write_video
+
+import depthcli
+from depthcli.core.types import DepthMap, Frame, Provenance
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from helpers.command_line import Cli
+
+
+@pytest.fixture
+def files(inside: Cli) -> Path:
+    """A depth map of a floor, its image, and a map without metres."""
+    depth_m = np.repeat(np.linspace(4, 2, 12, dtype=np.float32), 16).reshape(12, 16)
+    np.save(inside.folder / "d.npy", depth_m)
+    cv2.imwrite(str(inside.folder / "room.png"), np.full((12, 16, 3), 90, np.uint8))
+    return inside.folder
+
+
+def test_page_stands_beside_the_depth(inside: Cli, files: Path) -> None:
+    done = inside("view", "d.npy", "room.png", "--hfov", "60")
+    assert (done.returncode, done.stderr) == (0, b"")
+    page = (files / "d.html").read_text("utf-8")
+    assert "<title>room.png</title>" in page
+    (files / "own.html").write_text("mine")
+    assert inside("view", "d.npy", "-o", "own.html").returncode == 1
+    assert (files / "own.html").read_text() == "mine"
+    assert inside("view", "d.npy", "-o", "a.png").returncode == 2
+
+
+def test_page_is_opened_in_the_browser(inside: Cli, files: Path) -> None:
+    browser = files / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" >{files}/opened\n')
+    browser.chmod(0o755)
+    done = inside("view", "d.npy", "--open", "-q", BROWSER=f"{browser} %s")
+    assert done.returncode == 0
+    assert (files / "opened").read_text().strip() == (files / "d.html").as_uri()
+
+
+def test_map_without_metres_makes_no_page(inside: Cli, files: Path) -> None:
+    done = inside("view", "d.npy", "--from-kind", "relative")
+    assert done.returncode == 1
+    assert not (files / "d.html").exists()
+
+
+def test_each_format_is_written_by_predict_and_convert(inside: Cli, files: Path) -> None:
+    formats = ("glb", "ply", "html", "normals", "stereo")
+    asked = [word for name in formats for word in ("--format", name)]
+    write_picture(files / "hall.png")
+    assert inside("predict", "hall.png", *asked, "--faces", "--stride", "2").returncode == 0
+    names = ("glb", "ply", "html", "normals.png", "stereo.png")
+    for name, suffix in zip(formats, names, strict=True):
+        assert (files / f"hall.{suffix}").stat().st_size > 0
+        picture = ["--picture", "room.png"] if name != "normals" else []
+        done = inside("convert", "d.npy", f"e.{suffix}", "--hfov", "60", *picture)
+        assert (done.returncode, done.stderr) == (0, b"")
+    assert inside("convert", "d.npy", "f.stereo.png").returncode == 1  # without the image
+    # Outputs are no inputs of a batch.
+    done = inside("batch", ".", "--out", "out", "--format", "normals", "--format", "glb")
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (files / "out").iterdir()} >= {"hall.normals.png", "hall.glb"}
+    assert not (files / "out" / "hall.stereo.normals.png").exists()
+
+
+def test_video_is_a_stereo_video_and_numbered_normals(inside: Cli, files: Path) -> None:
+    write_video(files / "clip.avi", flat_frames(range(3)))
+    options = ("--format", "stereo", "--format", "normals", "--hfov", "60")
+    done = inside("video", "clip.avi", *options)
+    assert done.returncode == 0, done.stderr
+    source, pair = (cv2.VideoCapture(str(files / name)) for name in ("clip.avi", "clip.stereo.mp4"))
+    width, height = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
+    assert pair.get(width) == 2 * source.get(width)
+    assert pair.get(height) == source.get(height)
+    assert pair.get(cv2.CAP_PROP_FRAME_COUNT) == 3
+    normals = [cv2.imread(str(path), -1) for path in sorted(files.glob("clip.normals.*.png"))]
+    assert [one.dtype for one in normals] == [np.uint16] * 3
+    assert inside("video", "clip.avi", "-o", "x.stereo.mp4").returncode == 0
+    assert cv2.VideoCapture(str(files / "x.stereo.mp4")).get(width) == 2 * source.get(width)
+
+
+def test_notebooks_show_maps_and_pages(tmp_path: Path) -> None:
+    values = np.repeat(np.linspace(4, 2, 12, dtype=np.float32), 16).reshape(12, 16)
+    depth = depthcli.DepthMap.of(
+        DepthMap(values, provenance=Provenance(focal_px=20.0)),
+        Frame(np.zeros((12, 16, 3), np.uint8)),
+    )
+    shown = cv2.imdecode(np.frombuffer(depth._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
+    np.testing.assert_array_equal(shown[..., ::-1], depth.colorize())
+    with pytest.warns(depthcli.DepthcliWarning):
+        page = depthcli.DepthMap(values).view()
+    assert page.html.startswith("<!doctype html>")
+    assert page._repr_html_().count("<") == 2  # all of the page is within an attribute
+    depth.save(tmp_path / "a.stereo.png", eye_distance_m=0.1, stereo_layout="anaglyph")
+    assert cv2.imread(str(tmp_path / "a.stereo.png")).shape == (12, 16, 3)
+    depth.save(tmp_path / "a.glb", stride=2)
+    assert (tmp_path / "a.glb").read_bytes()[:4] == b"glTF"
