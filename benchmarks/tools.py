@@ -72,12 +72,18 @@ def process(*arguments: str) -> Callable[[], object]:
 def peak_bytes(words: Sequence[str], out: Path) -> int:
     """Peak resident memory of ``depthcli WORDS --out OUT``, whose outputs are removed."""
     command = (sys.executable, "-m", "depthcli", *words, "--out", str(out), "--quiet")
+    peak = peak_of(command)
+    shutil.rmtree(out)
+    return peak
+
+
+def peak_of(command: Sequence[str]) -> int:
+    """Peak resident memory of a process."""
     running = subprocess.Popen(command)
     _, status, usage = os.wait4(running.pid, 0)
     running.returncode = os.waitstatus_to_exitcode(status)
     if running.returncode:
         raise subprocess.CalledProcessError(running.returncode, command)
-    shutil.rmtree(out)
     return usage.ru_maxrss * _UNIT
 
 

@@ -180,7 +180,8 @@ def _load(
     stated = [(PROVIDERS[name], dict(provider_options)) for name in wanted]
     try:
         # onnxruntime's own fallback to the CPU prints to standard output.
-        return ort.InferenceSession(model.data, options, stated, enable_fallback=0)
+        source = str(model.path) if model.data is None else model.data
+        return ort.InferenceSession(source, options, stated, enable_fallback=0)
     except Exception as error:
         raise _load_error(model, wanted, error) from error
 

@@ -1,10 +1,10 @@
 """Adding models to the user's folder."""
 
 import errno
-import hashlib
 import json
 import os
 import re
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -26,9 +26,10 @@ from depthcli.io.storage.paths import (
     safe_name,
 )
 from depthcli.io.storage.temporary import open_locked
-from depthcli.models import catalog, onnx_file
+from depthcli.models import catalog
 from depthcli.models.card import METADATA_KEY, ModelCard, WeightsSpec, fit_to_graph
 from depthcli.models.catalog import Model, ModelLocation, file_of_card, find_model, location_at
+from depthcli.models.onnx_file import OnnxFacts
 
 _NAME = re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _ADDED_FILE = re.compile(r"model-[0-9a-f]{12}\.onnx")
@@ -273,19 +274,20 @@ def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None
 def _install(
     path: Path, card: str | None, *, name: str | None, force: bool, sha256: str | None
 ) -> Model:
-    data = catalog.read_onnx(path)
-    found = hashlib.sha256(data).hexdigest()
+    (size, found), facts = catalog.checksum(path), catalog.onnx_facts(path)
     if sha256 is not None and found != sha256.lower():
         raise ModelError(f"{path} is another file: its sha256 is {found}; it is not added")
-    draft = _card_draft(path, data, card)
-    complete = _complete_card(draft, path, data, found, name)
+    draft = _card_draft(path, facts, card)
+    complete = _complete_card(draft, facts, name)
+    catalog.check_file(complete, path, size, found)
+    complete = replace(complete, sha256=found, size_bytes=size)
     target = folder_to_add(complete.name, force=force)
     if target.is_dir():  # the old one is kept until the new card is in place
         complete = replace(complete, file=f"model-{found[:12]}.onnx")
     with workspace(target.parent) as work:
         temporary = work / target.name
         temporary.mkdir()
-        (temporary / (complete.file or _FILE_NAME)).write_bytes(data)
+        shutil.copyfile(path, temporary / (complete.file or _FILE_NAME))
         (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
         model = replace(find_model(temporary), path=path)  # the name in messages
         session = Session(model, provider="cpu")
@@ -306,12 +308,12 @@ def _install(
     return find_model(target)
 
 
-def _card_draft(path: Path, data: bytes, card: str | None) -> CardDraft:
+def _card_draft(path: Path, facts: OnnxFacts, card: str | None) -> CardDraft:
     if card is None:
         location = location_at(path)
         card = str(location.card) if location and location.card else None
     if card is None:
-        embedded = onnx_file.read_facts(data, str(path)).metadata.get(METADATA_KEY)
+        embedded = facts.metadata.get(METADATA_KEY)
         if embedded is None:
             raise UsageError(
                 f"{path} has no card inside or beside it{catalog.unused_card(path)}",
@@ -336,19 +338,18 @@ def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
         raise ModelError(f"{where}: {refused}; correct it") from None
 
 
-def _complete_card(
-    draft: CardDraft, path: Path, data: bytes, sha256: str, name: str | None
-) -> ModelCard:
-    opset, ir, _ = onnx_file.read_facts(data, str(path))
+def _complete_card(draft: CardDraft, facts: OnnxFacts, name: str | None) -> ModelCard:
     stated = draft.fields.get("onnx")
     output = {"output": stated["output"]} if isinstance(stated, dict) and "output" in stated else {}
-    fields = draft.fields | {"onnx": {"opset": opset, "ir": ir, **output}, "file": _FILE_NAME}
+    fields = draft.fields | {
+        "onnx": {"opset": facts.opset, "ir": facts.ir, **output},
+        "file": _FILE_NAME,
+    }
     if name is not None:
         fields["name"] = name
     card = ModelCard.from_json(json.dumps(fields), where=draft.where)
     valid_name(card.name)
-    catalog.check_file(card, path, len(data), sha256)
-    return replace(card, sha256=sha256, size_bytes=len(data))
+    return card
 
 
 def verify_models(names: Sequence[str] = ()) -> Iterator[tuple[str, Model | DepthcliError]]:

@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ from depthcli.errors import ModelError, UsageError
 from depthcli.io.storage.paths import RemotePath, data_folder, path_of, safe_name
 from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
+from depthcli.models.onnx_file import OnnxFacts
 
 FOLDER = Path(__file__).parent / "cards"
 NO_FILE_YET = {"opset": 1, "ir": 1}
@@ -157,7 +159,9 @@ class Model:
     path: Path  #: its ONNX file
     card: ModelCard  #: describes its input and output
     sha256: str  #: checksum of the file, 64 hex digits
-    data: bytes = field(repr=False)  #: the file's bytes, the same ones that were checked
+    size_bytes: int  #: size of the file
+    #: content of a remote file; None for a local one, of which onnxruntime keeps a copy anyway
+    data: bytes | None = field(default=None, repr=False)
 
 
 def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
@@ -184,29 +188,50 @@ def read_model(location: ModelLocation) -> Model:
                 f"{location.path}: file is missing; name the model's ONNX file in the card"
             )
         path = location.path.with_name(card.file)
-    data = _read_limited(path, MAX_BYTES)
-    sha256 = hashlib.sha256(data).hexdigest()
+    data = _read_limited(path, MAX_BYTES) if isinstance(path, RemotePath) else None
+    size, sha256 = (len(data), hashlib.sha256(data).hexdigest()) if data else checksum(path)
     if card:
-        check_file(card, path, len(data), sha256)
+        check_file(card, path, size, sha256)
     if card is None or card.sha256 is None:  # else it is the file that its card was made for
-        onnx_file.refuse_external_data(data, str(path))
+        facts = onnx_facts(path, data)
     if card is None:
-        embedded = onnx_file.read_facts(data, str(path)).metadata.get(METADATA_KEY)
+        embedded = facts.metadata.get(METADATA_KEY)
         if embedded is None:
             raise ModelError(
                 f"{path} has no card{unused_card(path)}; put {path.stem}{CARD_SUFFIX} beside it, "
                 "or export it with 'depthcli export-onnx'"
             )
         card = ModelCard.from_json(embedded, where=f"card inside {path}")
-    return Model(path=path, card=card, sha256=sha256, data=data)
+    return Model(path, card, sha256, size, data)
 
 
-def read_onnx(path: Path) -> bytes:
-    """The bytes of a complete ONNX file whose weights are all inside."""
-    data = _read_limited(path, MAX_BYTES)
-    onnx_file.refuse_external_data(data, str(path))
-    onnx_file.read_facts(data, str(path))
-    return data
+def checksum(path: Path) -> tuple[int, str]:
+    """Size and SHA-256 of a local model file, which may be larger than the memory."""
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > MAX_BYTES:
+                raise ModelError(f"{path} is larger than a model or card can be")
+            return size, hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ModelError(f"cannot read {path}: {error.strerror}") from error
+
+
+def onnx_facts(path: Path, data: bytes | None = None) -> OnnxFacts:
+    """The facts of a complete ONNX file whose weights are all inside, from disk or its content.
+
+    Raises:
+        ModelError: it is not one.
+    """
+    if data is not None:
+        onnx_file.refuse_external_data(data, str(path))
+        return onnx_file.read_facts(data, str(path))
+    try:
+        with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
+            onnx_file.refuse_external_data(mapped, str(path))
+            return onnx_file.read_facts(mapped, str(path))
+    except ValueError:  # an empty file cannot be mapped
+        return onnx_file.read_facts(b"", str(path))
 
 
 def read_card(path: Path) -> bytes:

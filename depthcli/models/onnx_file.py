@@ -7,7 +7,8 @@ find the embedded card and to detect a truncated file; tensors are skipped by th
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
+from mmap import mmap
+from typing import NamedTuple, TypeAlias
 
 from depthcli.errors import ModelError
 
@@ -32,6 +33,9 @@ _SUBMESSAGES = {
 }
 
 
+Content: TypeAlias = bytes | mmap
+
+
 class OnnxFacts(NamedTuple):
     """Facts of an ONNX file beside its graph."""
 
@@ -40,7 +44,7 @@ class OnnxFacts(NamedTuple):
     metadata: dict[str, str]  #: texts by key
 
 
-def read_facts(data: bytes, where: str) -> OnnxFacts:
+def read_facts(data: Content, where: str) -> OnnxFacts:
     """The facts of an ONNX file's bytes; ``where`` names the file in messages."""
     entries: dict[str, str] = {}
     has_graph, opset, ir = False, 0, 0
@@ -61,7 +65,7 @@ def read_facts(data: bytes, where: str) -> OnnxFacts:
     return OnnxFacts(opset, ir, entries)
 
 
-def refuse_external_data(data: bytes, where: str) -> None:
+def refuse_external_data(data: Content, where: str) -> None:
     """Refuse a model with weights in other files, which no checksum covers."""
     with _damage_refused(where):
         elsewhere = _has_external_tensor(data)
@@ -82,7 +86,7 @@ def _damage_refused(where: str) -> Iterator[None]:
         ) from error
 
 
-def _has_external_tensor(data: bytes) -> bool:
+def _has_external_tensor(data: Content) -> bool:
     """Whether a tensor anywhere in a model says that its values are in another file."""
     messages = [("model", 0, len(data))]
     while messages:
@@ -98,7 +102,7 @@ def _has_external_tensor(data: bytes) -> bool:
     return False
 
 
-def _message_fields(data: bytes, position: int, end: int) -> Iterator[tuple[int, int, int]]:
+def _message_fields(data: Content, position: int, end: int) -> Iterator[tuple[int, int, int]]:
     """Each field of a message as (number, start, end) of its payload."""
     while position < end:
         key, position = _varint(data, position)
@@ -119,7 +123,7 @@ def _message_fields(data: bytes, position: int, end: int) -> Iterator[tuple[int,
         position += length
 
 
-def _varint(data: bytes, position: int) -> tuple[int, int]:
+def _varint(data: Content, position: int) -> tuple[int, int]:
     """The number at a position, and the position after it."""
     value = 0
     for shift in range(0, _MAX_VARINT_BITS, 7):

@@ -290,7 +290,7 @@ def verify(
             facts = {"status": "failed", "error": console.worded(found.message)}
         else:
             facts = {"status": "ok", "path": str(found.path), "sha256": found.sha256}
-            facts["bytes"] = len(found.data)
+            facts["bytes"] = found.size_bytes
         if as_json:
             console.out_json({"name": name, **facts})
         elif isinstance(found, DepthcliError):
