@@ -110,7 +110,7 @@ class ModelOptions:
 
 
 @group
-class CameraOptions:
+class PinholeOptions:
     """Camera."""
 
     focal_px: float | None = usual(
@@ -140,7 +140,17 @@ class CameraOptions:
 
 
 @group
-class StatedCameraOptions(CameraOptions):
+class CameraOptions(PinholeOptions):
+    """Camera."""
+
+    camera: str | None = option(
+        "A camera that 'depthcli calibrate' measured: its scale, and its field of view.",
+        metavar="NAME",
+    )
+
+
+@group
+class StatedCameraOptions(PinholeOptions):
     """Camera."""
 
     # Unlike those of predict, they do not scale depth.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 from depthcli.cli import options as groups
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov"),
+    ("calibration", "camera"),
     ("calibration", "centre_px"),
     ("anchor", "anchors"),
     ("png_scale", "png_normalize", "png_inverse"),
@@ -102,7 +103,7 @@ def _colours(options: groups.PreviewOptions) -> tuple[Colormap | None, Near | No
     )
 
 
-def camera(options: groups.CameraOptions) -> Intrinsics:
+def camera(options: groups.PinholeOptions) -> Intrinsics:
     """The camera of the options.
 
     Raises:
@@ -114,13 +115,25 @@ def camera(options: groups.CameraOptions) -> Intrinsics:
         raise UsageError("", "{rectified} is for {calibration}: give both or neither")
     if options.calibration is None:
         centre_px = None if options.centre_px is None else _centre(options.centre_px)
-        return Intrinsics.given(options.focal_px, options.hfov, centre_px)
+        found = Intrinsics.given(options.focal_px, options.hfov, centre_px)
+        name = getattr(options, "camera", None)
+        return found if name is None else _kept(name, found)
     from depthcli.io.calibration import read_calibration
 
     try:
         return read_calibration(options.calibration, rectified=options.rectified)
     except InputError as error:
         raise UsageError(error.message.problem, option="calibration") from error
+
+
+def _kept(name: str, given: Intrinsics) -> Intrinsics:
+    """A calibrated camera, with the focal length and principal point that are given."""
+    from depthcli.io.kept_cameras import kept_camera
+
+    kept = kept_camera(name)
+    return replace(
+        kept if not given.has_focal else given, scale=kept.scale, centre_px=given.centre_px
+    )
 
 
 def reading(options: groups.ReadOptions) -> ReadOptions:

@@ -16,6 +16,7 @@ COMMANDS = {
     "convert": ("convert", "Convert depth files and report the conversion error."),
     "info": ("info", "Show unit, scale and range of a depth file."),
     "probe": ("probe", "Show the depth at pixels, in boxes or masks of a depth file."),
+    "calibrate": ("calibrate", "Measure the scale of a camera, once, and keep it."),
     "eval": ("eval", "Measure accuracy on NYU Depth v2 or your pairs."),
     "render": ("render", "Render rooms with exact depth as training data."),
     "train": ("train", "Train a model; can be resumed."),

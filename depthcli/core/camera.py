@@ -42,6 +42,25 @@ class CameraSource(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class CameraScale:
+    """Correction of a model's metres that was measured for a camera: scale · depth + shift."""
+
+    name: str  #: of the camera
+    model: str  #: name of the model
+    model_sha256: str  #: checksum of its ONNX file
+    scale: float  #: factor on depth
+    shift_m: float  #: added to depth, in metres
+    #: mean of |error| ÷ depth on points that were left out of the fit; None of a single point
+    residual: float | None
+    images: int  #: images that it was measured on
+    points: int  #: points of known depth
+
+    def __post_init__(self) -> None:
+        if not (0 < self.scale < math.inf and math.isfinite(self.shift_m)):
+            raise UsageError(f"a scale of {self.scale} with a shift of {self.shift_m} m is none")
+
+
+@dataclass(frozen=True, slots=True)
 class Intrinsics:
     """A pinhole camera, as far as it is known."""
 
@@ -56,6 +75,7 @@ class Intrinsics:
     pixel_aspect: float | None = None  #: width by height of a pixel; None for what the image states
     source: CameraSource | None = None  #: where the focal length comes from, if that is known
     is_distorted: bool = False  #: whether its lens has a distortion, which a pinhole has not
+    scale: CameraScale | None = None  #: correction of metres that was measured for it
 
     def __post_init__(self) -> None:
         focal_px, hfov_deg = self.focal_px, self.hfov_deg
@@ -134,7 +154,7 @@ class Intrinsics:
         """The camera of one image, of which another may be known, that has no principal point."""
         if own is None:
             return self
-        return replace(own, centre_px=own.centre_px or self.centre_px)
+        return replace(own, centre_px=own.centre_px or self.centre_px, scale=self.scale)
 
 
 UNKNOWN_CAMERA = Intrinsics()  #: nothing is known but what the image's file states

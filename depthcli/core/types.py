@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.camera import Anchor, CameraSource, Intrinsics
+from depthcli.core.camera import Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import Projection
 from depthcli.errors import InputError, UsageError
 
@@ -258,6 +258,7 @@ class Provenance:
     #: whether a focal length was stated for another size, of which this map is no resized one
     is_cropped: bool = False
     projection: Projection = Projection.PINHOLE  #: in a panorama, metres are along the ray
+    camera_scale: CameraScale | None = None  #: measured correction that the metres have
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -58,6 +58,7 @@ def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsic
         centre_px=given.centre_for(width, height),
         pixel_aspect=aspect,
         source=None if focal_px is None else source,
+        scale=given.scale,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.anchors import ROBUST_FROM, AnchorPoints, fitted
-from depthcli.core.camera import DEPTH_M_RANGE, UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.camera import DEPTH_M_RANGE, UNKNOWN_CAMERA, CameraScale, Intrinsics
 from depthcli.core.options import (
     AUTO_TILE,
     DEFAULT_UPSAMPLING,
@@ -183,6 +183,8 @@ class Pipeline:
         scale = 1.0 if is_prompted else metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
+        if camera.scale is not None:
+            values = self._calibrated(values, camera.scale)
         source = self._provenance(frame, (layout.width, layout.height), camera)
         depth = DepthMap(values, self.card.output.kind, source)
         warnings = flat_warnings(depth) or _range_warnings(spec, depth, scale)
@@ -190,6 +192,16 @@ class Pipeline:
             wide = f"the image is {frame.width} pixels wide"
             warnings += (Message("it has no effect", wide, option="tile"),)
         return Prediction(depth, warnings)
+
+    def _calibrated(
+        self, depth_m: npt.NDArray[np.float32], scale: CameraScale
+    ) -> npt.NDArray[np.float32]:
+        """Metres corrected as it was measured for a camera; NaN where none are left."""
+        if scale.model_sha256 != self.session.model.sha256:
+            told = f"camera {scale.name!r} was calibrated with another model, {scale.model!r}"
+            raise UsageError(told, "calibrate it with this one")
+        found = depth_m * np.float32(scale.scale) + np.float32(scale.shift_m)
+        return np.where(found > 0, found, np.float32(np.nan))
 
     def _panorama(self, frame: Frame, camera: Intrinsics) -> Prediction:
         """Metres along the rays of an equirectangular image."""
@@ -254,6 +266,7 @@ class Pipeline:
             time_s=frame.timestamp_s,
             pixel_aspect=frame.pixel_aspect,
             projection=frame.projection,
+            camera_scale=camera.scale,
         )
 
 

@@ -37,6 +37,7 @@ _OPTIONS = {
     "as_json": "json",
     "settings": "set",
     "init_weights": "init",
+    "known_object": "object",
     "hfov_deg": "hfov",
     "provider_options": "provider-option",
     "max_depth_m": "max-depth",

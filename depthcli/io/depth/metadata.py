@@ -3,7 +3,8 @@
 import math
 import re
 from collections.abc import Mapping
-from typing import TypeAlias
+from dataclasses import asdict
+from typing import Any, TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.camera import CameraSource, hfov_deg
@@ -38,10 +39,15 @@ def origin_fields(depth: DepthMap) -> dict[str, _Value | None]:
     return {**stated, "camera": camera_text(depth)}
 
 
-def anchor_fields(depth: DepthMap) -> dict[str, dict[str, float] | None]:
-    """Fit of a map to known points, for JSON: ``anchors``, None if it was not fitted."""
-    fit = depth.provenance.anchor_fit if depth.provenance else None
-    return {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
+def anchor_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
+    """Fit of a map to known points, for JSON: ``anchors``, None if it was not fitted.
+
+    With a calibrated camera, also its ``camera_scale``.
+    """
+    source = depth.provenance or _UNKNOWN
+    fit, scale = source.anchor_fit, source.camera_scale
+    found = {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
+    return found if scale is None else {**found, "camera_scale": asdict(scale)}
 
 
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
@@ -57,6 +63,8 @@ def metadata_texts(depth: DepthMap) -> dict[str, str]:
     if source.anchor_fit is not None:
         used, given, residual_m = source.anchor_fit
         texts["anchors"] = f"{used},{given},{residual_m:.6g}"
+    if (scale := source.camera_scale) is not None:
+        texts["camera_scale"] = f"{scale.name},{scale.scale:.6g},{scale.shift_m:.6g}"
     origin = origin_fields(depth)
     if source.pixel_aspect == 1:
         del origin["pixel_aspect"]
@@ -82,6 +90,8 @@ def camera_text(depth: DepthMap) -> str | None:
     if source.focal_px is None:
         return f"unknown{fitted}" if fitted else None
     hfov = f"hfov {hfov_deg(source.focal_px, depth.width):.1f}°"
+    if source.camera_scale is not None:
+        fitted = f"; calibrated as {source.camera_scale.name}{fitted}"
     known = "" if source.camera_source is None else f" ({_SOURCE_TEXTS[source.camera_source]})"
     return f"{hfov}{known}{fitted}"
 

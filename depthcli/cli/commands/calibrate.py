@@ -1,0 +1,116 @@
+"""``depthcli calibrate``: the command and its options."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from depthcli.cli import options
+from depthcli.cli.groups import Command, group, grouped
+from depthcli.cli.screen import console
+from depthcli.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from depthcli.inference.pipeline import Pipeline
+    from depthcli.jobs.calibrate import KnownObject
+
+app = typer.Typer(rich_markup_mode=None)
+
+
+@group
+class KnownOptions(options.AnchorOptions):
+    """Known depth."""
+
+    pairs: Path | None = options.option(
+        "Folder of images and their depth, as 'eval pairs' reads it, in place of IMG.",
+        metavar="DIR",
+    )
+    known_object: str | None = options.option(
+        "Object of known height that faces the camera: its box in pixels and its height in metres. "
+        "Needs --focal-px or --hfov.",
+        "--object",
+        metavar="X0,Y0,X1,Y1,METRES",
+    )
+
+
+@app.command(cls=Command)
+@grouped
+def calibrate(
+    name: str = typer.Argument(..., metavar="NAME", help="Name of the camera."),
+    images: list[str] | None = typer.Argument(
+        None, metavar="[IMG...]", help="Images of the camera."
+    ),
+    *,
+    known: KnownOptions,
+    camera: options.PinholeOptions,
+    model: options.ModelOptions,
+    screen: options.ScreenOptions,
+) -> int:
+    """Measure the scale of a model's metres for a camera, and keep it under a name.
+
+    'predict', 'batch', 'video' and 'serve' use it with --camera NAME. Of several images, --anchors
+    is a folder with known depth for each.
+    """
+    from depthcli.cli import parse
+    from depthcli.io.kept_cameras import keep_camera
+    from depthcli.jobs.calibrate import CalibrationRequest
+    from depthcli.jobs.calibrate import calibrate as measure
+
+    seen_by, count = parse.camera(camera), len(images or ())
+    anchors = parse.anchors(known, seen_by, is_folder=count > 1)
+    sources = [known.pairs is not None, bool(anchors), known.known_object is not None]
+    if sum(sources) != 1:
+        raise UsageError("", "give one of {anchor}, {anchors}, {pairs} and {known_object}")
+    if (known.pairs is None) == (count == 0):
+        raise UsageError("", "name images of the camera, or a folder of {pairs}")
+    if count > 1 and not known.anchors:
+        raise UsageError("", "{anchor} and {known_object} are for one image")
+    request = CalibrationRequest(
+        name,
+        pipeline=_pipeline(model),
+        images=tuple(images or ()),
+        pairs=known.pairs,
+        anchors=anchors,
+        known_object=None if known.known_object is None else _object(known.known_object),
+        camera=seen_by,
+    )
+    done = measure(request)
+    scale = done.scale
+    path = keep_camera(scale, done.hfov_deg)
+    if screen.as_json:
+        facts = asdict(scale) | {"hfov_deg": done.hfov_deg, "before": done.before}
+        console.out_json(facts | {"file": str(path), "warnings": list(done.warnings)})
+    elif not screen.quiet:
+        left_out = "" if scale.residual is None else f", {scale.residual:.1%} on points left out"
+        error = f"; error {done.before:.1%} before{left_out}"
+        shift = f", shift {scale.shift_m:+.3f} m" if scale.shift_m else ""
+        source = f"{scale.points} known depths in {scale.images} images"
+        told = f"scale {scale.scale:.4f}{shift} for model {scale.model}"
+        console.report(f"{name}: {told}, from {source}{error}")
+        console.warn_all(done.warnings)
+    return ExitCode.OK
+
+
+def _pipeline(model: options.ModelOptions) -> Pipeline:
+    from depthcli.cli import parse
+    from depthcli.inference.pipeline import Pipeline
+
+    return Pipeline(parse.session_loader(model.model, model.runtime).load())
+
+
+def _object(word: str) -> KnownObject:
+    from depthcli.jobs.calibrate import KnownObject
+
+    try:
+        found = KnownObject(*map(float, word.split(",")))
+    except (TypeError, ValueError):
+        found = KnownObject(0, 0, 0, 0, 0)
+    if not (found.x0 < found.x1 and found.y0 < found.y1 and found.height_m > 0):
+        raise UsageError(
+            f"{word!r} is not X0,Y0,X1,Y1,METRES, for example 310,120,360,420,1.75",
+            option="known_object",
+        )
+    return found

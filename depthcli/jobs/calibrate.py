@@ -1,0 +1,205 @@
+"""Measuring the scale of a model's metres for a camera, from known depth in a few images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.anchors import AnchorPoints, Pairs, ScaleShift, robust
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.datasets.folders import open_paired_folder
+from depthcli.errors import InputError, UsageError
+from depthcli.inference.pipeline import Pipeline
+from depthcli.io.depth.anchors import AnchorFiles
+from depthcli.io.images.read import read_image
+from depthcli.io.storage.paths import path_of
+
+_Values = npt.NDArray[np.float64]
+_MOST_POINTS = 2000  # of an image, evenly spaced
+_SHIFT_POINTS = 10  # from which a shift is tried
+_GAIN = 0.98  # a shift has to lower the error of points that were left out to this share
+
+
+class KnownObject(NamedTuple):
+    """An object of known height that faces the camera."""
+
+    x0: float  #: left side of its box in the image, px
+    y0: float  #: top, px
+    x1: float  #: right side, px
+    y1: float  #: bottom, px
+    height_m: float  #: metres
+
+    def anchor(self, focal_px: float) -> Anchor:
+        """The depth of its middle: focal length · height ÷ height in pixels."""
+        middle = round((self.x0 + self.x1) / 2), round((self.y0 + self.y1) / 2)
+        return Anchor(*middle, focal_px * self.height_m / (self.y1 - self.y0))
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationRequest:
+    """Images with known depth, and the name of their camera."""
+
+    name: str  #: of the camera
+    pipeline: Pipeline  #: the model whose metres are corrected
+    images: tuple[str, ...] = ()  #: image files of the camera
+    pairs: Path | None = None  #: or a folder of images and depth, as ``eval pairs`` reads
+    #: known depth of the images: points of a single one, a file, or a folder with one for each
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    known_object: KnownObject | None = None  #: or an object of known height in a single image
+    camera: Intrinsics = UNKNOWN_CAMERA  #: what else is known of the camera
+
+
+class Calibrated(NamedTuple):
+    """The scale of a camera, and what it is worth."""
+
+    scale: CameraScale
+    hfov_deg: float | None  #: horizontal field of view of all images in degrees, if they share one
+    before: float  #: mean of |error| ÷ depth without the scale, on the same points
+    warnings: tuple[str, ...]
+
+
+class _Sample(NamedTuple):
+    """Known points of one image."""
+
+    predicted_m: _Values
+    true_m: _Values
+
+
+def calibrate(request: CalibrationRequest) -> Calibrated:
+    """Measure the scale of a camera, and its shift if that helps on points that are left out.
+
+    The scale is the median over images of the median of true ÷ predicted depth. A shift is
+    used if, fitted to one half of the images (of the points of a single one) and tried on the
+    other, both ways, it lowers the mean of |error| ÷ depth by 2 % or more.
+
+    Raises:
+        InputError: an image or its known depth cannot be read.
+        UsageError: there is no known depth, or the model gives no metres.
+    """
+    if request.pipeline.card.output.kind is not DepthKind.METRIC:
+        raise UsageError(f"model {request.pipeline.card.name!r} gives no metres to correct")
+    samples, fields_of_view = [], set()
+    for frame, points in _known(request):
+        depth = request.pipeline.predict(frame, replace(request.camera, scale=None)).depth
+        sample = _sample(depth, points)
+        if len(sample.true_m):
+            samples.append(sample)
+        focal_px = depth.provenance.focal_px if depth.provenance else None
+        if focal_px is not None:
+            fields_of_view.add(round(hfov_deg(focal_px, depth.width), 2))
+    if not samples:
+        raise UsageError("no known depth lies where the model gives any", "give more of it")
+    halves, count = _halves(samples), sum(len(sample.true_m) for sample in samples)
+    scales = _left_out(halves, _scale) if count > 1 else None
+    shifts = _left_out(halves, _scale_shift) if count >= _SHIFT_POINTS else math.inf
+    is_shifted = scales is not None and shifts < _GAIN * scales
+    fit = (_scale_shift if is_shifted else _scale)(samples)
+    session = request.pipeline.session
+    scale = CameraScale(
+        request.name,
+        model=session.model.card.name,
+        model_sha256=session.model.sha256,
+        scale=fit.scale,
+        shift_m=fit.shift,
+        residual=shifts if is_shifted else scales,
+        images=len(samples),
+        points=count,
+    )
+    before, warnings = _error(ScaleShift(1.0, 0.0), samples), []
+    if scale.residual is not None and scale.residual >= before:
+        warnings.append("the scale does not lower the error of points that were left out")
+    own = fields_of_view.pop() if len(fields_of_view) == 1 else None
+    if fields_of_view:
+        warnings.append("the images have several fields of view, so none is kept")
+    return Calibrated(scale, own, before, tuple(warnings))
+
+
+def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:
+    """Each image with its points."""
+    if request.pairs is not None:
+        dataset = open_paired_folder(request.pairs)
+        for i in range(len(dataset)):
+            yield dataset.frame(i), AnchorPoints.of_map(dataset.depth_m(i))
+        return
+    for name in request.images:
+        frame = read_image(path_of(name))
+        yield frame, _points(request, frame)
+
+
+def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:
+    anchors = request.anchors
+    if request.known_object is not None:
+        focal_px = request.camera.focal_for(frame.width)
+        if focal_px is None:
+            raise UsageError("", "an object of known height needs {focal_px} or {hfov}")
+        return AnchorPoints.of([request.known_object.anchor(focal_px)])
+    if isinstance(anchors, tuple):
+        return AnchorPoints.of(anchors)
+    image = Path(frame.path or "")
+    if anchors.is_self:
+        return anchors.of_image(image)
+    if path_of(anchors.path).is_dir():
+        file = anchors.file_for(image.name, picture=image)
+        return replace(anchors, path=str(file)).read()
+    return anchors.read()
+
+
+def _sample(depth: DepthMap, points: AnchorPoints) -> _Sample:
+    """Predicted and true depth at the points, evenly thinned."""
+    if not len(points):
+        return _Sample(np.empty(0), np.empty(0))
+    try:
+        points = points.within(depth.width, depth.height)
+    except UsageError as error:
+        raise InputError(error.message) from error
+    chosen = np.linspace(0, len(points) - 1, min(len(points), _MOST_POINTS)).astype(np.int64)
+    predicted_m = depth.values[points.y[chosen], points.x[chosen]].astype(np.float64)
+    is_known = np.isfinite(predicted_m) & (predicted_m > 0)
+    return _Sample(predicted_m[is_known], points.depth_m[chosen][is_known])
+
+
+def _halves(samples: Sequence[_Sample]) -> tuple[Sequence[_Sample], Sequence[_Sample]]:
+    """Every second image; of a single image, every second point."""
+    if len(samples) > 1:
+        return samples[::2], samples[1::2]
+    predicted_m, true_m = samples[0]
+    return [_Sample(predicted_m[::2], true_m[::2])], [_Sample(predicted_m[1::2], true_m[1::2])]
+
+
+def _scale(samples: Sequence[_Sample]) -> ScaleShift:
+    """Median over images of the median of log(true ÷ predicted)."""
+    logs = [np.median(np.log(true_m / predicted_m)) for predicted_m, true_m in samples]
+    return ScaleShift(float(np.exp(np.median(logs))), 0.0)
+
+
+def _scale_shift(samples: Sequence[_Sample]) -> ScaleShift:
+    """Scale and shift of least relative errors, without wrong points."""
+    predicted_m = np.concatenate([sample.predicted_m for sample in samples])
+    true_m = np.concatenate([sample.true_m for sample in samples])
+    fit, _ = robust(Pairs(predicted_m, true_m, true_m))
+    return fit if fit.scale > 0 else _scale(samples)
+
+
+def _left_out(
+    halves: tuple[Sequence[_Sample], Sequence[_Sample]],
+    fit: Callable[[Sequence[_Sample]], ScaleShift],
+) -> float:
+    """Mean error of each half with the fit to the other."""
+    first, second = halves
+    return (_error(fit(first), second) + _error(fit(second), first)) / 2
+
+
+def _error(fit: ScaleShift, samples: Sequence[_Sample]) -> float:
+    """Mean over images of the mean of |error| ÷ depth."""
+    errors = [
+        float(np.mean(np.abs(fit.scale * predicted_m + fit.shift - true_m) / true_m))
+        for predicted_m, true_m in samples
+    ]
+    return sum(errors) / len(errors)

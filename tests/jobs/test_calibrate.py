@@ -1,0 +1,122 @@
+"""Scales of cameras, measured on known depth and used by other commands."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+from helpers.tiny import fixed_inside, load, synthetic_picture, write_model, write_picture
+
+from depthcli.core.camera import Intrinsics
+from depthcli.errors import InputError
+from depthcli.io.depth.anchors import AnchorFiles
+from depthcli.io.images.read import read_image
+from depthcli.jobs.calibrate import CalibrationRequest, KnownObject, calibrate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from helpers.command_line import Cli
+
+    from depthcli.inference.pipeline import Pipeline
+
+    Truth = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+@pytest.fixture
+def pipeline(model_folder: Path) -> Pipeline:
+    return load(model_folder)
+
+
+def request(pipeline: Pipeline, folder: Path, truth: Truth, images: int = 4) -> CalibrationRequest:
+    """Images whose known depth is a function of the predicted one."""
+    random, names = np.random.default_rng(0), []
+    (folder / "known").mkdir()
+    for i in range(images):
+        pixels = np.roll(synthetic_picture(), 7 * i, axis=1)
+        name = write_picture(folder / "images" / f"{i}.png", pixels)
+        predicted_m = pipeline.predict(read_image(name)).depth.values
+        np.save(folder / "known" / f"{i}.npy", truth(predicted_m, random).astype(np.float32))
+        names.append(str(name))
+    return CalibrationRequest(
+        "robot", pipeline, tuple(names), anchors=AnchorFiles(str(folder / "known"))
+    )
+
+
+def test_finds_the_scale(pipeline: Pipeline, tmp_path: Path) -> None:
+    done = calibrate(request(pipeline, tmp_path, lambda depth_m, _: 1.3 * depth_m))
+    assert done.scale.scale == pytest.approx(1.3, rel=1e-5)
+    assert (done.scale.shift_m, done.scale.images) == (0, 4)
+    assert done.scale.residual == pytest.approx(0, abs=1e-5)
+    assert done.before == pytest.approx(1 - 1 / 1.3, rel=1e-5)
+
+
+def test_uses_a_shift_only_if_it_helps_on_images_left_out(
+    pipeline: Pipeline, tmp_path: Path
+) -> None:
+    shifted = calibrate(request(pipeline, tmp_path, lambda depth_m, _: 0.8 * depth_m + 0.7))
+    assert (shifted.scale.scale, shifted.scale.shift_m) == pytest.approx((0.8, 0.7), rel=1e-3)
+    (tmp_path / "noisy").mkdir()
+    noisy = calibrate(
+        request(
+            pipeline,
+            tmp_path / "noisy",
+            lambda depth_m, random: 1.2 * depth_m * random.lognormal(0, 0.2, depth_m.shape),
+        )
+    )
+    assert (noisy.scale.scale, noisy.scale.shift_m) == (pytest.approx(1.2, rel=0.02), 0)
+
+
+def test_an_object_of_known_height_gives_its_depth(pipeline: Pipeline, tmp_path: Path) -> None:
+    name = write_picture(tmp_path / "a.png")
+    known = KnownObject(10, 8, 30, 28, 1.5)
+    camera = Intrinsics(focal_px=50)
+    done = calibrate(
+        CalibrationRequest("a", pipeline, (str(name),), known_object=known, camera=camera)
+    )
+    depth = pipeline.predict(read_image(name), camera).depth.values
+    assert depth[18, 20] * done.scale.scale == pytest.approx(50 * 1.5 / 20)
+    assert done.scale.residual is None
+
+
+def test_other_commands_use_the_kept_camera(inside: Cli) -> None:
+    pairs = inside.folder / "pairs"
+    for i in range(2):
+        write_picture(pairs / "rgb" / f"{i}.png", np.roll(synthetic_picture(), 5 * i, axis=1))
+        assert (
+            inside("predict", f"pairs/rgb/{i}.png", "-o", f"{i}.npy", "--hfov", "70").returncode
+            == 0
+        )
+        (pairs / "depth").mkdir(exist_ok=True)
+        depth_mm = np.load(inside.folder / f"{i}.npy") * 1500
+        cv2.imwrite(str(pairs / "depth" / f"{i}.png"), depth_mm.astype(np.uint16))
+    done = inside("calibrate", "robot", "--pairs", "pairs", "--hfov", "70", "--json")
+    facts = json.loads(done.stdout)
+    assert (facts["scale"], facts["hfov_deg"]) == (pytest.approx(1.5, rel=2e-3), 70)
+    done = inside("predict", "pairs/rgb/0.png", "-o", "a.npy", "--camera", "robot", "--json")
+    assert json.loads(done.stdout)["camera_scale"]["name"] == "robot"
+    inside("batch", "pairs/rgb", "-o", "out", "--camera", "robot", "--format", "npy")
+    wanted = np.load(inside.folder / "0.npy") * np.float32(facts["scale"])
+    for written in ("a.npy", "out/0.depth.npy"):
+        assert np.load(inside.folder / written) == pytest.approx(wanted, rel=1e-5)
+
+
+def test_a_scale_is_refused_by_another_model(inside: Cli, model_folder: Path) -> None:
+    write_picture(inside.folder / "a.png")
+    inside("calibrate", "robot", "a.png", "--anchor", "3,4,2.5")
+    assert inside("predict", "a.png", "--camera", "robot").returncode == 0
+    assert inside("predict", "a.png", "--camera", "unknown").returncode == 2
+    other = write_model(model_folder.parent / "other", fixed_inside())
+    assert inside("predict", "a.png", "--camera", "robot", "--model", other).returncode == 2
+
+
+def test_needs_known_depth(pipeline: Pipeline, tmp_path: Path) -> None:
+    name = write_picture(tmp_path / "a.png")
+    np.save(tmp_path / "a.npy", np.full((48, 64), np.nan, np.float32))
+    known = AnchorFiles(str(tmp_path / "a.npy"))
+    with pytest.raises(InputError):
+        calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=known))
