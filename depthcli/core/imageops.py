@@ -18,12 +18,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array
 from depthcli.core.types import Frame
 
 
-def resize_bilinear(
-    values: npt.NDArray[np.float32], width: int, height: int
-) -> npt.NDArray[np.float32]:
+def resize_bilinear(values: Float32Array, width: int, height: int) -> Float32Array:
     """Bilinear, half-pixel centres, edges repeated, no antialiasing: how depth is resized.
 
     From (H, W) or (H, W, C) float32 to (height, width) or (height, width, C); a copy only if the
@@ -34,9 +33,7 @@ def resize_bilinear(
     return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR))
 
 
-def resize_rows(
-    values: npt.NDArray[np.float32], width: int, height: int, rows: slice
-) -> npt.NDArray[np.float32]:
+def resize_rows(values: Float32Array, width: int, height: int, rows: slice) -> Float32Array:
     """Some rows of what :func:`resize_bilinear` returns, up to rounding, without the others.
 
     ``values`` are (H, W) float32; ``height`` is that of the whole result. Never a view of them.
@@ -51,9 +48,7 @@ def resize_rows(
     return resize_bilinear(mixed, width, mixed.shape[0])
 
 
-def resize_area(
-    values: npt.NDArray[np.float32], width: int, height: int
-) -> npt.NDArray[np.float32]:
+def resize_area(values: Float32Array, width: int, height: int) -> Float32Array:
     """Mean over each output pixel's area where it shrinks, bilinear where it grows: pictures.
 
     Shapes and types as of :func:`resize_bilinear`.
@@ -68,9 +63,7 @@ def resize_area(
     return resize_bilinear(resize_area(values, *shrunk), width, height)
 
 
-def resize_cubic(
-    values: npt.NDArray[np.float32], width: int, height: int
-) -> npt.NDArray[np.float32]:
+def resize_cubic(values: Float32Array, width: int, height: int) -> Float32Array:
     """Bicubic, half-pixel centres, edges repeated, no antialiasing; it may overshoot.
 
     Shapes and types as of :func:`resize_bilinear`.
@@ -90,10 +83,10 @@ def row_bands(width: int, height: int) -> Iterator[slice]:
 
 def shrink_bands(
     pixels: npt.NDArray[np.generic],
-    plane: Callable[[npt.NDArray[np.generic]], npt.NDArray[np.float32]],
+    plane: Callable[[npt.NDArray[np.generic]], Float32Array],
     width: int,
     height: int,
-) -> npt.NDArray[np.float32]:
+) -> Float32Array:
     """Equal ``resize_area(plane(pixels), width, height)`` up to rounding, band by band."""
     rows, columns = pixels.shape[:2]
     narrowest = min(width, columns)  # a strip is widened once it is short
@@ -107,7 +100,7 @@ def shrink_bands(
 _LUMA = np.array([[0.299, 0.587, 0.114]], np.float32)
 
 
-def value_channel(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+def value_channel(pixels: npt.NDArray[np.generic]) -> Float32Array:
     """V of HSV, the largest of R, G and B, (H, W) float32 in [0, 1]; gray is its own V.
 
     Pixels are (H, W) or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1].
@@ -118,7 +111,7 @@ def value_channel(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     return unit(cv2.max(cv2.max(red, green), blue))
 
 
-def luma(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+def luma(pixels: npt.NDArray[np.generic]) -> Float32Array:
     """Rec. 601 luma of the coded values; arguments and result as in :func:`value_channel`."""
     if pixels.ndim == 2:  # noqa: PLR2004
         return unit(pixels)
@@ -126,20 +119,20 @@ def luma(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     return gray.reshape(pixels.shape[:2])
 
 
-def brightness(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+def brightness(pixels: npt.NDArray[np.generic]) -> Float32Array:
     """Luma to the precision of the pixels' own type, which is much faster than :func:`luma`."""
     if pixels.ndim == 2:  # noqa: PLR2004
         return unit(pixels)
     return unit(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY))  # type: ignore[arg-type]
 
 
-def rgb(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+def rgb(pixels: npt.NDArray[np.generic]) -> Float32Array:
     """Three channels (H, W, 3) float32 in [0, 1]; gray is repeated."""
     values = unit(pixels)
     return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)  # noqa: PLR2004
 
 
-def unit(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+def unit(pixels: npt.NDArray[np.generic]) -> Float32Array:
     """Coded values of any shape as float32 in [0, 1]."""
     if pixels.dtype == np.float32:
         return np.clip(pixels, 0, 1)
@@ -154,8 +147,8 @@ _GAIN = 1.5
 
 
 def upsample_guided(
-    depth: npt.NDArray[np.float32], frame: Frame, *, in_log: bool, radius: int = 1
-) -> npt.NDArray[np.float32]:
+    depth: Float32Array, frame: Frame, *, in_log: bool, radius: int = 1
+) -> Float32Array:
     """Depth at the picture's size, whose edges follow those of the picture.
 
     It is bilinear if the picture is no larger than the map, or the map has holes. The result is
@@ -179,15 +172,13 @@ class GuidedMap(NamedTuple):
     """Coefficients of a guided filter at a coarse size, to be applied at any larger size."""
 
     #: (h, w) float32, change of the map with the picture's brightness
-    slope: npt.NDArray[np.float32]
-    offset: npt.NDArray[np.float32]  #: (h, w) float32, the map where brightness is 0
-    low: npt.NDArray[np.float32]  #: (h, w) float32, least value of the map within the radius
-    high: npt.NDArray[np.float32]  #: (h, w) float32, largest value of the map within the radius
+    slope: Float32Array
+    offset: Float32Array  #: (h, w) float32, the map where brightness is 0
+    low: Float32Array  #: (h, w) float32, least value of the map within the radius
+    high: Float32Array  #: (h, w) float32, largest value of the map within the radius
 
     @classmethod
-    def fit(
-        cls, coarse: npt.NDArray[np.float32], guide: npt.NDArray[np.float32], radius: int = 1
-    ) -> Self:
+    def fit(cls, coarse: Float32Array, guide: Float32Array, radius: int = 1) -> Self:
         """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both.
 
         A larger radius of the window, in coarse pixels, blurs depth.
@@ -204,9 +195,7 @@ class GuidedMap(NamedTuple):
         low, high = cv2.erode(coarse, window), cv2.dilate(coarse, window)
         return cls(mean(slope), mean(offset), np.asarray(low), np.asarray(high))
 
-    def rows(
-        self, guide: npt.NDArray[np.float32], rows: slice, height: int
-    ) -> npt.NDArray[np.float32]:
+    def rows(self, guide: Float32Array, rows: slice, height: int) -> Float32Array:
         """Some rows of the map at the picture's size, clamped to the coarse map's local range.
 
         ``guide`` is (n, W) float32 in [0, 1], the brightness of these rows; so is the result.
@@ -221,7 +210,7 @@ class GuidedMap(NamedTuple):
         return np.asarray(cv2.min(cv2.max(values, low, dst=values), high, dst=values))
 
 
-def _box_mean(values: npt.NDArray[np.float32], radius: int) -> npt.NDArray[np.float32]:
+def _box_mean(values: Float32Array, radius: int) -> Float32Array:
     size = (2 * radius + 1,) * 2
     return np.asarray(cv2.blur(values, size, borderType=cv2.BORDER_REPLICATE))
 

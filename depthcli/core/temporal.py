@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import BoolArray, Float32Array
 from depthcli.core.imageops import luma, resize_area, resize_bilinear
 from depthcli.core.types import DepthKind, DepthMap
 
@@ -25,11 +26,11 @@ class Change:
 
     #: (h, w) float32 in [0, 1], of brightness averaged over 5×5 pixels of the thumbnail, against
     #: noise
-    difference: npt.NDArray[np.float32]
+    difference: Float32Array
     is_cut: bool  #: whether a new scene begins
 
     @property
-    def static_weight(self) -> npt.NDArray[np.float32]:
+    def static_weight(self) -> Float32Array:
         """(h, w) float32: 1 where nothing moves, 0 where brightness changes by 6 % or more.
 
         The largest change in the 3×3 neighbourhood counts, since depth changes around a moving
@@ -39,7 +40,7 @@ class Change:
         return np.asarray(1 - np.clip(largest / np.float32(_MOVING_DIFFERENCE), 0, 1))
 
     @property
-    def is_static(self) -> npt.NDArray[np.bool_]:
+    def is_static(self) -> BoolArray:
         """(h, w): where brightness changes by less than 2 %."""
         return self.difference < _STATIC_DIFFERENCE
 
@@ -52,10 +53,10 @@ class ChangeDetector:
     """
 
     def __init__(self) -> None:
-        self._blurred: npt.NDArray[np.float32] | None = None
+        self._blurred: Float32Array | None = None
         self._mean_change = 0.0
 
-    def step(self, thumbnail: npt.NDArray[np.float32]) -> Change:
+    def step(self, thumbnail: Float32Array) -> Change:
         """The change to the next picture's :func:`thumbnail`; the first picture is a cut."""
         blurred = np.asarray(
             cv2.blur(thumbnail, (_BLUR_PX, _BLUR_PX), borderType=cv2.BORDER_REPLICATE), np.float32
@@ -71,7 +72,7 @@ class ChangeDetector:
         return Change(difference, is_cut)
 
 
-def thumbnail(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
+def thumbnail(pixels: npt.NDArray[np.generic]) -> Float32Array:
     """A picture's luma, its long side at most 192 pixels; (h, w) float32 in [0, 1]."""
     height, width = pixels.shape[:2]
     scale = min(1.0, THUMBNAIL_PX / max(height, width))
@@ -79,7 +80,7 @@ def thumbnail(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     return luma(resize_area(np.asarray(pixels), *size))
 
 
-def to_log(depth: DepthMap) -> npt.NDArray[np.float32]:
+def to_log(depth: DepthMap) -> Float32Array:
     """The logarithm of metres, whose differences mean the same near and far.
 
     Values without a unit are returned as they are. (H, W) float32, NaN where there is no depth.
@@ -87,11 +88,11 @@ def to_log(depth: DepthMap) -> npt.NDArray[np.float32]:
     if depth.kind is not DepthKind.METRIC:
         return depth.values
     with np.errstate(divide="ignore", invalid="ignore"):
-        logs: npt.NDArray[np.float32] = np.log(depth.values)
+        logs: Float32Array = np.log(depth.values)
     return np.where(np.isfinite(logs), logs, np.float32(np.nan))
 
 
-def from_log(values: npt.NDArray[np.float32], kind: DepthKind) -> npt.NDArray[np.float32]:
+def from_log(values: Float32Array, kind: DepthKind) -> Float32Array:
     """Inverse of :func:`to_log`; (H, W) float32 in and out."""
     return np.exp(values) if kind is DepthKind.METRIC else values
 
@@ -109,11 +110,9 @@ class Smoother:
     """
 
     def __init__(self) -> None:
-        self._before: npt.NDArray[np.float32] | None = None
+        self._before: Float32Array | None = None
 
-    def step(
-        self, values: npt.NDArray[np.float32], change: Change, decay: float
-    ) -> npt.NDArray[np.float32]:
+    def step(self, values: Float32Array, change: Change, decay: float) -> Float32Array:
         """Smooth the next frame, (H, W) float32 of :func:`to_log`; NaN stays NaN.
 
         ``decay`` is the weight of the past where nothing moves; see :func:`ema_decay`.
@@ -140,11 +139,11 @@ class FlickerMeter:
 
     def __init__(self, kind: DepthKind) -> None:
         self._kind = kind
-        self._before: npt.NDArray[np.float32] | None = None
+        self._before: Float32Array | None = None
         self._sum = 0.0
         self._count = 0
 
-    def step(self, values: npt.NDArray[np.float32], change: Change) -> None:
+    def step(self, values: Float32Array, change: Change) -> None:
         """Add a frame: (h, w) float32 of :func:`to_log`, at the size of the thumbnail."""
         before, self._before = self._before, values
         if before is None or change.is_cut:
@@ -163,9 +162,7 @@ class FlickerMeter:
         return self._sum / self._count if self._count else None
 
 
-def sample_cells(
-    values: npt.NDArray[np.float32], shape: tuple[int, ...]
-) -> npt.NDArray[np.float32]:
+def sample_cells(values: Float32Array, shape: tuple[int, ...]) -> Float32Array:
     """The values at the middle of each cell of a coarser grid; (H, W) to ``shape``, float32."""
     rows, columns = (
         ((np.arange(n) + 0.5) * size / n).astype(int)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, BoolArray, Float32Array, FloatArray, UInt8Array
 from depthcli.core.camera import Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import Projection
 from depthcli.errors import InputError, UsageError
@@ -22,7 +23,7 @@ _ROUNDING, _NEGATIVE_SHARE = 0.01, 0.1
 _LIT_SHARE = 0.01  # a few bright pixels on black are highlights
 
 
-def check_pixels(pixels: npt.NDArray[Any]) -> None:
+def check_pixels(pixels: AnyArray) -> None:
     """Check that pixels are (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]."""
     if not isinstance(pixels, np.ndarray):
         raise InputError(f"pixels have to be an array of NumPy, not {type(pixels).__name__}")
@@ -42,7 +43,7 @@ def check_pixels(pixels: npt.NDArray[Any]) -> None:
             raise InputError(told, "scale them, and replace the others with np.nan_to_num")
 
 
-def is_out_of_range(pixels: npt.NDArray[np.float32], low: float, high: float) -> bool:
+def is_out_of_range(pixels: Float32Array, low: float, high: float) -> bool:
     """Whether a finite picture, from ``low`` to ``high``, is in another range than [0, 1].
 
     Highlights may be above 1, if they are less than half of what is not black.
@@ -100,9 +101,7 @@ class Window(NamedTuple):
         return slice(top, top + self.height), slice(left, left + self.width)
 
 
-def over_window(
-    values: npt.NDArray[np.float32], covered: Window, wanted: Window
-) -> npt.NDArray[np.float32]:
+def over_window(values: Float32Array, covered: Window, wanted: Window) -> Float32Array:
     """Values of one window as those of another, with NaN outside the first; (H, W) float32."""
     if covered == wanted:
         return values
@@ -126,7 +125,7 @@ class Windows:
         """The part of ``pixels`` that the file has; possibly none."""
         return self.data.intersection(self.pixels)
 
-    def only(self, window: Window, values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def only(self, window: Window, values: Float32Array) -> Float32Array:
         """Values, (H, W) float32 over ``pixels``, with NaN outside a window."""
         if window == self.pixels:
             return values
@@ -151,11 +150,9 @@ class DepthKind(StrEnum):
     INVERSE = "inverse"  #: inverse depth up to an unknown scale and shift; larger is nearer
 
 
-def has_depth(
-    values: npt.NDArray[np.floating], kind: DepthKind = DepthKind.METRIC
-) -> npt.NDArray[np.bool_]:
+def has_depth(values: FloatArray, kind: DepthKind = DepthKind.METRIC) -> BoolArray:
     """Where there is a depth: where values are finite, and metres above 0; of any shape."""
-    finite: npt.NDArray[np.bool_] = np.isfinite(values)
+    finite: BoolArray = np.isfinite(values)
     return finite & (values > 0) if kind is DepthKind.METRIC else finite
 
 
@@ -165,7 +162,7 @@ class Frame:
     """One decoded picture, upright."""
 
     #: (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]; without alpha
-    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
+    pixels: UInt8Array | npt.NDArray[np.uint16] | Float32Array
     path: Path | None = None  #: where it came from; None for stdin or an array
     index: int = 0  #: its number in the source, 0 for a still picture
     timestamp_s: float | None = None  #: time in a video, in seconds; None for a still picture
@@ -184,7 +181,7 @@ class Frame:
     time_code: tuple[int, ...] | None = None
     projection: Projection = Projection.PINHOLE  #: how directions became its pixels
     #: (H, W), pixels that are not part of the image, filled with colours around them
-    transparent: npt.NDArray[np.bool_] | None = None
+    transparent: BoolArray | None = None
     view: str | None = None  #: eye of a stereo EXR, such as ``left``
 
     def __post_init__(self) -> None:
@@ -218,9 +215,9 @@ class Frame:
         path = f", {self.path}" if self.path else ""
         return f"<Frame {self.width}×{self.height}, {colours} {self.pixels.dtype}{path}>"
 
-    def pixels_8bit(self) -> npt.NDArray[np.uint8]:
+    def pixels_8bit(self) -> UInt8Array:
         """The picture for display: (H, W, 3) RGB uint8, which may be the pixels themselves."""
-        scaled: npt.NDArray[Any] = self.pixels
+        scaled: AnyArray = self.pixels
         if scaled.dtype != np.uint8:
             top = 65535 if scaled.dtype == np.uint16 else 1
             scaled = np.rint(np.clip(scaled * np.float32(255 / top), 0, 255)).astype(np.uint8)
@@ -267,7 +264,7 @@ class DepthMap:
 
     #: (H, W) float32, metres for ``DepthKind.METRIC``; NaN where there is no depth; of a file of
     #: another program, also infinity, and for metres 0 and below
-    values: npt.NDArray[np.float32]
+    values: Float32Array
     kind: DepthKind = DepthKind.METRIC  #: what the numbers mean
     provenance: Provenance | None = None  #: the model behind them, if any
 
@@ -298,13 +295,11 @@ class DepthMap:
         return "m" if self.is_metric else None
 
     @property
-    def valid(self) -> npt.NDArray[np.bool_]:
+    def valid(self) -> BoolArray:
         """(H, W) bool: where there is a finite depth, for metres above 0."""
         return has_depth(self.values, self.kind)
 
-    def __array__(
-        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
-    ) -> npt.NDArray[Any]:
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> AnyArray:
         return np.array(self.values, dtype, copy=copy)
 
     def __repr__(self) -> str:
@@ -315,7 +310,7 @@ class DepthMap:
         return f"<{type(self).__name__} {self.width}×{self.height}, {self.kind}, {spread}{model}>"
 
 
-def panorama_rays(width: int, height: int, rows: slice = slice(None)) -> npt.NDArray[np.float32]:
+def panorama_rays(width: int, height: int, rows: slice = slice(None)) -> Float32Array:
     """Unit vectors of the pixels of an equirectangular image, (rows, W, 3) float32.
 
     x is to the right, y down, and z towards the middle of the image.
@@ -381,7 +376,7 @@ def flat_warnings(depth: DepthMap) -> tuple[str, ...]:
     return (f"all pixels have the same depth, {where}; {advice}",)
 
 
-def _median(values: npt.NDArray[np.float32]) -> float:
+def _median(values: Float32Array) -> float:
     """As np.median, which would import numpy.ma and take as long as writing a PNG."""
     middle = (values.size - 1) // 2, values.size // 2
     parted = np.partition(values, middle)
@@ -429,7 +424,7 @@ class DepthCodec(NamedTuple):
         low, high = float(np.log(min_m)), float(np.log(max_m))
         return cls(Transform.EXP, (high - low) / 2, (high + low) / 2)
 
-    def decode(self, raw: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def decode(self, raw: Float32Array) -> Float32Array:
         """Depth of a raw output; any shape, float32 in and out.
 
         A reciprocal of zero or less is infinitely far, hence ``inf``. NaN stays NaN.
@@ -440,7 +435,7 @@ class DepthCodec(NamedTuple):
                 return t
             case Transform.EXP:
                 with np.errstate(over="ignore"):
-                    depth: npt.NDArray[np.float32] = np.exp(t)
+                    depth: Float32Array = np.exp(t)
                 return depth
             case Transform.RECIPROCAL:
                 with np.errstate(divide="ignore", over="ignore"):

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, Float32Array, UInt8Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import Frame
@@ -61,7 +61,7 @@ def read_truth(path: Path, options: DepthReadOptions) -> StoredDepth:
     return stored
 
 
-def metres(stored: StoredDepth) -> npt.NDArray[np.float32]:
+def metres(stored: StoredDepth) -> Float32Array:
     """(H, W) float32 metres, 0 where there is none: also where 16 bits do not hold the depth."""
     depth, scale = stored.displayed, stored.scale
     most_m = np.inf
@@ -70,10 +70,10 @@ def metres(stored: StoredDepth) -> npt.NDArray[np.float32]:
     return np.where(depth.valid & (depth.values < most_m), depth.values, np.float32(0))
 
 
-def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
+def read_image_rgb(path: Path) -> UInt8Array:
     """Pixels of an image: (H, W, 3) RGB uint8, upright; gray has three equal channels."""
     with as_dataset_error():
-        pixels: npt.NDArray[Any] = read.read_image(path).pixels
+        pixels: AnyArray = read.read_image(path).pixels
     if pixels.dtype == np.uint16:
         pixels = (pixels >> 8).astype(np.uint8)
     if pixels.dtype != np.uint8:
@@ -82,7 +82,7 @@ def read_image_rgb(path: Path) -> npt.NDArray[np.uint8]:
 
 
 def check_unit(
-    maps_m: Iterable[npt.NDArray[np.float32]],
+    maps_m: Iterable[Float32Array],
     where: Path,
     range_m: tuple[float, float] = PLAUSIBLE_M,
     advice: str = _UNIT_ADVICE,
@@ -109,7 +109,7 @@ class FolderDataset(DepthDataset):
     reading: DepthReadOptions = AS_STATED  #: what is known about the depth files
     paired: bool = True  #: whether image and depth show the same
 
-    def image(self, i: int) -> npt.NDArray[np.uint8]:
+    def image(self, i: int) -> UInt8Array:
         """Image of pair ``i``: (H, W, 3) RGB uint8."""
         return read_image_rgb(_file(self.pairs[i].image))
 
@@ -118,7 +118,7 @@ class FolderDataset(DepthDataset):
         with as_dataset_error():
             return read.read_image(_file(self.pairs[i].image))
 
-    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+    def depth_m(self, i: int) -> Float32Array:
         """Depth of pair ``i`` in the view of its image: (H, W) float32 metres, 0 = none."""
         pair = self.pairs[i]
         depth_m = metres(self.stored(i)) * np.float32(pair.scale)
@@ -138,7 +138,7 @@ class FolderDataset(DepthDataset):
             )
         return read_truth(_file(pair.depth), replace(self.reading, camera=camera))
 
-    def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
+    def raw_depth_m(self, i: int) -> Float32Array:
         """Measured depth of pair ``i`` from ``raw_depth/``: (H, W) float32 metres, 0 = none."""
         return metres(read_truth(self.root / "raw_depth" / f"{self.pairs[i].id}.png", self.reading))
 
@@ -213,9 +213,7 @@ def _file(path: Path | None) -> Path:
     return path
 
 
-def in_view(
-    depth_m: npt.NDArray[np.float32], pair: Pair, shape: tuple[int, int]
-) -> npt.NDArray[np.float32]:
+def in_view(depth_m: Float32Array, pair: Pair, shape: tuple[int, int]) -> Float32Array:
     """Depth, (H, W) float32 metres, at the rows and columns of an image of the same place.
 
     Raises:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.datasets.base import Pair
 from depthcli.errors import DatasetError, UsageError
@@ -209,9 +210,7 @@ def _nearest_in_time(images: Mapping[str, Path], depths: Mapping[str, Path]) -> 
     }
 
 
-def _nearest(
-    times_s: npt.NDArray[np.float64], among_s: npt.NDArray[np.float64]
-) -> npt.NDArray[np.intp]:
+def _nearest(times_s: Float64Array, among_s: Float64Array) -> npt.NDArray[np.intp]:
     """Position in ``among_s`` of the nearest to each time."""
     order = among_s.argsort()
     after = among_s[order].searchsorted(times_s)

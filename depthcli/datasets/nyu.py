@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, Float32Array, UInt8Array
 from depthcli.core.options import INSTALL_H5PY, short_repr
 from depthcli.datasets import folders
 from depthcli.datasets.base import DepthDataset, Pair, is_label
@@ -37,19 +37,19 @@ class NyuMat(DepthDataset):
     path: Path  #: the file
     file: Any  #: the open h5py file; reads are one pair at a time
 
-    def image(self, i: int) -> npt.NDArray[np.uint8]:
+    def image(self, i: int) -> UInt8Array:
         """Image of pair ``i``: (H, W, 3) RGB uint8."""
         return np.ascontiguousarray(self._read("images", i).transpose(2, 1, 0), dtype=np.uint8)
 
-    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+    def depth_m(self, i: int) -> Float32Array:
         """In-filled depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
         return np.ascontiguousarray(self._read("depths", i).T, dtype=np.float32)
 
-    def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
+    def raw_depth_m(self, i: int) -> Float32Array:
         """Measured depth: (H, W) float32 metres, 0 where nothing was measured."""
         return np.ascontiguousarray(self._read("rawDepths", i).T, dtype=np.float32)
 
-    def _read(self, name: str, i: int) -> npt.NDArray[Any]:
+    def _read(self, name: str, i: int) -> AnyArray:
         try:
             return np.asarray(self.file[name][int(self.pairs[i].id)])
         except _DAMAGED as error:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import Float64Array
 from depthcli.core.options import Alignment, Averaging, Mask
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -431,16 +431,14 @@ def differences_from(
     return tuple(found)
 
 
-def _per_image(
-    rows: Sequence[report.ReportRow], alignment: Alignment | None
-) -> npt.NDArray[np.float64]:
+def _per_image(rows: Sequence[report.ReportRow], alignment: Alignment | None) -> Float64Array:
     """(N, metrics): the scores of each image, averaged over the seeds."""
     seeds = [[i.scores.values for i in row.images] for row in rows if row.alignment is alignment]
-    averaged: npt.NDArray[np.float64] = np.asarray(seeds, np.float64).mean(0)
+    averaged: Float64Array = np.asarray(seeds, np.float64).mean(0)
     return averaged
 
 
-def scene_interval(values: npt.NDArray[np.float64], scenes: Sequence[str]) -> report.Interval:
+def scene_interval(values: Float64Array, scenes: Sequence[str]) -> report.Interval:
     """The mean over images, and its bootstrap interval with scenes resampled.
 
     ``values`` (N,) has one value per image, or NaN, and ``scenes`` the scene of each. One scene

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array, UInt8Array
 from depthcli.core.imageops import resize_area, value_channel
 from depthcli.core.options import Colormap
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -53,7 +53,7 @@ def choose_pictures(
 
 
 class _FigureRow(NamedTuple):
-    picture: npt.NDArray[np.uint8]  #: (H, W, 3) RGB uint8, gray
+    picture: UInt8Array  #: (H, W, 3) RGB uint8, gray
     depths: tuple[DepthMap, ...]  #: prediction of each predictor, then ground truth; metres
     limits_m: tuple[float, float]  #: near and far end of the colour scale, metres
 
@@ -101,7 +101,7 @@ def _figure_row(
     )
 
 
-def _fit_to_truth(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap:
+def _fit_to_truth(depth: DepthMap, truth_m: Float32Array) -> DepthMap:
     """A map of another kind aligned to the ground truth (H, W) float32 metres, 0 for none."""
     if depth.kind is DepthKind.METRIC:
         return depth
@@ -115,7 +115,7 @@ def _fit_to_truth(depth: DepthMap, truth_m: npt.NDArray[np.float32]) -> DepthMap
     return DepthMap(metres)
 
 
-def _pictures_of_row(row: _FigureRow, colormap: Colormap) -> list[npt.NDArray[np.uint8]]:
+def _pictures_of_row(row: _FigureRow, colormap: Colormap) -> list[UInt8Array]:
     """The cells of a row, of one size; colours have a legend."""
     (rows, columns), (near, far) = row.picture.shape[:2], row.limits_m
     writer = PreviewWriter(colormap, vmin=near, vmax=far)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import BoolArray, Float32Array, FloatArray
 from depthcli.core.imageops import resize_bilinear
 from depthcli.core.options import AUTO_TILE, Alignment, Averaging, Crop, Mask, Upsampling
 from depthcli.core.types import DepthKind, DepthMap
@@ -31,8 +31,8 @@ _MIN_INFINITE_WEIGHT = 0.5
 class Truth:
     """The pixels of one image that are evaluated."""
 
-    valid: npt.NDArray[np.bool_]  #: (H, W) bool at the size at which depth is compared
-    depth_m: npt.NDArray[np.float32]  #: (N,) float32, metres, the depth where ``valid``
+    valid: BoolArray  #: (H, W) bool at the size at which depth is compared
+    depth_m: Float32Array  #: (N,) float32, metres, the depth where ``valid``
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +87,7 @@ class EvalProtocol:
         size = _size_text(self.compare_px or self.full_size_px)
         return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
 
-    def truth(
-        self, depth_m: npt.NDArray[np.float32], raw_depth_m: npt.NDArray[np.float32] | None = None
-    ) -> Truth:
+    def truth(self, depth_m: Float32Array, raw_depth_m: Float32Array | None = None) -> Truth:
         """Select the pixels of one image to evaluate.
 
         Depth, and raw depth for the raw-valid mask, are (H, W) float32 metres, 0 for none.
@@ -117,7 +115,7 @@ class EvalProtocol:
         if values.shape != truth.valid.shape:
             least_m = self.max_m if depth.kind is DepthKind.METRIC else -np.inf
             values = _resized(values, width, height, least_m)
-        predicted: npt.NDArray[np.floating] = _select(values, truth.valid)
+        predicted: FloatArray = _select(values, truth.valid)
         turned = False
         if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
             exact = predicted.astype(np.float64), truth.depth_m.astype(np.float64)
@@ -139,9 +137,7 @@ def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
     return boundary_scores(maps[0], maps[1], truth.valid)
 
 
-def _resized(
-    values: npt.NDArray[np.float32], width: int, height: int, least: float
-) -> npt.NDArray[np.float32]:
+def _resized(values: Float32Array, width: int, height: int, least: float) -> Float32Array:
     """Values at another size; infinite where most of the weight is that of infinite ones.
 
     Elsewhere, infinite ones count as the largest finite one, and at least as ``least``.
@@ -157,9 +153,7 @@ def _resized(
     return np.where(weight > _MIN_INFINITE_WEIGHT, np.float32(np.inf), resized)
 
 
-def _select(
-    values: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.float32]:
+def _select(values: Float32Array, valid: BoolArray) -> Float32Array:
     """The valid values, (N,); without a copy if all are valid."""
     return values.ravel() if valid.all() else values[valid]
 
@@ -172,7 +166,7 @@ def _tile_text(tile_px: int | None) -> str:
     return "3/4 of the width" if tile_px == AUTO_TILE else f"{tile_px} px"
 
 
-def _crop(crop: Crop, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+def _crop(crop: Crop, shape: tuple[int, ...]) -> BoolArray:
     height, width = shape
     rows, columns = EIGEN_ROWS, EIGEN_COLUMNS
     if crop is Crop.GARG:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import onnx
 import torch
 from onnx import TensorProto, helper, numpy_helper
@@ -16,6 +15,7 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from onnxscript import optimizer
 from torch import nn
 
+from depthcli.core.arrays import Float32Array
 from depthcli.datasets.folders import sample_positions
 from depthcli.errors import ParityError, UsageError
 from depthcli.inference.providers import ort
@@ -146,9 +146,7 @@ MAX_PICTURES = 64
 
 
 def quantize(
-    model: onnx.ModelProto,
-    batches: Sequence[npt.NDArray[np.float32]],
-    generator: nn.Module,
+    model: onnx.ModelProto, batches: Sequence[Float32Array], generator: nn.Module
 ) -> onnx.ModelProto:
     """Quantize weights (per channel) and activations to int8, in QDQ format.
 
@@ -181,7 +179,7 @@ def quantize(
         return onnx.load(path)
 
 
-def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.float32]]:
+def calibration_batches(folder: Path, spec: InputSpec) -> list[Float32Array]:
     """Network inputs of up to 64 pictures of a folder and its subfolders, spread evenly by name."""
     listed = list_folder(str(folder)).media
     files = sorted(Path(file.path) for file in listed if not is_video(file.name))
@@ -192,10 +190,10 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[npt.NDArray[np.fl
 
 
 class _CalibrationReader(CalibrationDataReader):  # type: ignore[misc]
-    def __init__(self, feeds: list[dict[str, npt.NDArray[np.float32]]]) -> None:
+    def __init__(self, feeds: list[dict[str, Float32Array]]) -> None:
         self._feeds = iter(feeds)
 
-    def get_next(self) -> dict[str, npt.NDArray[np.float32]] | None:
+    def get_next(self) -> dict[str, Float32Array] | None:
         """Next input, or None at the end."""
         return next(self._feeds, None)
 
@@ -220,7 +218,7 @@ def check_parity(
     model: bytes,
     cases: tuple[tuple[int, int, int], ...],
     tolerance: float = TOLERANCE,
-    pictures: Sequence[npt.NDArray[np.float32]] = (),
+    pictures: Sequence[Float32Array] = (),
 ) -> Parity:
     """Compare torch with onnxruntime on noise and on smooth pictures, (batch, height, width).
 
@@ -253,9 +251,7 @@ def check_parity(
     return Parity(largest, worst_mean, cases, tolerance)
 
 
-def _inputs(
-    batch: int, height: int, width: int, channels: int
-) -> tuple[npt.NDArray[np.float32], ...]:
+def _inputs(batch: int, height: int, width: int, channels: int) -> tuple[Float32Array, ...]:
     """Noise, a ramp with a step, and waves; each (batch, channels, height, width) in [-1, 1].
 
     No constant image: instance norm would amplify rounding errors, which differ between runtimes.

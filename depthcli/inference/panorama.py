@@ -8,12 +8,11 @@ learned; its own field of view suits it best, so there are 26 views in place of 
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, BoolArray, Float32Array, Float64Array
 from depthcli.core.imageops import resize_area, row_bands
 from depthcli.core.types import Frame, panorama_rays
 from depthcli.errors import InputError
@@ -30,9 +29,7 @@ _PRIOR_WEIGHT = 1e-6  # of factors of one of level views, as images of the train
 _GRID_PX = 256, 128  # pixels of the panorama at which factors are fitted
 
 
-def panorama_distance(
-    frame: Frame, predict: Callable[[Frame], npt.NDArray[np.float32]]
-) -> npt.NDArray[np.float32]:
+def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) -> Float32Array:
     """Distance along the ray of each pixel of an equirectangular image, (H, W) float32 metres.
 
     ``predict`` gives metres along the axis, (h, w) float32, of a view of :data:`HFOV_DEG`.
@@ -70,7 +67,7 @@ def panorama_distance(
     return found
 
 
-def _rotation(yaw_deg: float, pitch_deg: float) -> npt.NDArray[np.float64]:
+def _rotation(yaw_deg: float, pitch_deg: float) -> Float64Array:
     """From directions of a view to those of the panorama; x right, y down, z ahead."""
     yaw, pitch = math.radians(yaw_deg), math.radians(pitch_deg)
     up = [[1, 0, 0], [0, math.cos(pitch), -math.sin(pitch)], [0, math.sin(pitch), math.cos(pitch)]]
@@ -78,14 +75,14 @@ def _rotation(yaw_deg: float, pitch_deg: float) -> npt.NDArray[np.float64]:
     return np.asarray(np.array(right) @ np.array(up), np.float64)
 
 
-def _view_rays(side: int) -> npt.NDArray[np.float32]:
+def _view_rays(side: int) -> Float32Array:
     """Directions of the pixels of a view, (side, side, 3), with z = 1."""
     along = ((np.arange(side) + 0.5) * 2 / side - 1) * math.tan(math.radians(HFOV_DEG) / 2)
     x, y = np.meshgrid(along, along)
     return np.stack([x, y, np.ones_like(x)], -1).astype(np.float32)
 
 
-def _view(panorama: npt.NDArray[Any], turn: npt.NDArray[np.float64], side: int) -> npt.NDArray[Any]:
+def _view(panorama: AnyArray, turn: Float64Array, side: int) -> AnyArray:
     height, width = panorama.shape[:2]
     x, y, z = np.moveaxis(_view_rays(side) @ turn.T.astype(np.float32), -1, 0)
     column = (np.arctan2(x, z) / (2 * math.pi) + 0.5) * width - 0.5
@@ -97,10 +94,8 @@ def _view(panorama: npt.NDArray[Any], turn: npt.NDArray[np.float64], side: int) 
 
 
 def _samples(
-    rays: npt.NDArray[np.float32],
-    turns: list[npt.NDArray[np.float64]],
-    logs: list[npt.NDArray[np.float32]],
-) -> Iterator[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
+    rays: Float32Array, turns: list[Float64Array], logs: list[Float32Array]
+) -> Iterator[tuple[Float32Array, Float32Array]]:
     """Log distance of each view along some rays, (h, w), and its weight, 0 outside a circle."""
     for turn, log in zip(turns, logs, strict=True):
         x, y, z = np.moveaxis(rays @ turn.astype(np.float32), -1, 0)
@@ -115,10 +110,7 @@ def _samples(
         yield np.asarray(found), weight.astype(np.float32)
 
 
-def _offsets(
-    samples: list[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]],
-    is_level: npt.NDArray[np.bool_],
-) -> npt.NDArray[np.float64]:
+def _offsets(samples: list[tuple[Float32Array, Float32Array]], is_level: BoolArray) -> Float64Array:
     """Addend of each view's log distance: least squares of the differences in overlaps."""
     count = len(samples)
     matrix = np.diag(np.where(is_level, _PRIOR_WEIGHT, 0.0) + _PRIOR_WEIGHT * 1e-3)

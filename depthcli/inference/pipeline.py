@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core.anchors import ROBUST_FROM, AnchorPoints, fitted
+from depthcli.core.arrays import Float32Array
 from depthcli.core.camera import DEPTH_M_RANGE, UNKNOWN_CAMERA, CameraScale, Intrinsics
 from depthcli.core.options import (
     AUTO_TILE,
@@ -50,10 +50,7 @@ class Pipeline:
         return self.session.model.card
 
     def predict(
-        self,
-        frame: Frame,
-        camera: Intrinsics = UNKNOWN_CAMERA,
-        anchors: AnchorPoints | None = None,
+        self, frame: Frame, camera: Intrinsics = UNKNOWN_CAMERA, anchors: AnchorPoints | None = None
     ) -> Prediction:
         """Depth of every pixel of an image.
 
@@ -135,7 +132,7 @@ class Pipeline:
 
     def _prompt(
         self, frame: Frame, layout: Layout, anchors: AnchorPoints | None
-    ) -> npt.NDArray[np.float32] | None:
+    ) -> Float32Array | None:
         """Known depth for the network, (2, H, W); None if it takes none, or there is too little."""
         if not anchors:
             return None
@@ -157,7 +154,7 @@ class Pipeline:
     def _model_depth(
         self,
         frame: Frame,
-        raw: npt.NDArray[np.float32],
+        raw: Float32Array,
         layout: Layout,
         camera: Intrinsics,
         *,
@@ -193,9 +190,7 @@ class Pipeline:
             warnings += (Message("it has no effect", wide, option="tile"),)
         return Prediction(depth, warnings)
 
-    def _calibrated(
-        self, depth_m: npt.NDArray[np.float32], scale: CameraScale
-    ) -> npt.NDArray[np.float32]:
+    def _calibrated(self, depth_m: Float32Array, scale: CameraScale) -> Float32Array:
         """Metres corrected as it was measured for a camera; NaN where none are left."""
         if scale.model_sha256 != self.session.model.sha256:
             told = f"camera {scale.name!r} was calibrated with another model, {scale.model!r}"
@@ -215,7 +210,7 @@ class Pipeline:
             raise InputError(told, "give another {model}")
         view, size_px = Intrinsics(hfov_deg=HFOV_DEG), (0, 0)
 
-        def predict(one: Frame) -> npt.NDArray[np.float32]:
+        def predict(one: Frame) -> Float32Array:
             nonlocal size_px
             depth = self._predict_batch([one], [view], [None])[0].depth
             size_px = (depth.provenance and depth.provenance.input_size_px) or size_px
@@ -225,15 +220,13 @@ class Pipeline:
         source = self._provenance(frame, size_px, UNKNOWN_CAMERA)
         return Prediction(DepthMap(values, self.card.output.kind, source), ())
 
-    def _coarse(self, frame: Frame) -> npt.NDArray[np.float32]:
+    def _coarse(self, frame: Frame) -> Float32Array:
         batch, layout = prepare(self.card.input, frame)
         return coarse_depth(self.card.output, self.session.run(batch)[0], layout)
 
     def _run(
-        self,
-        inputs: Sequence[npt.NDArray[np.float32]],
-        known: Sequence[npt.NDArray[np.float32] | None],
-    ) -> list[npt.NDArray[np.float32]]:
+        self, inputs: Sequence[Float32Array], known: Sequence[Float32Array | None]
+    ) -> list[Float32Array]:
         """The network's (h, w) output for each (1, C, H, W) input, batched by size.
 
         ``known`` is known depth and its mask, (2, H, W), for each; None for none.
@@ -241,7 +234,7 @@ class Pipeline:
         sizes: dict[tuple[int, ...], list[int]] = {}
         for i, single in enumerate(inputs):
             sizes.setdefault(single.shape, []).append(i)
-        outputs: dict[int, npt.NDArray[np.float32]] = {}
+        outputs: dict[int, Float32Array] = {}
         for members in sizes.values():
             together = [inputs[i] for i in members]
             batch = together[0] if len(together) == 1 else np.concatenate(together)

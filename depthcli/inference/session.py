@@ -7,8 +7,8 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
@@ -89,9 +89,7 @@ class Session:
         self._input, shape = _image_input(self._session, model)
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
-    def run(
-        self, batch: npt.NDArray[np.float32], prompts: npt.NDArray[np.float32] | None = None
-    ) -> npt.NDArray[np.float32]:
+    def run(self, batch: Float32Array, prompts: Float32Array | None = None) -> Float32Array:
         """Run the network.
 
         Args:
@@ -130,7 +128,7 @@ class Session:
         """Terminate all runs, current and later ones, which fail then; from any thread."""
         self._run_options.terminate = True
 
-    def _maps(self, raw: npt.NDArray[Any], count: int) -> npt.NDArray[np.float32]:
+    def _maps(self, raw: AnyArray, count: int) -> Float32Array:
         """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32."""
         maps = raw
         if raw.ndim == _IMAGE_RANK:

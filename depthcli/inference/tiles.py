@@ -12,8 +12,8 @@ from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array
 from depthcli.core.imageops import resize_area, resize_bilinear
 from depthcli.core.types import Frame
 from depthcli.inference.transforms import blends_in_log, in_range
@@ -54,11 +54,11 @@ class TileGrid:
 
 def refine(
     spec: OutputSpec,
-    overall: npt.NDArray[np.float32],
+    overall: Float32Array,
     frame: Frame,
     tile_px: int,
-    predict: Callable[[Frame], npt.NDArray[np.float32]],
-) -> npt.NDArray[np.float32]:
+    predict: Callable[[Frame], Float32Array],
+) -> Float32Array:
     """A finer map of a picture, from tiles.
 
     Tiles are fitted and blended in log depth if the model is metric, else in its own values. The
@@ -72,18 +72,15 @@ def refine(
     if not blends_in_log(spec):
         return _blend_tiles(overall, frame, grid, predict)
 
-    def predict_log(tile: Frame) -> npt.NDArray[np.float32]:
+    def predict_log(tile: Frame) -> Float32Array:
         return np.log(in_range(spec, predict(tile)))
 
     return np.exp(_blend_tiles(np.log(in_range(spec, overall)), frame, grid, predict_log))
 
 
 def _blend_tiles(
-    overall: npt.NDArray[np.float32],
-    frame: Frame,
-    grid: TileGrid,
-    predict: Callable[[Frame], npt.NDArray[np.float32]],
-) -> npt.NDArray[np.float32]:
+    overall: Float32Array, frame: Frame, grid: TileGrid, predict: Callable[[Frame], Float32Array]
+) -> Float32Array:
     """(grid.height, grid.width); tiles are added in a fixed order, so that rounding is too."""
     whole = resize_bilinear(overall, grid.width, grid.height)
     tile_size, size = (grid.tile_width, grid.tile_height), (grid.width, grid.height)
@@ -120,15 +117,13 @@ def _pixels_of(part: slice, size: int, cells: int) -> slice:
     return slice(start, max(start + 1, round(part.stop * size / cells)))
 
 
-def _blend_weights(height: int, width: int) -> npt.NDArray[np.float32]:
+def _blend_weights(height: int, width: int) -> Float32Array:
     """Weights that increase smoothly from the tile's border to its middle and are never 0."""
     down, across = (np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2 for n in (height, width))
     return np.asarray(np.outer(down, across) + 1e-6, np.float32)
 
 
-def _fit_tile(
-    found: npt.NDArray[np.float32], wanted: npt.NDArray[np.float32], small: tuple[int, ...]
-) -> npt.NDArray[np.float32]:
+def _fit_tile(found: Float32Array, wanted: Float32Array, small: tuple[int, ...]) -> Float32Array:
     """A tile's map fitted to the whole picture's by least squares, with its drift removed.
 
     The scale is fitted at the size ``small``, (columns, rows) of the whole picture's map before it

@@ -4,10 +4,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core import imageops as colour
 from depthcli.core.anchors import AnchorPoints, pixels_of
+from depthcli.core.arrays import Float32Array
 from depthcli.core.imageops import (
     resize_area,
     resize_bilinear,
@@ -56,7 +56,7 @@ def input_layout(spec: InputSpec, width: float, height: float) -> Layout:
     return _letterboxed(spec, spec.width, spec.height, width, height)
 
 
-def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Layout]:
+def prepare(spec: InputSpec, frame: Frame) -> tuple[Float32Array, Layout]:
     """The network's input for a picture, (1, C, H, W) float32, normalized; and its layout."""
     layout = input_layout(spec, frame.width * frame.pixel_aspect, frame.height)
     planes, size = _PLANES[spec.colour], (layout.inner_width, layout.inner_height)
@@ -76,7 +76,7 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[npt.NDArray[np.float32], Lay
 
 def prompt_input(
     spec: OutputSpec, points: AnchorPoints, frame: Frame, layout: Layout
-) -> npt.NDArray[np.float32]:
+) -> Float32Array:
     """Known depth and its mask as the network takes them: (2, H, W) float32.
 
     A pixel of the network has the mean of the logarithms of the points in it, coded as the output.
@@ -171,9 +171,7 @@ def _multiple(size: float, step: int) -> int:
     return max(step, round(size / step) * step)
 
 
-def coarse_depth(
-    spec: OutputSpec, raw: npt.NDArray[np.float32], layout: Layout
-) -> npt.NDArray[np.float32]:
+def coarse_depth(spec: OutputSpec, raw: Float32Array, layout: Layout) -> Float32Array:
     """Depth of one picture from the network's raw output (h, w), (h, w) float32 of the card's kind.
 
     Infinities are replaced, because resizing would turn them into NaN.
@@ -187,12 +185,8 @@ def coarse_depth(
 
 
 def full_size(
-    spec: OutputSpec,
-    coarse: npt.NDArray[np.float32],
-    frame: Frame,
-    upsampling: Upsampling,
-    radius: int = 1,
-) -> npt.NDArray[np.float32]:
+    spec: OutputSpec, coarse: Float32Array, frame: Frame, upsampling: Upsampling, radius: int = 1
+) -> Float32Array:
     """Depth at the picture's size, (H, W) float32; metres within the card's range, NaN at 0 m.
 
     ``coarse`` is (h, w) float32 of the whole picture, ``radius`` that of the guided filter in it.
@@ -212,7 +206,7 @@ def blends_in_log(spec: OutputSpec) -> bool:
     return spec.kind is DepthKind.METRIC and bool(np.float32(spec.min_m or 0) > 0)
 
 
-def in_range(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def in_range(spec: OutputSpec, depth: Float32Array) -> Float32Array:
     """Clip metres to the card's range, in place; other kinds have none."""
     if spec.kind is not DepthKind.METRIC:
         return depth
@@ -220,7 +214,7 @@ def in_range(spec: OutputSpec, depth: npt.NDArray[np.float32]) -> npt.NDArray[np
     return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m), out=depth)
 
 
-def _crop(depth: npt.NDArray[np.float32], layout: Layout) -> npt.NDArray[np.float32]:
+def _crop(depth: Float32Array, layout: Layout) -> Float32Array:
     """Crop the picture from a letterbox.
 
     A smaller output in which the picture does not begin and end with a pixel is first resized to

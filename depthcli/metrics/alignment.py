@@ -9,8 +9,8 @@ disparity); Zhou et al., "Unsupervised Learning of Depth and Ego-Motion from Vid
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import Float64Array
 from depthcli.core.options import Alignment
 from depthcli.core.types import DepthKind
 
@@ -23,11 +23,11 @@ SUITABLE: dict[DepthKind, tuple[Alignment, ...]] = {
 
 
 def align(
-    predicted: npt.NDArray[np.float64],
-    truth_m: npt.NDArray[np.float64],
+    predicted: Float64Array,
+    truth_m: Float64Array,
     alignment: Alignment,
     kind: DepthKind = DepthKind.METRIC,
-) -> npt.NDArray[np.float64]:
+) -> Float64Array:
     """Depth in metres after the fit of a prediction of some kind to metres > 0; (N,) float64.
 
     Pixels that are not finite are not fitted. The result is not clamped: NaN where there was no
@@ -48,8 +48,8 @@ def align(
 
 
 def is_reversed(
-    predicted: npt.NDArray[np.float64],
-    truth_m: npt.NDArray[np.float64],
+    predicted: Float64Array,
+    truth_m: Float64Array,
     alignment: Alignment,
     kind: DepthKind = DepthKind.METRIC,
 ) -> bool:
@@ -61,16 +61,14 @@ def is_reversed(
     return False
 
 
-def _scale_median(
-    predicted: npt.NDArray[np.float64], truth_m: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _scale_median(predicted: Float64Array, truth_m: Float64Array) -> Float64Array:
     usable = np.isfinite(predicted) & (predicted > 0)
     if not usable.any():
         return predicted
     return predicted * (np.median(truth_m[usable]) / np.median(predicted[usable]))
 
 
-def _fit_line(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _fit_line(x: Float64Array, y: Float64Array) -> Float64Array:
     """``s·x + t`` with the s and t that minimize Σ(s·x + t − y)² over finite x."""
     usable = np.isfinite(x)
     if not usable.any():
@@ -81,7 +79,7 @@ def _fit_line(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDA
     return np.asarray(slope * (x - mean_x) + mean_y)
 
 
-def _slope(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float:
+def _slope(x: Float64Array, y: Float64Array) -> float:
     """Slope s of :func:`_fit_line`; 0 where x is constant or nowhere finite."""
     usable = np.isfinite(x)
     if not usable.any():
@@ -95,14 +93,14 @@ def _slope(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float:
     return float(centred @ (known_y - known_y.mean())) / spread if spread > negligible else 0.0
 
 
-def _disparity(predicted: npt.NDArray[np.float64], kind: DepthKind) -> npt.NDArray[np.float64]:
+def _disparity(predicted: Float64Array, kind: DepthKind) -> Float64Array:
     """1/depth: zero for infinity, NaN where depth is not positive."""
     if kind is DepthKind.INVERSE:
         return predicted
     return np.divide(1.0, predicted, out=np.full_like(predicted, np.nan), where=predicted > 0)
 
 
-def _depth_of_disparity(disparity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _depth_of_disparity(disparity: Float64Array) -> Float64Array:
     """1/disparity; infinity where disparity is not positive, NaN where it is NaN."""
     depth_m = np.full_like(disparity, np.inf)
     np.divide(1.0, disparity, out=depth_m, where=~(disparity <= 0))

@@ -14,7 +14,8 @@ from dataclasses import astuple, dataclass, fields
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+
+from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
 
 MAX_DISTANCE_PX = 10.0  #: edges farther apart than this are not matched
 RATIOS = tuple(np.linspace(1.05, 1.25, 10).tolist())
@@ -62,9 +63,7 @@ def mean_boundary_scores(images: Sequence[BoundaryScores]) -> BoundaryScores:
 
 
 def boundary_scores(
-    truth_m: npt.NDArray[np.floating],
-    predicted_m: npt.NDArray[np.floating],
-    valid: npt.NDArray[np.bool_],
+    truth_m: FloatArray, predicted_m: FloatArray, valid: BoolArray
 ) -> BoundaryScores:
     """Compare the edges of one image, (H, W) metres > 0 where ``valid``; others do not count.
 
@@ -76,15 +75,11 @@ def boundary_scores(
     return BoundaryScores(*distances, _edge_f1(truth, predicted, valid))
 
 
-def _log(
-    depth_m: npt.NDArray[np.floating], valid: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.float32]:
+def _log(depth_m: FloatArray, valid: BoolArray) -> Float32Array:
     return np.log(np.where(valid, depth_m, 1)).astype(np.float32)
 
 
-def _edges(
-    log_depth: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.bool_]:
+def _edges(log_depth: Float32Array, valid: BoolArray) -> BoolArray:
     """Canny's edges of log depth, one pixel wide."""
     smooth, slope = _kernels()
     window = np.ones((2 * _RADIUS_PX + 1,) * 2, np.uint8)
@@ -103,7 +98,7 @@ def _edges(
     return np.asarray(cv2.Canny(x, y, weak, strong, L2gradient=True) > 0)
 
 
-def _kernels() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def _kernels() -> tuple[Float32Array, Float32Array]:
     """A Gaussian of sum one, and its slope, which gives ``_GRADIENT_SCALE`` on a ramp of one."""
     offsets = np.arange(-_RADIUS_PX, _RADIUS_PX + 1)
     bell = cv2.getGaussianKernel(len(offsets), _SIGMA_PX)[:, 0]
@@ -111,9 +106,7 @@ def _kernels() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     return bell.astype(np.float32), (_GRADIENT_SCALE * slope).astype(np.float32)
 
 
-def _distances(
-    truth: npt.NDArray[np.bool_], predicted: npt.NDArray[np.bool_]
-) -> tuple[float, float]:
+def _distances(truth: BoolArray, predicted: BoolArray) -> tuple[float, float]:
     """Accuracy and completeness of the depth boundaries, px."""
     if not truth.any():
         return math.nan, math.nan
@@ -128,16 +121,14 @@ def _distances(
     return float(near.mean()), float(both.mean())
 
 
-def _distance_to(edges: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+def _distance_to(edges: BoolArray) -> Float64Array:
     """(H, W) float64: Euclidean distance in pixels to the nearest edge."""
     away = cv2.distanceTransform((~edges).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # Squares of distances are whole numbers; the last digits of OpenCV's roots vary.
     return np.asarray(np.sqrt(np.rint(np.square(away, dtype=np.float64))))
 
 
-def _edge_f1(
-    truth: npt.NDArray[np.float32], predicted: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
-) -> float:
+def _edge_f1(truth: Float32Array, predicted: Float32Array, valid: BoolArray) -> float:
     """F1 of the steps between neighbours, averaged over ratios that the truth has."""
     steps = [np.concatenate(_steps(log_depth, valid)) for log_depth in (truth, predicted)]
     total = weights = 0.0
@@ -153,9 +144,7 @@ def _edge_f1(
     return total / weights if weights else math.nan
 
 
-def _steps(
-    log_depth: npt.NDArray[np.float32], valid: npt.NDArray[np.bool_]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+def _steps(log_depth: Float32Array, valid: BoolArray) -> tuple[Float32Array, Float32Array]:
     """Differences to the right and downwards, where both pixels count."""
     right = np.diff(log_depth, axis=1)[valid[:, 1:] & valid[:, :-1]]
     down = np.diff(log_depth, axis=0)[valid[1:] & valid[:-1]]

@@ -17,15 +17,15 @@ from typing import Self, TypeAlias
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import Float64Array
 from depthcli.core.options import Averaging
 from depthcli.metrics.pixels import DepthPixels
 
 _MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
 
 
-def _product(left: npt.NDArray[np.float64], right: npt.NDArray[np.float64]) -> float:
+def _product(left: Float64Array, right: Float64Array) -> float:
     """Σ left · right, in steps that are too short for the library to start threads."""
     starts = range(0, len(left), _MAX_DOT)
     return float(sum(np.dot(left[i : i + _MAX_DOT], right[i : i + _MAX_DOT]) for i in starts))

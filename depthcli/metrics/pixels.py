@@ -7,7 +7,8 @@ from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+
+from depthcli.core.arrays import Float64Array, FloatArray
 
 MIN_DEPTH_M = 1e-3
 MAX_DEPTH_M = 10.0
@@ -24,20 +25,20 @@ class DepthPixels:
     slow for a whole one.
     """
 
-    truth: npt.NDArray[np.floating]  #: (N,) floats, metres, inside the range
-    prediction: npt.NDArray[np.floating]  #: (N,) floats, metres, any value
+    truth: FloatArray  #: (N,) floats, metres, inside the range
+    prediction: FloatArray  #: (N,) floats, metres, any value
     min_m: float = MIN_DEPTH_M  #: predictions are clamped to at least this
     max_m: float = MAX_DEPTH_M  #: predictions are clamped to at most this
     #: (6, at least N) float64, memory for the arrays below, which is reused for all parts of an
     #: image; None to allocate it
-    scratch: npt.NDArray[np.float64] | None = None
+    scratch: Float64Array | None = None
     is_reversed: bool = False  #: whether an alignment of the image exchanged near and far
 
     @classmethod
     def of(
         cls,
-        truth_m: npt.NDArray[np.floating],
-        predicted_m: npt.NDArray[np.floating],
+        truth_m: FloatArray,
+        predicted_m: FloatArray,
         *,
         min_m: float = MIN_DEPTH_M,
         max_m: float = MAX_DEPTH_M,
@@ -67,16 +68,16 @@ class DepthPixels:
             pieces = self.truth[part], self.prediction[part]
             yield type(self)(*pieces, self.min_m, self.max_m, scratch)
 
-    def _scratch_row(self, number: int) -> npt.NDArray[np.float64] | None:
+    def _scratch_row(self, number: int) -> Float64Array | None:
         return None if self.scratch is None else self.scratch[number, : len(self)]
 
     @cached_property
-    def truth_m(self) -> npt.NDArray[np.float64]:
+    def truth_m(self) -> Float64Array:
         """(N,) g, metres, > 0."""
         return _as_float64(self.truth, self._scratch_row(0))
 
     @cached_property
-    def predicted_m(self) -> npt.NDArray[np.float64]:
+    def predicted_m(self) -> Float64Array:
         """(N,) p, metres, > 0, clamped; NaN becomes ``min_m``."""
         values, low_m, high_m = self.prediction, self.min_m, self.max_m
         exact = _as_float64(values, self._scratch_row(1))
@@ -87,22 +88,22 @@ class DepthPixels:
         return exact
 
     @cached_property
-    def error_m(self) -> npt.NDArray[np.float64]:
+    def error_m(self) -> Float64Array:
         """(N,) p − g."""
         return np.subtract(self.predicted_m, self.truth_m, out=self._scratch_row(2))
 
     @cached_property
-    def ratio(self) -> npt.NDArray[np.float64]:
+    def ratio(self) -> Float64Array:
         """(N,) p / g."""
         return np.divide(self.predicted_m, self.truth_m, out=self._scratch_row(3))
 
     @cached_property
-    def relative_error(self) -> npt.NDArray[np.float64]:
+    def relative_error(self) -> Float64Array:
         """(N,) (p − g) / g."""
         return np.subtract(self.ratio, 1, out=self._scratch_row(4))
 
     @cached_property
-    def log_error(self) -> npt.NDArray[np.float64]:
+    def log_error(self) -> Float64Array:
         """(N,) ln p − ln g."""
         return np.log(self.ratio, out=self._scratch_row(5))
 
@@ -112,9 +113,7 @@ class DepthPixels:
         return cv2.norm(self.log_error, cv2.NORM_L2SQR)
 
 
-def _as_float64(
-    values: npt.NDArray[np.floating], out: npt.NDArray[np.float64] | None
-) -> npt.NDArray[np.float64]:
+def _as_float64(values: FloatArray, out: Float64Array | None) -> Float64Array:
     """A copy in float64."""
     if out is None:
         return values.astype(np.float64)

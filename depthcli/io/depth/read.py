@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame, displayed_depth
@@ -82,7 +82,7 @@ class StoredDepth:
     def of(
         cls,
         path: Path,
-        stored: npt.NDArray[Any],
+        stored: AnyArray,
         metadata: FileMetadata,
         options: DepthReadOptions,
         frame: Frame | None = None,
@@ -161,7 +161,7 @@ class StoredDepth:
 
 def stored_depth(
     path: Path,
-    stored: npt.NDArray[Any],
+    stored: AnyArray,
     own: Mapping[str, str],
     options: DepthReadOptions,
     frame: Frame | None = None,
@@ -185,7 +185,7 @@ def stored_depth(
     return StoredDepth.of(path, stored, with_sidecar(path, own, size_px, known), options, frame)
 
 
-def _unnormalized(steps: npt.NDArray[Any], texts: Mapping[str, str]) -> npt.NDArray[np.float32]:
+def _unnormalized(steps: AnyArray, texts: Mapping[str, str]) -> Float32Array:
     """Depth of integers that span its range, or that of 1/depth; (H, W) float32.
 
     Without a valid range they are taken for millimetres.
@@ -200,9 +200,7 @@ def _unnormalized(steps: npt.NDArray[Any], texts: Mapping[str, str]) -> npt.NDAr
     return reciprocal(values) if texts["scale"] == "inverse" else values
 
 
-def _without_background(
-    values: npt.NDArray[np.float32], name: str
-) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
+def _without_background(values: Float32Array, name: str) -> tuple[Float32Array, tuple[str, ...]]:
     """Depth without the numbers that stand for the sky, and positive where all is negative.
 
     Maya and OpenGL have cameras that look along -Z.
@@ -256,7 +254,7 @@ def _seen_by(
     return DepthMap((depth.values / along_ray).astype(np.float32), DepthKind.METRIC, source)
 
 
-def reciprocal(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def reciprocal(values: Float32Array) -> Float32Array:
     """1/values, NaN where they are not above 0, or infinite; (H, W) float32."""
     found = np.full_like(values, np.nan)
     return np.divide(1, values, out=found, where=np.isfinite(values) & (values > 0))

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import BoolArray, Float32Array, FloatArray
 from depthcli.core.imageops import row_bands
 from depthcli.core.types import has_depth
 from depthcli.errors import UsageError
@@ -68,7 +69,7 @@ def depth_scale(
     return DepthScale(MILLIMETRES if is_integer else 1.0, "assumed") if has_unit else None
 
 
-def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArray[np.uint16], int]:
+def quantized(values: Float32Array, scale: float) -> tuple[npt.NDArray[np.uint16], int]:
     """Metres, (H, W), as 16-bit integers of ``scale`` units per metre, rounded to nearest.
 
     They are 0 where there is no depth, 1 to 65535 elsewhere; with the number of pixels beyond.
@@ -87,14 +88,14 @@ def quantized(values: npt.NDArray[np.float32], scale: float) -> tuple[npt.NDArra
     return steps, saturated
 
 
-def dequantized(steps: npt.NDArray[np.generic], scale: float) -> npt.NDArray[np.float32]:
+def dequantized(steps: npt.NDArray[np.generic], scale: float) -> Float32Array:
     """Metres of integers of ``scale`` units per metre: (H, W) in, float32 out, NaN where 0."""
     values = steps.astype(np.float32) / np.float32(scale)
     return np.where(steps == 0, np.float32(np.nan), values)
 
 
 def normalized(
-    values: npt.NDArray[np.floating], known: npt.NDArray[np.bool_], low: float, high: float
+    values: FloatArray, known: BoolArray, low: float, high: float
 ) -> npt.NDArray[np.uint16]:
     """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not known.
 
@@ -105,9 +106,7 @@ def normalized(
     return np.where(known, steps, 0).astype(np.uint16)
 
 
-def denormalized(
-    steps: npt.NDArray[np.generic], low: float, high: float
-) -> npt.NDArray[np.float32]:
+def denormalized(steps: npt.NDArray[np.generic], low: float, high: float) -> Float32Array:
     """Values from ``low`` to ``high`` of 1-65535: (H, W) in, float32 out, NaN where they are 0."""
     share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
     values = (low + share * (high - low)).astype(np.float32)

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 
+from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import MAX_PIXELS, check_pixel_count, one_line
 from depthcli.core.types import Window, over_window
 from depthcli.errors import InputError, Message
@@ -154,10 +155,10 @@ _DEEP = (OpenEXR.deepscanline, OpenEXR.deeptile)
 class StoredChannel(NamedTuple):
     """One channel of a part."""
 
-    pixels: npt.NDArray[Any]  #: (H, W) over the data window: float32, float16 or uint32
+    pixels: AnyArray  #: (H, W) over the data window: float32, float16 or uint32
     part: ExrPart  #: what the header of its part states
 
-    def over(self, window: Window) -> npt.NDArray[np.float32]:
+    def over(self, window: Window) -> Float32Array:
         """The pixels of a window, (H, W) float32, NaN outside the data."""
         values = np.ascontiguousarray(self.pixels, np.float32)
         left, top = self.part.data[:2]  # a channel may have fewer columns and rows than its window
@@ -205,7 +206,7 @@ _FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
 
 def write_exr(
     path: Path,
-    channels: Mapping[str, npt.NDArray[Any]],
+    channels: Mapping[str, AnyArray],
     texts: Mapping[str, str],
     rate: Fraction | None = None,
     *,

@@ -6,8 +6,8 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array, Float64Array
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame, Window, Windows
@@ -28,11 +28,7 @@ _MOST_LIGHT = 1e6
 _MANY = 0.3  # share of clipped pixels from which abs_rel grows by .01 (benchmarks/clipped_light.py)
 
 
-def encode(
-    pixels: npt.NDArray[np.float32],
-    exposure: float = 0.0,
-    matrix: npt.NDArray[np.float32] | None = None,
-) -> int:
+def encode(pixels: Float32Array, exposure: float = 0.0, matrix: Float32Array | None = None) -> int:
     """Encode linear light (H, W, C) as sRGB (IEC 61966-2-1), in place, clipped; NaN becomes 0.
 
     It is brightened by some stops, and its colours are converted to Rec. 709 by a (3, 3) matrix.
@@ -50,12 +46,10 @@ def encode(
     return int(above.max())
 
 
-def _srgb(linear: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _srgb(linear: Float32Array) -> Float32Array:
     light = np.clip(linear, 0, 1)
     curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
-    shown: npt.NDArray[np.float32] = np.where(
-        light <= _LINEAR_UP_TO, light * np.float32(12.92), curve
-    )
+    shown: Float32Array = np.where(light <= _LINEAR_UP_TO, light * np.float32(12.92), curve)
     return shown
 
 
@@ -71,7 +65,7 @@ def clip_warning(share: float) -> str | None:
 
 def primaries_matrix(
     chromaticities: Sequence[float] | None,
-) -> tuple[npt.NDArray[np.float32] | None, str | None]:
+) -> tuple[Float32Array | None, str | None]:
     """From colours of CIE x and y of red, green, blue and white to those of Rec. 709.
 
     White is adapted (Bradford). The matrix, (3, 3), is None if there is nothing to convert; the
@@ -92,9 +86,7 @@ def primaries_matrix(
     return matrix.astype(np.float32), None
 
 
-def _to_xyz(
-    chromaticities: Sequence[float],
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _to_xyz(chromaticities: Sequence[float]) -> tuple[Float64Array, Float64Array]:
     """The matrix from linear RGB to CIE XYZ, and XYZ of white, whose Y is 1.
 
     Raises:

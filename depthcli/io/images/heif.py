@@ -6,8 +6,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray
 from depthcli.core.options import INSTALL_HEIF
 from depthcli.errors import InputError
 from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
@@ -149,7 +149,7 @@ def decode_heif(data: bytes) -> Decoded:
     return Decoded(pixels, image.info.get("exif") or b"", alpha=alpha)
 
 
-def depth_images(data: bytes) -> list[tuple[npt.NDArray[Any], dict[str, Any]]]:
+def depth_images(data: bytes) -> list[tuple[AnyArray, dict[str, Any]]]:
     """Depth images of the primary image, (H, W) upright, with what is stated of their numbers."""
     file = _opened(data)
     found = file[file.primary_index].info.get("depth_images", ())

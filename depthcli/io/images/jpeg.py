@@ -7,9 +7,9 @@ from contextlib import suppress
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import simplejpeg
 
+from depthcli.core.arrays import UInt8Array
 from depthcli.errors import InputError
 from depthcli.io.images.exif import read_tags
 from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
@@ -65,9 +65,9 @@ def decode_jpeg(data: bytes) -> Decoded:
     return Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif)
 
 
-def _decompressed(data: bytes, colours: str) -> npt.NDArray[np.uint8]:
+def _decompressed(data: bytes, colours: str) -> UInt8Array:
     try:
-        pixels: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(data, colours)
+        pixels: UInt8Array = simplejpeg.decode_jpeg(data, colours)
     except ValueError as error:
         if _DATA_LOSS.search(str(error)):
             raise
@@ -75,7 +75,7 @@ def _decompressed(data: bytes, colours: str) -> npt.NDArray[np.uint8]:
     return pixels
 
 
-def _rgb_of_inverted_cmyk(cmyk: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def _rgb_of_inverted_cmyk(cmyk: UInt8Array) -> UInt8Array:
     """(H, W, 3) of (H, W, 4), in which 255 is no ink, as Adobe's programs write it."""
     wide = cmyk.astype(np.uint16)
     black = wide[..., 3:]

@@ -3,12 +3,13 @@
 import re
 import struct
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray
 from depthcli.errors import InputError
 
 ANIMATED = "is animated; only the first image is used"  #: a warning
@@ -38,10 +39,10 @@ class Header(NamedTuple):
 class Decoded(NamedTuple):
     """Pixels of an image, and what is known once it is decoded."""
 
-    pixels: npt.NDArray[Any]  #: gray (H, W) or RGB (H, W, 3), of the file's own type
+    pixels: AnyArray  #: gray (H, W) or RGB (H, W, 3), of the file's own type
     exif: bytes = b""  #: the TIFF structure that EXIF is; empty without one
     is_linear: bool = False  #: whether it is linear light and not encoded for display
-    alpha: npt.NDArray[Any] | None = None  #: (H, W), opacity of the type of the pixels; None if all
+    alpha: AnyArray | None = None  #: (H, W), opacity of the type of the pixels; None if all
 
 
 def is_webp(data: bytes) -> bool:

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray
 from depthcli.core.options import INSTALL_FORMATS
 from depthcli.errors import InputError
 from depthcli.io.images.opencv import Decoded, Header
@@ -62,7 +62,7 @@ def decode_openimageio(data: bytes) -> Decoded:
         channels = _RGB if spec.nchannels >= _RGB else 1
         has_alpha = spec.alpha_channel == channels == spec.nchannels - 1
         count = channels + has_alpha
-        pixels: npt.NDArray[Any] | None = file.read_image(0, 0, 0, count, kind)
+        pixels: AnyArray | None = file.read_image(0, 0, 0, count, kind)
         if pixels is None or file.has_error:
             raise InputError(f"is damaged ({_reason(file.geterror())})", "copy it again")
         if spec.getattribute("tiff:PhotometricInterpretation") == _WHITE_IS_ZERO:

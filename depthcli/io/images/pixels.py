@@ -1,12 +1,12 @@
 """Pixels as they were decoded: turned upright, scaled to full range, of the types of a frame."""
 
 import math
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, BoolArray
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import BLACK_LEVEL, WHITE_LEVEL
 from depthcli.core.types import is_out_of_range
@@ -25,7 +25,7 @@ PANORAMA = Message(  #: a warning
 )
 
 
-def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
+def upright(pixels: AnyArray, orientation: int) -> AnyArray:
     """Undo an EXIF orientation, 1-8, of pixels (H, W) or (H, W, C) as stored.
 
     It mirrors left to right, then turns counter-clockwise.
@@ -36,11 +36,8 @@ def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
 
 
 def full_range(
-    pixels: npt.NDArray[Any],
-    stated: int | None,
-    white_level: int | None = None,
-    black_level: int = 0,
-) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
+    pixels: AnyArray, stated: int | None, white_level: int | None = None, black_level: int = 0
+) -> tuple[AnyArray, tuple[str, ...]]:
     """Pixels scaled so that black is 0 and white is the maximum of their type, and warnings.
 
     The value of white is what the file states, else the level that is given for 16-bit pixels.
@@ -62,9 +59,7 @@ def full_range(
     return scaled(pixels, white, black_level), warnings
 
 
-def fill_transparent(
-    pixels: npt.NDArray[Any], alpha: npt.NDArray[Any]
-) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]] | None:
+def fill_transparent(pixels: AnyArray, alpha: AnyArray) -> tuple[AnyArray, BoolArray] | None:
     """Replace colours where an image is less than half as opaque as it gets by the nearest opaque.
 
     Programs leave any colours there, often black, and a network takes them for a surface. Of seven
@@ -102,7 +97,7 @@ def check_levels(white_level: int | None, black_level: int = 0) -> None:
         raise UsageError(f"the black level of {black_level} is not below white, {white_level}")
 
 
-def scaled(pixels: npt.NDArray[Any], white: int, black: int = 0) -> npt.NDArray[Any]:
+def scaled(pixels: AnyArray, white: int, black: int = 0) -> AnyArray:
     """Pixels of 8 or 16 bits with ``black`` to ``white`` stretched to their range, and clipped."""
     top = _MAX[pixels.dtype]
     values = np.clip(np.arange(top + 1), black, white) - black
@@ -114,7 +109,7 @@ def scaled(pixels: npt.NDArray[Any], white: int, black: int = 0) -> npt.NDArray[
     return found
 
 
-def as_frame_dtype(pixels: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
+def as_frame_dtype(pixels: AnyArray, name: str) -> AnyArray:
     """Pixels as one of the three types of a frame.
 
     Floats that are not a number or infinite become 0, the rest is clipped to [0, 1].

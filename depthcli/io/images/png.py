@@ -14,11 +14,12 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import UInt8Array
 from depthcli.errors import InputError, OutputError
 from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
 
-Pixels: TypeAlias = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-Compressor: TypeAlias = Callable[[npt.NDArray[np.uint8]], bytes | bytearray]
+Pixels: TypeAlias = UInt8Array | npt.NDArray[np.uint16]
+Compressor: TypeAlias = Callable[[UInt8Array], bytes | bytearray]
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_LENGTH = 2**31 - 1  #: most bytes of a chunk, and most columns or rows of an image
@@ -132,7 +133,7 @@ def encode_png(pixels: Pixels, texts: Mapping[str, str] | None = None) -> bytes:
     return b"".join((SIGNATURE, *chain.from_iterable(chunks)))
 
 
-def _filtered(pixels: Pixels) -> npt.NDArray[np.uint8]:
+def _filtered(pixels: Pixels) -> UInt8Array:
     """Rows filtered with type Up: the filter's number, then the differences to the row above."""
     big_endian = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder(">"))
     rows = big_endian.reshape(len(pixels), -1).view(np.uint8)

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray
 from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import EXPOSURE, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame
@@ -126,7 +126,7 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
     return CheckedImage(data, name, header, container)
 
 
-def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> npt.NDArray[Any]:
+def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> AnyArray:
     """Gray (H, W) or RGB (H, W, 3), of the file's own type, as stored, without alpha.
 
     Only TIFF, HEIC and what OpenImageIO reads are turned upright.
@@ -271,7 +271,7 @@ def read_image(
         return masked(frame, alpha)
 
 
-def masked(frame: Frame, alpha: npt.NDArray[Any]) -> Frame:
+def masked(frame: Frame, alpha: AnyArray) -> Frame:
     """The frame without what is transparent in it."""
     found = fill_transparent(frame.pixels, alpha)
     if found is None:
@@ -285,7 +285,7 @@ def masked(frame: Frame, alpha: npt.NDArray[Any]) -> Frame:
 
 def _frame_pixels(
     decoded: Decoded, image: CheckedImage, levels: tuple[int | None, int], exposure: float
-) -> tuple[npt.NDArray[Any], tuple[str | None, ...]]:
+) -> tuple[AnyArray, tuple[str | None, ...]]:
     """Pixels of a frame, not turned yet, and warnings about them."""
     header, pixels = image.header, decoded.pixels
     if decoded.is_linear:
@@ -309,7 +309,7 @@ _ALPHA = {2: 1, 4: 3}  # number of channels with alpha, to that without
 class ArrayLike(Protocol):
     """Objects that NumPy converts to an array, such as a tensor in CPU memory."""
 
-    def __array__(self) -> npt.NDArray[Any]:
+    def __array__(self) -> AnyArray:
         """The pixels."""
 
 
@@ -363,7 +363,7 @@ def frame_of(image: Picture, white_level: int | None = None) -> Frame:
     return frame if alpha is None else masked(frame, alpha)
 
 
-def _pixels(image: ArrayLike) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
+def _pixels(image: ArrayLike) -> tuple[AnyArray, AnyArray | None]:
     """A copy of the pixels, as a camera may overwrite its buffer with the next image; and alpha."""
     try:
         # PyTorch's tensors warn if they are asked for a copy.
@@ -384,7 +384,7 @@ def _pixels(image: ArrayLike) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None
     return np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("=")), alpha
 
 
-def _of_pil(image: Any) -> tuple[Frame, npt.NDArray[Any] | None]:  # noqa: ANN401 - PIL need not be installed
+def _of_pil(image: Any) -> tuple[Frame, AnyArray | None]:  # noqa: ANN401 - PIL need not be installed
     try:
         pixels, alpha = _pixels(_gray_or_rgb(image))
     except OSError as error:
