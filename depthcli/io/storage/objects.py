@@ -1,4 +1,4 @@
-"""Requests to object stores and HTTP servers: the only place that knows how they are made.
+"""Paths of objects in a store and of files behind HTTP, and the requests for them.
 
 Requests that fail for a transient reason (throttling, a server error, a lost connection) are
 retried with exponential backoff and jitter; an interrupted download is resumed.
@@ -7,12 +7,15 @@ retried with exponential backoff and jitter; an interrupted download is resumed.
 from __future__ import annotations
 
 import errno
+import io
 import os
 import re
+import stat
 import time
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import count
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from depthcli.core.options import INSTALL_CLOUD, INSTALL_WEB
@@ -20,11 +23,8 @@ from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
 
     from obstore.store import ClientConfig, ObjectStore, RetryConfig
-
-    from depthcli.io.storage.paths import RemotePath
 
 RETRIES_VARIABLE = "DEPTHCLI_RETRIES"
 _HTTP_URI = r"(?i)(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
@@ -46,6 +46,149 @@ _REASONS = {
     "error sending request": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
     "Error parsing Path": (errno.EINVAL, "a name with an empty, '.' or '..' part cannot be read"),
 }
+
+
+class RemotePath(Path, PurePosixPath):
+    """An object, or a prefix as a folder, with the methods of a path that are used here.
+
+    ``str`` gives the URI without its password and its query, for messages; no local file has such
+    a name.
+    """
+
+    query = ""  #: of an HTTP address, such as a signature; paths derived from this one have none
+
+    @property
+    def base(self) -> str:
+        """Scheme and bucket or host, as ``s3://bucket``; with the password, if there is one."""
+        return "//".join(self.parts[:2])
+
+    @property
+    def key(self) -> str:
+        """The name inside the bucket."""
+        return "/".join(self.parts[2:])
+
+    @property
+    def url(self) -> str:
+        """The whole address, with its password and its query."""
+        return f"{self.base}/{self.key}" + (f"?{self.query}" if self.query else "")
+
+    @property
+    def is_http(self) -> bool:
+        """Whether it is behind HTTP, where files cannot be written or listed."""
+        return self.parts[0].startswith("http")
+
+    def __str__(self) -> str:
+        if not self.parts or not self.parts[0].endswith(":"):  # relative to a folder
+            return "/".join(self.parts) or "."
+        host = self.base.rpartition("@")
+        base = f"{self.parts[0]}//{host[2]}" if self.is_http and host[1] else self.base
+        return f"{base}/{self.key}".rstrip("/")
+
+    def __fspath__(self) -> str:
+        return str(self)
+
+    def __reduce__(self) -> Any:  # noqa: ANN401 - what pickle asks for
+        return _restored, (f"{self.base}/{self.key}", self.query)
+
+    def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
+        """Size and time of the object; a prefix with objects below it is a folder."""
+        try:
+            size, time_s = head(self)[:2]
+        except FileNotFoundError:
+            if not self.is_dir():
+                raise
+            return os.stat_result((stat.S_IFDIR, *bytes(9)))
+        return os.stat_result((stat.S_IFREG, *bytes(5), size, time_s, time_s, time_s))
+
+    def exists(self, **_: Any) -> bool:  # noqa: ANN401 - as a path has it
+        """Whether there is such an object or folder."""
+        try:
+            self.stat()
+        except FileNotFoundError:
+            return False
+        return True
+
+    def is_file(self, **_: Any) -> bool:  # noqa: ANN401
+        """Whether there is such an object."""
+        try:
+            # A signed address allows reading only; without the right to list, S3 answers 403 for
+            # missing objects.
+            return bool(self.query or head(self))
+        except (FileNotFoundError, PermissionError):
+            return False
+
+    def is_dir(self, **_: Any) -> bool:  # noqa: ANN401
+        """Whether there are objects below it; False behind HTTP."""
+        try:
+            return not self.is_http and next(self.walk_names(), None) is not None
+        except FileNotFoundError:  # the bucket itself
+            return False
+
+    def is_symlink(self) -> bool:
+        """No: stores have no links."""
+        return False
+
+    def absolute(self) -> RemotePath:
+        """Return the path itself."""
+        return self
+
+    def resolve(self, *_: Any, **__: Any) -> RemotePath:  # noqa: ANN401
+        """Return the path itself."""
+        return self
+
+    def mkdir(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
+        """Do nothing: stores have no folders to make."""
+
+    def unlink(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
+        """Delete the object; a missing one is not an error."""
+        _send_request("delete", self)
+
+    def read_bytes(self) -> bytes:
+        """The whole object."""
+        return self.read_some()
+
+    def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
+        """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes."""
+        return b"".join(fetch(self, max_bytes)[1]) if first < 0 else read_first(self, first)
+
+    def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
+        """Open the content for reading; the mode is ``rb``."""
+        if mode != "rb":
+            raise io.UnsupportedOperation(f"{self} is written as a whole, not opened as {mode!r}")
+        return io.BytesIO(self.read_bytes())
+
+    def names(self) -> Iterator[str]:
+        """Names of the objects directly in this folder, in the order of their bytes."""
+        found = () if self.is_http else self.walk_names()
+        return (name for name in found if "/" not in name)
+
+    def walk_names(self, after: str = "") -> Iterator[str]:
+        """Names of all objects below it after a name, in the order of their bytes, page by page."""
+        start = f"{self.key}/" if self.key else ""
+        pages: Iterator[Any] | None = None
+
+        def page() -> Any:  # noqa: ANN401 - a list of the library's
+            nonlocal pages
+            if pages is None:  # at the beginning, and after a failed request
+                offset = start + after if after else None
+                pages = _library(self).list(
+                    _store(self.base), start or None, offset=offset, chunk_size=_PAGE_NAMES
+                )
+            waiting, pages = pages, None
+            found = next(waiting, ())
+            pages = waiting
+            return found
+
+        while found := _with_retries(self, page):
+            for one in found:
+                after = one["path"][len(start) :]
+                yield after
+
+
+def _restored(uri: str, query: str) -> RemotePath:
+    path = RemotePath(uri)
+    path.query = query
+    return path
 
 
 def head(address: RemotePath) -> tuple[int, int, Mapping[str, str]]:
@@ -82,11 +225,6 @@ def fetch(
     return size, parts()
 
 
-def read(address: RemotePath, max_bytes: int | None = None) -> bytes:
-    """An object's content."""
-    return b"".join(fetch(address, max_bytes)[1])
-
-
 def read_first(address: RemotePath, length: int) -> bytes:
     """The first ``length`` bytes of an object, without downloading the rest."""
     if address.is_http:
@@ -106,45 +244,15 @@ def put(address: RemotePath, file: Path, metadata: Mapping[str, str] | None = No
     _send_request("put", address, file, chunk_size=part_bytes, attributes=dict(metadata or {}))
 
 
-def delete(address: RemotePath) -> None:
-    """Delete an object; a missing one is not an error."""
-    _send_request("delete", address)
-
-
-def list_names(address: RemotePath, after: str = "") -> Iterator[str]:
-    """Names below a folder, in the order of their bytes, after a name; in constant memory."""
-    start = f"{address.key}/" if address.key else ""
-    pages: Iterator[Any] | None = None
-
-    def page() -> Any:  # noqa: ANN401 - a list of the library's
-        nonlocal pages
-        if pages is None:  # at the beginning, and after a failed request
-            offset = start + after if after else None
-            pages = _library(address).list(
-                _store(address.base), start or None, offset=offset, chunk_size=_PAGE_NAMES
-            )
-        waiting, pages = pages, None
-        found = next(waiting, ())
-        pages = waiting
-        return found
-
-    while found := _with_retries(address, page):
-        for one in found:
-            after = one["path"][len(start) :]
-            yield after
-
-
 def masked(text: str) -> str:
     """A text without the passwords and signatures of URLs in it."""
     return re.sub(_HTTP_URI, lambda found: found[1] + found[2], text)
 
 
 def _send_request(verb: str, address: RemotePath, *words: Any, **options: Any) -> Any:  # noqa: ANN401
+    call = getattr(_library(address), verb)
     return _with_retries(
-        address,
-        lambda: getattr(_library(address), verb)(
-            _store(address.base), address.key, *words, **options
-        ),
+        address, lambda: call(_store(address.base), address.key, *words, **options)
     )
 
 

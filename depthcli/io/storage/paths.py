@@ -1,24 +1,26 @@
-"""Paths of objects in a store and of files behind HTTP."""
+"""Names of local and remote files, reading them whole, and folders of the user."""
 
 from __future__ import annotations
 
 import errno
 import hashlib
-import io
 import os
 import re
 import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from pathlib import Path
+from typing import BinaryIO
 from urllib.parse import unquote, urlsplit
 
 from depthcli.core.progress import NO_PROGRESS, Progress, begin_bytes
 from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.storage import objects
+from depthcli.io.storage.objects import RemotePath
 from depthcli.io.storage.temporary import temporary_folder
+
+__all__ = ["RemotePath"]
 
 SCHEMES = ("s3", "gs", "az", "http", "https")
 _HTTP = ("http", "https")
@@ -90,123 +92,6 @@ def check_writable(path: Path) -> None:
     """Check that an output path can be written to, before any work is done."""
     if isinstance(path, RemotePath) and path.is_http:
         raise UsageError(f"{path} is behind HTTP, where nothing is written", "give another {out}")
-
-
-class RemotePath(Path, PurePosixPath):
-    """An object, or a prefix as a folder, with the methods of a path that are used here.
-
-    ``str`` gives the URI without its password and its query, for messages; no local file has such
-    a name.
-    """
-
-    query = ""  #: of an HTTP address, such as a signature; paths derived from this one have none
-
-    @property
-    def base(self) -> str:
-        """Scheme and bucket or host, as ``s3://bucket``; with the password, if there is one."""
-        return "//".join(self.parts[:2])
-
-    @property
-    def key(self) -> str:
-        """The name inside the bucket."""
-        return "/".join(self.parts[2:])
-
-    @property
-    def url(self) -> str:
-        """The whole address, with its password and its query."""
-        return f"{self.base}/{self.key}" + (f"?{self.query}" if self.query else "")
-
-    @property
-    def is_http(self) -> bool:
-        """Whether it is behind HTTP, where files cannot be written or listed."""
-        return self.parts[0].startswith("http")
-
-    def __str__(self) -> str:
-        if not self.parts or not self.parts[0].endswith(":"):  # relative to a folder
-            return "/".join(self.parts) or "."
-        host = self.base.rpartition("@")
-        base = f"{self.parts[0]}//{host[2]}" if self.is_http and host[1] else self.base
-        return f"{base}/{self.key}".rstrip("/")
-
-    def __fspath__(self) -> str:
-        return str(self)
-
-    def __reduce__(self) -> Any:  # noqa: ANN401 - what pickle asks for
-        return path_of, (self.url,)
-
-    def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
-        """Size and time of the object; a prefix with objects below it is a folder."""
-        try:
-            size, time_s = objects.head(self)[:2]
-        except FileNotFoundError:
-            if not self.is_dir():
-                raise
-            return os.stat_result((stat.S_IFDIR, *bytes(9)))
-        return os.stat_result((stat.S_IFREG, *bytes(5), size, time_s, time_s, time_s))
-
-    def exists(self, **_: Any) -> bool:  # noqa: ANN401 - as a path has it
-        """Whether there is such an object or folder."""
-        try:
-            self.stat()
-        except FileNotFoundError:
-            return False
-        return True
-
-    def is_file(self, **_: Any) -> bool:  # noqa: ANN401
-        """Whether there is such an object."""
-        try:
-            # A signed address allows reading only; without the right to list, S3 answers 403 for
-            # missing objects.
-            return bool(self.query or objects.head(self))
-        except (FileNotFoundError, PermissionError):
-            return False
-
-    def is_dir(self, **_: Any) -> bool:  # noqa: ANN401
-        """Whether there are objects below it; False behind HTTP."""
-        try:
-            return not self.is_http and next(self.walk_names(), None) is not None
-        except FileNotFoundError:  # the bucket itself
-            return False
-
-    def is_symlink(self) -> bool:
-        """No: stores have no links."""
-        return False
-
-    def absolute(self) -> RemotePath:
-        """Return the path itself."""
-        return self
-
-    def resolve(self, *_: Any, **__: Any) -> RemotePath:  # noqa: ANN401
-        """Return the path itself."""
-        return self
-
-    def mkdir(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
-        """Do nothing: stores have no folders to make."""
-
-    def unlink(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
-        """Delete the object."""
-        objects.delete(self)
-
-    def read_bytes(self) -> bytes:
-        """The whole object."""
-        return objects.read(self)
-
-    def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
-        """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes."""
-        return objects.read(self, max_bytes) if first < 0 else objects.read_first(self, first)
-
-    def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
-        """Open the content for reading; the mode is ``rb``."""
-        if mode != "rb":
-            raise io.UnsupportedOperation(f"{self} is written as a whole, not opened as {mode!r}")
-        return io.BytesIO(self.read_bytes())
-
-    def names(self) -> Iterator[str]:
-        """Names of the objects directly in this folder, in the order of their bytes."""
-        found = () if self.is_http else self.walk_names()
-        return (name for name in found if "/" not in name)
-
-    walk_names = objects.list_names
 
 
 def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
