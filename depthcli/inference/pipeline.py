@@ -167,7 +167,7 @@ class Pipeline:
         coarse = coarse_depth(spec, raw, layout)
         if not np.isfinite(coarse).any():
             where = frame.path or "an image"
-            told = f"{self.session.model.path} gives not one finite number for {where}"
+            told = f"{self.session.model.path} gives no depth for {where}, no finite number"
             raise ModelError(told, "use another model, or export it again")
         tile_px, radius = tile_width_px(self.card.input, frame, self.detail), 1
         if tile_px is not None:
