@@ -105,12 +105,9 @@ MAX_PIXELS = 250_000_000  #: larger pictures are refused, unless another limit i
 class AnchorsFit(StrEnum):
     """How depth is fitted to known points."""
 
-    GLOBAL = "global"
-    """By a scale and a shift of the whole map."""
-    LOCAL = "local"
-    """By these; from five points on, the rest is spread over the map."""
-    NETWORK = "network"
-    """By a model that takes the points, and the rest as above."""
+    GLOBAL = "global"  #: by a scale and a shift of the whole map
+    LOCAL = "local"  #: by these; from five points on, the rest is spread over the map
+    NETWORK = "network"  #: by a model that takes the points, and the rest as above
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,10 +149,8 @@ EXPOSURE = Rule("a number of stops from -20 to 20", lambda stops: abs(stops) <= 
 class StereoLayout(StrEnum):
     """Arrangement of the views of two eyes."""
 
-    SIDE_BY_SIDE = "side-by-side"
-    """The left eye's view at the left."""
-    ANAGLYPH = "anaglyph"
-    """For glasses whose left side is red and whose right side is cyan."""
+    SIDE_BY_SIDE = "side-by-side"  #: the left eye's view at the left
+    ANAGLYPH = "anaglyph"  #: for glasses whose left side is red and whose right side is cyan
 
 
 class Projection(StrEnum):

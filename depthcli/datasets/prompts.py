@@ -26,10 +26,8 @@ _CORNER_PX = 5
 class Pattern(StrEnum):
     """Places of known depth in an image."""
 
-    UNIFORM = "uniform"
-    """Points anywhere; the size is their number."""
-    LIDAR = "lidar"
-    """Slanted lines; the size is their number."""
+    UNIFORM = "uniform"  #: points anywhere; the size is their number
+    LIDAR = "lidar"  #: slanted lines; the size is their number
     CAMERA = "camera"
     """A depth camera of few pixels, with holes at edges and beyond 5 m; the size is its columns."""
     CORNERS = "corners"
@@ -155,11 +153,7 @@ _FORM = re.compile(r"([a-z]+):([1-9]\d{0,6})((?:,(?:noise|wrong)=0?\.\d+)*)")
 
 
 def parsed_prompt(text: str) -> Prompt:
-    """A prompt of the form ``uniform:500`` or ``lidar:4,noise=0.02,wrong=0.25``.
-
-    Raises:
-        UsageError: it has another form.
-    """
+    """A prompt of the form ``uniform:500`` or ``lidar:4,noise=0.02,wrong=0.25``."""
     form = _FORM.fullmatch(text)
     if form is None or form[1] not in tuple(Pattern):
         raise UsageError(

@@ -21,12 +21,7 @@ _MAX_BYTES = 2**16
 
 
 def keep_camera(scale: CameraScale, hfov_deg: float | None) -> Path:
-    """Write a camera's scale and field of view; an earlier camera of the name is replaced.
-
-    Raises:
-        UsageError: the name is not one of a file.
-        OSError: the file cannot be written.
-    """
+    """Write a camera's scale and field of view; an earlier camera of the name is replaced."""
     path = _path(scale.name)
     path.parent.mkdir(parents=True, exist_ok=True)
     document = {"hfov_deg": hfov_deg, **asdict(scale)}
@@ -36,11 +31,7 @@ def keep_camera(scale: CameraScale, hfov_deg: float | None) -> Path:
 
 
 def kept_camera(name: str) -> Intrinsics:
-    """The camera of a name.
-
-    Raises:
-        UsageError: there is none, or its file is not valid.
-    """
+    """The camera of a name."""
     path = _path(name)
     try:
         document: Any = parsed_json(read_regular(path, _MAX_BYTES))

@@ -218,11 +218,7 @@ def checksum(path: Path) -> tuple[int, str]:
 
 
 def onnx_facts(path: Path, data: bytes | None = None) -> OnnxFacts:
-    """The facts of a complete ONNX file whose weights are all inside, from disk or its content.
-
-    Raises:
-        ModelError: it is not one.
-    """
+    """The facts of a complete ONNX file whose weights are all inside, from disk or its content."""
     if data is not None:
         onnx_file.refuse_external_data(data, str(path))
         return onnx_file.read_facts(data, str(path))

@@ -53,10 +53,6 @@ def settings_of(source: Path) -> dict[str, Any]:
     Returns:
         Fields of ``generator``, ``output`` and ``data``; of an exported model, as far as its card
         states them.
-
-    Raises:
-        CheckpointError: it is no checkpoint, or the weights of an encoder alone.
-        ModelError: there is no such model, or it is damaged.
     """
     path = weights_file(source)
     if _is_encoder_file(path):

@@ -53,11 +53,7 @@ class AnchorFiles:
         return read_known_depth(path, self)
 
     def of_image(self, image: Path | None) -> AnchorPoints:
-        """The depth within an image itself; no points if it has none of metres, and a warning.
-
-        Raises:
-            InputError: it cannot be read, or the image is no file.
-        """
+        """The depth within an image itself; no points if it has none of metres, and a warning."""
         if image is None:
             raise InputError("standard input is no file whose own depth can be read")
         return _own_depth(image, self.camera)

@@ -19,21 +19,12 @@ class SurfaceWriter:
     keep_edges: bool = False  #: keep pixels between near and far at smeared edges
 
     def __post_init__(self) -> None:
-        """Check the options.
-
-        Raises:
-            UsageError: the stride is below 1.
-        """
+        """Check the options."""
         if self.stride < 1:
             raise UsageError(f"a stride of {self.stride} is not 1 or more", option="stride")
 
     def surface(self, depth: DepthMap) -> tuple[Surface, tuple[Message, ...]]:
-        """The points of a map by its camera, and warnings about that.
-
-        Raises:
-            OutputError: the map has no metres, no point within the limit, or its camera is that of
-                an image of another size.
-        """
+        """The points of a map by its camera, and warnings about that."""
         focal_px, warnings = camera_of(depth)
         surface = surface_of(
             depth,
@@ -48,11 +39,7 @@ class SurfaceWriter:
 
 
 def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
-    """The focal length of a map in pixels, and a warning if it is assumed.
-
-    Raises:
-        OutputError: the map has no metres, or its camera is that of an image of another size.
-    """
+    """The focal length of a map in pixels, and a warning if it is assumed."""
     if not depth.is_metric:
         raise OutputError(
             f"a point in space needs metres, and {depth.kind} depth has none",

@@ -22,8 +22,7 @@ from depthcli.io.formats.preview import PreviewWriter
 _HERE = Path(__file__).parent
 _STEPS = 2**16 - 2
 _JPEG_QUALITY = 90
-_MAX_POINTS = 640 * 480
-"""Points of a page for which the stride is 1, if none is given."""
+_MAX_POINTS = 640 * 480  # points of a page for which the stride is 1, if none is given
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,7 @@ from depthcli.io.formats.preview import nearness, percentiles
 from depthcli.io.formats.table import SOFTWARE_KEY
 from depthcli.io.images.png import encode_png
 
-EYE_DISTANCE_M = 0.063
-"""Mean distance of adults' eyes."""
+EYE_DISTANCE_M = 0.063  #: mean distance of adults' eyes
 _SHARE = 0.03  # of the width: disparity between near and far, where there are no metres
 
 
@@ -49,9 +48,6 @@ class StereoWriter:
             depth: the map; without depth, a pixel is as far as the farthest.
             frame: the image.
             spread: low and high end of depth, of a video; None for the map's percentiles.
-
-        Raises:
-            OutputError: there is no image, or it is a panorama.
         """
         if frame is None:
             raise OutputError("a stereo pair is made of the image", "give it with {picture}")

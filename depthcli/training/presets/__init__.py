@@ -16,11 +16,7 @@ _NAMES_BEFORE = {"full": "paper", "table": "paper-small", "default": "bundled"} 
 
 
 def preset_file(name: str, method: str | None = None) -> Path:
-    """The TOML file of a preset.
-
-    Raises:
-        UsageError: there is no such preset, or it is for another method.
-    """
+    """The TOML file of a preset."""
     name = _NAMES_BEFORE.get(name, name)
     if name not in PRESETS:
         raise UsageError(f"no preset '{name}'; choose from {', '.join(PRESETS)}")
