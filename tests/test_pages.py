@@ -14,7 +14,10 @@ PAGES = sorted(
     for page in ROOT.glob(place)
 )
 WORDS = 33_000
-"""Most words of docs/*.md; for a new passage, shorten another. Benchmark 1,500; server, view 400."""
+"""Most words of docs/*.md; for a new passage, shorten another.
+
+Benchmark 1,500; server, view 400.
+"""
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
 
 

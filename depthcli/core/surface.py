@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from depthcli.core.types import DepthMap, Provenance, panorama_rays
 
-# Chosen on rendered rooms: of points more than 10 cm off any surface, about one in five stays, and
-# about one in a hundred others goes.
+# Chosen with benchmarks/edge_points.py: of points more than 10 cm off any surface, one in eight
+# stays, and of the others, one in a hundred goes.
 _STEEPEST = math.tan(math.radians(82))  # against the image plane
 _TORN = math.tan(math.radians(87))  # of one step, where two such pixels are no ramp
 _LEAST_REACH, _REACH_SHARE = 5, 1 / 128  # pixels, and of the width: more than an edge is smeared

@@ -145,7 +145,7 @@ function draw() {
   renderer.render(scene, camera);
 }
 
-// The point nearest to the camera among those that are drawn close to the pointer; -1 without one.
+// The point at the pointer, -1 without one: of those drawn close to it, one that hides others.
 function pointAt(event) {
   const box = renderer.domElement.getBoundingClientRect();
   const [wantedX, wantedY] = [event.clientX - box.left, event.clientY - box.top];
@@ -158,7 +158,9 @@ function pointAt(event) {
     if (w <= 0 || w >= nearest) continue;
     const screenX = ((m[0] * x + m[4] * y + m[8] * z + m[12]) / w + 1) * box.width / 2;
     const screenY = (1 - (m[1] * x + m[5] * y + m[9] * z + m[13]) / w) * box.height / 2;
-    if (Math.hypot(screenX - wantedX, screenY - wantedY) < PICK_PX) [found, nearest] = [i, w];
+    const away = Math.hypot(screenX - wantedX, screenY - wantedY);
+    const score = w * (1 + away / 100); // on one surface, the closest to the pointer
+    if (away < PICK_PX && score < nearest) [found, nearest] = [i, score];
   }
   return found;
 }
@@ -171,6 +173,7 @@ function showDepth(event) {
 
 function pick(event) {
   const i = pointAt(event);
+  showDepth(event);
   if (i < 0) return;
   if (picked.length === 2) picked = [];
   picked.push(new THREE.Vector3().fromArray(xyz, 3 * i));
