@@ -12,81 +12,10 @@ The Python API, loaded name by name when it is used; docs/python.md tells more::
 
 from __future__ import annotations
 
-from depthcli._version import __version__
+from depthcli._version import __version__ as __version__
 
-TYPE_CHECKING = False  # checkers take it for typing's, which would be a quarter of ``--help``
-if TYPE_CHECKING:
-    from depthcli.api.depth_map import DepthMap, DepthPage
-    from depthcli.api.files import DepthVideo, VideoSource, read_depth
-    from depthcli.api.model import DepthModel, load_model
-    from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-    from depthcli.core.options import Projection, Upsampling, UpsamplingOptions
-    from depthcli.core.point_cloud import PointCloud
-    from depthcli.core.types import AnchorFit, DepthKind, Frame, Provenance
-    from depthcli.errors import (
-        CheckpointError,
-        DatasetError,
-        DepthcliError,
-        DepthcliWarning,
-        EngineError,
-        InputError,
-        ModelError,
-        OutputError,
-        ParityError,
-        ProviderError,
-        TrainingError,
-        UsageError,
-    )
-    from depthcli.inference.pipeline import Pipeline
-    from depthcli.inference.session import Session
-    from depthcli.io.calibration import read_calibration
-    from depthcli.io.images.read import Picture, read_image
-    from depthcli.models.card import ModelCard
-    from depthcli.models.catalog import Model, find_model
-
-# The stable names; one that is not here may change at any time.
-__all__ = [
-    "Anchor",
-    "AnchorFit",
-    "CameraSource",
-    "CheckpointError",
-    "DatasetError",
-    "DepthKind",
-    "DepthMap",
-    "DepthModel",
-    "DepthPage",
-    "DepthVideo",
-    "DepthcliError",
-    "DepthcliWarning",
-    "EngineError",
-    "Frame",
-    "InputError",
-    "Intrinsics",
-    "Model",
-    "ModelCard",
-    "ModelError",
-    "OutputError",
-    "ParityError",
-    "Picture",
-    "Pipeline",
-    "PointCloud",
-    "Projection",
-    "Provenance",
-    "ProviderError",
-    "Session",
-    "TrainingError",
-    "Upsampling",
-    "UpsamplingOptions",
-    "UsageError",
-    "VideoSource",
-    "__version__",
-    "find_model",
-    "load_model",
-    "read_calibration",
-    "read_depth",
-    "read_image",
-]
-
+# The stable names by module; one that is not here may change at any time. Their types are in
+# __init__.pyi.
 _HOMES = {
     "depthcli.api.depth_map": ("DepthMap", "DepthPage"),
     "depthcli.api.files": ("DepthVideo", "VideoSource", "read_depth"),
@@ -95,7 +24,11 @@ _HOMES = {
     "depthcli.core.options": ("Detail", "Projection", "Upsampling", "UpsamplingOptions"),
     "depthcli.core.point_cloud": ("PointCloud",),
     "depthcli.core.types": ("AnchorFit", "DepthKind", "Frame", "Provenance"),
-    "depthcli.errors": tuple(name for name in __all__ if name.endswith(("Error", "Warning"))),
+    "depthcli.errors": (
+        *("CheckpointError", "DatasetError", "DepthcliError", "DepthcliWarning", "EngineError"),
+        *("InputError", "ModelError", "OutputError", "ParityError", "ProviderError"),
+        *("TrainingError", "UsageError"),
+    ),
     "depthcli.inference.pipeline": ("Pipeline",),
     "depthcli.inference.session": ("Session",),
     "depthcli.io.calibration": ("read_calibration",),
@@ -104,6 +37,7 @@ _HOMES = {
     "depthcli.models.catalog": ("Model", "find_model"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+__all__ = sorted((*_HOME_OF, "__version__"))  # noqa: PLE0605 - the stub has the names
 
 
 def __getattr__(name: str) -> object:
@@ -118,4 +52,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

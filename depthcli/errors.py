@@ -1,19 +1,5 @@
 """Every error that depthcli raises on purpose, and the exit code each one ends in.
 
-The tree::
-
-    DepthcliError                 exit 3
-    ├── UsageError                exit 2   the command or its options do not fit together
-    ├── DatasetError              exit 2   a data set is missing, incomplete or in the wrong unit
-    ├── InputError                exit 1   one input cannot be used; the others go on
-    ├── OutputError               exit 1   one output cannot be written; the others go on
-    ├── ModelError                exit 3   a model file, its card or its checksum is wrong
-    │   ├── ProviderError         exit 3   the execution provider asked for is not there
-    │   └── ParityError           exit 3   onnxruntime and torch disagree about a model
-    ├── EngineError               exit 3   a cluster, or a machine of it, cannot be used
-    ├── CheckpointError           exit 3   a checkpoint is truncated, foreign or of another run
-    └── TrainingError             exit 3   training cannot go on (a loss that is not finite, say)
-
 Messages are one line and say what to do. Libraries raise them; only ``depthcli.cli`` turns them
 into exit codes and names the options of the command line in them.
 """
@@ -21,14 +7,11 @@ into exit codes and names the options of the command line in them.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from enum import IntEnum
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-SIGNAL_BASE = 128
-"""Exit code of a process that a signal ended, less the signal's number."""
+SIGNAL_BASE = 128  #: exit code of a process that a signal ended, less the signal's number
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, without loading OpenCV
 
 

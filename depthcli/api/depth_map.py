@@ -188,8 +188,7 @@ class DepthMap(types.DepthMap):
             raise UsageError(f"no colormap named {colormap!r}; choose {', '.join(Colormap)}")
         if near not in tuple(Near):
             raise UsageError(f"near is {' or '.join(Near)}, not {near!r}")
-        writer = PreviewWriter(Colormap(colormap), Near(near), vmin, vmax, legend)
-        return writer.render(self)
+        return PreviewWriter(Colormap(colormap), Near(near), vmin, vmax, legend).render(self)
 
     def view(
         self,
@@ -302,11 +301,7 @@ class DepthMap(types.DepthMap):
 
 
 def anchor_points(anchors: Anchors, fit: str | None) -> AnchorPoints:
-    """The points of :meth:`DepthMap.fit_anchors`, and how depth is fitted to them.
-
-    Raises:
-        UsageError: they are of another form, or there is no such fit.
-    """
+    """The points of :meth:`DepthMap.fit_anchors`, and their fit; UsageError if there is none."""
     if fit not in {None, *AnchorsFit}:
         raise UsageError(f"the fit is {', '.join(AnchorsFit)}, not {fit!r}")
     return replace(_points(anchors), fit=None if fit is None else AnchorsFit(fit))

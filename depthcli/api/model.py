@@ -11,11 +11,13 @@ from __future__ import annotations
 import itertools
 import os
 import warnings
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from depthcli.api.depth_map import Anchors, DepthMap, anchor_points
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DEFAULT_UPSAMPLING, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
@@ -26,15 +28,9 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.providers import AUTO
 from depthcli.io.images.pixels import check_levels
-from depthcli.io.images.read import frame_of
+from depthcli.io.images.read import Picture, frame_of
+from depthcli.models.card import ModelCard
 from depthcli.models.catalog import DEFAULT_MODEL
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator, Mapping
-
-    from depthcli.core.anchors import AnchorPoints
-    from depthcli.io.images.read import Picture
-    from depthcli.models.card import ModelCard
 
 
 def _batches(
@@ -61,9 +57,10 @@ def _batches(
                     batch.append(replace(frame, pixels=frame.pixels.copy()) if is_shared else frame)
         except Exception as error:  # noqa: BLE001 - raised at its position
             batch.append(error)
-        if not batch:
+        if batch:
+            yield batch
+        else:
             return
-        yield batch
 
 
 _Displayed: TypeAlias = tuple[DepthMap, tuple[str, ...]]
@@ -181,12 +178,12 @@ class DepthModel:
         """Depth of a stream of pictures of one camera, in their order and in constant memory.
 
         Args:
-            pictures: as in :meth:`predict`; any number, read when they are needed.
-            focal_px: as in :meth:`predict`.
-            hfov_deg: as in :meth:`predict`.
-            anchors: as in :meth:`predict`.
-            anchors_fit: as in :meth:`predict`.
-            white_level: as in :meth:`predict`.
+            pictures: as in :meth:`predict`, like the next five; read when they are needed.
+            focal_px: of all of them.
+            hfov_deg: of all of them.
+            anchors: of all of them.
+            anchors_fit: of all of them.
+            white_level: of all of them.
             batch_size: pictures in one run of the network, which is faster on a GPU.
             workers: threads; 0 works in the calling thread and never reads ahead. With more, twice
                 as many batches are read ahead: use 0 for a live camera, all cores for a folder.
@@ -196,8 +193,7 @@ class DepthModel:
             pictures, is raised at its position, after the maps before it, and ends the iterator.
 
         Raises:
-            UsageError: the camera or the white level is not valid, or ``pictures`` is a single
-                picture.
+            UsageError: the camera or the white level is not valid, or it is a single picture.
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else anchor_points(anchors, anchors_fit)
@@ -207,8 +203,7 @@ class DepthModel:
             warnings.warn(text, DepthcliWarning, stacklevel=2)
 
         def predicted(batch: list[Picture | Exception]) -> list[_Displayed | Exception]:
-            frames: list[Frame] = []
-            problem = None
+            frames, problem = list[Frame](), list[_Displayed | Exception]()
             for picture in batch:
                 try:
                     if isinstance(picture, Exception):
@@ -216,19 +211,18 @@ class DepthModel:
                     level = None if isinstance(picture, Frame) else white_level
                     frames.append(frame_of(picture, level))
                 except Exception as error:  # noqa: BLE001 - raised at its position
-                    problem = error
+                    problem.append(error)
                     break
             cameras, known = [camera] * len(frames), [points] * len(frames)
             found = self.pipeline.predict_many(frames, cameras, known)
-            done = [
-                one if isinstance(one, Exception) else _displayed(one, frame)
-                for one, frame in zip(found, frames, strict=True)
+            done = zip(found, frames, strict=True)
+            return [
+                *(one if isinstance(one, Exception) else _displayed(one, f) for one, f in done),
+                *problem,
             ]
-            return done if problem is None else [*done, problem]
 
-        return _maps(
-            ordered_map(predicted, _batches(pictures, batch_size, white_level), workers=workers)
-        )
+        batches = _batches(pictures, batch_size, white_level)
+        return _maps(ordered_map(predicted, batches, workers=workers))
 
     def _focal_warnings(self, camera: Intrinsics, points: AnchorPoints | None) -> tuple[str, ...]:
         return focal_warnings(self.card, camera) if points is None else ()
