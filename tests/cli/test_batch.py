@@ -281,21 +281,6 @@ def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     assert rows(inside, "elsewhere").keys() == {"a.png", "b.preview.png", "out/manifest.jsonl"}
 
 
-def test_workers_threads_and_batch_size_change_no_byte(inside: Cli) -> None:
-    for number in range(7):
-        size = (48, 64) if number % 3 else (30, 40)
-        picture(inside, f"{number}.png", synthetic_picture(*size) // (number + 1))
-    ways = (("1", "1", "1"), ("3", "2", "1"), ("2", "1", "4"))
-    outputs = []
-    for workers, threads, size in ways:
-        out = f"w{workers}b{size}"
-        options = ("--workers", workers, "--threads", threads, "--batch-size", size)
-        assert inside("batch", "in", "--out", out, *options).returncode == 0
-        outputs.append({n: d for n, d in contents(inside, out).items() if n != "manifest.jsonl"})
-    assert len(outputs[0]) == 7
-    assert outputs[0] == outputs[1] == outputs[2]
-
-
 def test_an_error_that_nobody_foresaw_stops_no_other(
     cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -131,16 +131,3 @@ def test_a_changed_model_is_done_again(inside: Cli) -> None:
     assert rows(inside, "out").keys() == {"a.png"}
     from_other = write_model(inside.models / "other", output__shift=6.0)
     assert kept(inside, "--out", "out", "--model", str(from_other)) == {"a.png": False}
-
-
-def test_two_batches_do_not_write_to_one_folder(cli: Cli) -> None:
-    many(cli)
-    running = begun(cli, 1)
-    running.send_signal(signal.SIGSTOP)  # so that it lasts
-    still = running.poll() is None
-    second = cli("batch", "in", "--out", "out")
-    running.kill()
-    running.communicate(timeout=30)
-    assert still
-    assert second.returncode == 2
-    assert b"another batch is writing to out" in second.stderr

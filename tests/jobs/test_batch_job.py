@@ -24,7 +24,7 @@ from depthcli.io.listing.folder import NameFilter
 from depthcli.io.manifest.files import FAILED, OK, CacheKey, ManifestRow, output_entry
 from depthcli.io.manifest.journal import known_rows
 from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
 from depthcli.jobs.batch.workers import ThreadEngine, WorkerSpec
 
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from helpers.command_line import Cli
 
-    from depthcli.jobs.batch.workers import ImageTask, VideoTask
 
 OPTIONS = BatchOptions(
     (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),
@@ -45,7 +44,7 @@ OPTIONS = BatchOptions(
 )
 
 
-def build_and_work(spec: WorkerSpec, tasks: list[ImageTask]) -> list[BatchResult]:
+def build_and_work(spec: WorkerSpec, tasks: list[BatchTask]) -> list[BatchResult]:
     """What a worker does in a process that knows nothing else."""
     return spec.build().work(tasks)
 
@@ -57,7 +56,7 @@ def test_a_worker_is_built_in_another_process_and_gives_the_same_bytes(tmp_path:
     sha256 = here.model.load().model.sha256
     spec = WorkerSpec(there.model, sha256, OPTIONS, there.plan.out)
     maps = TaskBuilder(there.plan, OPTIONS.formats)
-    tasks = [maps.image(file, known_rows(there.plan.out)) for file in there.plan.inputs]
+    tasks = [maps.task(file, known_rows(there.plan.out)) for file in there.plan.inputs]
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         results = pool.apply(build_and_work, (spec, tasks))  # pickled on the way
     assert [replace(result.row, seconds=0) for result in results] == [
@@ -131,8 +130,8 @@ class LastFirst:
     def run(
         self,
         spec: WorkerSpec,
-        chunks: Iterable[Sequence[ImageTask]],
-        videos: Iterable[VideoTask],
+        chunks: Iterable[Sequence[BatchTask]],
+        videos: Iterable[BatchTask],
         record: Callable[[Sequence[BatchResult]], None],
     ) -> Generator[BatchResult, None, None]:
         """Work off chunks."""
@@ -154,7 +153,7 @@ def test_a_processor_takes_one_picture_at_a_time_if_nothing_is_said(
 
     class Sized(LastFirst):
         def run(
-            self, spec: WorkerSpec, chunks: Iterable[Sequence[ImageTask]], *rest: Any
+            self, spec: WorkerSpec, chunks: Iterable[Sequence[BatchTask]], *rest: Any
         ) -> Generator[BatchResult, None, None]:
             held = list(chunks)
             found.extend(map(len, held))
@@ -183,17 +182,6 @@ def test_recorded_results_are_in_the_manifest_after_close(tmp_path: Path) -> Non
     assert batch.tally.done == len(NAMES)
     lines = (tmp_path / "out" / "manifest.jsonl").read_text().splitlines()
     assert [json.loads(line)["input"] for line in lines] == list(NAMES)
-
-
-def test_a_forecast_writes_nothing(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    found = request(tmp_path)
-    session = found.model.load()
-    assert {one.would for one in dry_run(found, session)} == {"do"}
-    assert not (tmp_path / "out").exists()
-    list(Batch(found, session))
-    (tmp_path / "in" / "z.png").write_bytes(b"")
-    assert [one.would for one in dry_run(found, session)] == ["keep", "fail", "keep"]
 
 
 @pytest.mark.parametrize(

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
 
     from depthcli.inference.session import Session
-    from depthcli.jobs.batch.tasks import BatchResult
-    from depthcli.jobs.batch.workers import Engine, ImageTask
+    from depthcli.jobs.batch.tasks import BatchResult, BatchTask
+    from depthcli.jobs.batch.workers import Engine
 
 ray = pytest.importorskip("ray")
 COUNT = 30
@@ -127,7 +127,7 @@ def test_workers_know_the_camera_of_each_picture(tmp_path: Path, engine: RayEngi
 class Poisoned(ImageWorker):
     """A worker that a picture kills, as the system does where memory ends."""
 
-    def work(self, tasks: Sequence[ImageTask]) -> list[BatchResult]:
+    def work(self, tasks: Sequence[BatchTask]) -> list[BatchResult]:
         if any(task.input.name.endswith("07.png") for task in tasks):
             os.kill(os.getpid(), signal.SIGKILL)
         return super().work(tasks)

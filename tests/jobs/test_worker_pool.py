@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import random
-import re
 import signal
 from collections import Counter, deque
 from dataclasses import replace
@@ -22,14 +21,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli._version import __version__
-from depthcli.errors import EngineError, ModelError
+from depthcli.errors import EngineError
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.files import FAILED, OK, CacheKey, ManifestRow
 from depthcli.io.manifest.journal import known_rows
 from depthcli.jobs.batch.ray import (
     LOCAL_CLUSTER,
-    Actors,
     Call,
     RemoteWorker,
     WorkerPool,
@@ -207,8 +205,8 @@ def test_a_worker_elsewhere_gives_what_one_here_does(
     sha256 = there.model.load().model.sha256
     spec = WorkerSpec(there.model, sha256, there.options, there.plan.out)
     maps, rows = TaskBuilder(there.plan, there.options.formats), known_rows(there.plan.out)
-    chunks = [(maps.image(file, rows),) for file in there.plan.images]
-    (video,) = (maps.video(file, rows) for file in there.plan.videos)
+    chunks = [(maps.task(file, rows),) for file in there.plan.images]
+    (video,) = (maps.task(file, rows) for file in there.plan.videos)
     threads = cv2.getNumThreads()
     monkeypatch.chdir(tmp_path)
     try:
@@ -262,66 +260,6 @@ def test_a_cluster_of_this_machine_alone_is_told_to_nobody(monkeypatch: pytest.M
         False,
         "127.0.0.1",
     )
-
-
-class LostError(Exception):
-    """Ray's own error of a worker that is gone."""
-
-
-class RaisedError(Exception):
-    """Ray's own error of what a worker raised."""
-
-    def __init__(self, cause: Exception) -> None:
-        self.cause = cause
-
-
-@pytest.mark.parametrize(
-    ("error", "address", "line"),
-    [
-        (ConnectionError(), "auto", "no Ray cluster on this machine; start one with 'ray start"),
-        (ConnectionError(), "h:1", "no Ray cluster at h:1; start one with 'ray start --head'"),
-        (ValueError("two\nlines"), "h:1", "cannot join the Ray cluster h:1: two lines"),
-        (LostError("gone"), "auto", "cannot join the Ray cluster auto: gone"),
-    ],
-)
-def test_a_cluster_that_takes_nobody_is_one_line(error: Exception, address: str, line: str) -> None:
-    def init(*_: object, **__: object) -> None:
-        raise error
-
-    ray = SimpleNamespace(init=init, exceptions=SimpleNamespace(RayError=LostError))
-    with pytest.raises(EngineError, match=re.escape(line)):
-        _connect(ray, address)
-
-
-def test_worker_error_is_raised_and_lost_worker_is_returned() -> None:
-    def get(error: Exception) -> None:
-        raise error
-
-    kinds = SimpleNamespace(RayTaskError=RaisedError, RayError=LostError)
-    actors = Actors(SimpleNamespace(get=get, exceptions=kinds), list, print)
-    lost = LostError()
-    assert actors.result(lost) is lost
-    with pytest.raises(ModelError):
-        actors.result(RaisedError(ModelError("no model")))
-    with pytest.raises(EngineError):
-        actors.result(RaisedError(TypeError("why not")))
-
-
-def test_waiting_for_a_cluster_asks_whether_to_go_on() -> None:
-    waits, asked = [((), "f"), ((), "f"), (("f",), ())], []
-
-    def wait(futures: Sequence[str], *, num_returns: int, timeout: float) -> object:
-        awaited.append((futures, num_returns))
-        return waits.pop(0) if timeout < 1 else None
-
-    awaited: list[object] = []
-    actors = Actors(SimpleNamespace(wait=wait), list, asked.append)
-    assert actors.wait_any(["f", "g"]) == "f"
-    assert asked == [0, 0]
-    assert awaited == [(["f", "g"], 1)] * 3
-    actors.wait_all([])  # nothing is under way
-    actors.wait_all(["f", "g"])
-    assert awaited[3:] == [(["f", "g"], 2)]
 
 
 def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -> None:

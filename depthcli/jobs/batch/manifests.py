@@ -5,15 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.files import (
-    FAILED,
-    WHOLE,
-    RowFile,
-    RowsFolder,
-    damaged_lines,
-    is_journal,
-    row_files,
-)
+from depthcli.io.manifest import files
 from depthcli.io.manifest.journal import Journal, Rows, known_rows
 
 
@@ -40,21 +32,14 @@ class Summary:
 
 
 def read_rows(path: Path) -> Rows:
-    """The latest row of each input.
-
-    Args:
-        path: an output folder, for the rows of all its shards; or one manifest.
-
-    Raises:
-        UsageError: there is no manifest.
-    """
+    """The latest row of each input in a manifest, or in an output folder with all its shards."""
     if path.is_dir():
         rows = known_rows(path)
         if not rows.has_files:
             raise UsageError(f"no manifest in {path}", "name the output folder of a batch")
         return rows
     try:
-        return Rows([RowFile(path)])
+        return Rows([files.RowFile(path)])
     except OSError as error:
         raise UsageError(f"cannot read the manifest {path}: {error.strerror}") from error
 
@@ -65,7 +50,7 @@ def summarize(rows: Rows) -> Summary:
     failed = outputs = output_bytes = 0
     seconds = 0.0
     for row in rows:
-        failed += row.status == FAILED
+        failed += row.status == files.FAILED
         outputs += len(row.outputs)
         output_bytes += sum(file.bytes for file in row.outputs)
         seconds += row.seconds
@@ -75,20 +60,15 @@ def summarize(rows: Rows) -> Summary:
 
 
 def merge_manifests(folder: Path) -> Path:
-    """Merge the manifests of shards and the journals of killed batches in an output folder.
+    """Merge the manifests of shards and the journals of killed batches; returns the manifest.
 
-    Returns:
-        The manifest.
-
-    Raises:
-        UsageError: there is none, or a batch is running there.
-        OutputError: it cannot be written; the existing files are kept.
+    UsageError if there is none, or a batch is running there.
     """
-    place = RowsFolder(folder)
-    if not row_files(place.path, WHOLE):
+    place = files.RowsFolder(folder)
+    if not files.row_files(place.path, files.WHOLE):
         raise UsageError(f"no manifest in {folder}", "name the output folder of a batch")
-    for path in row_files(place.path, WHOLE):
-        damaged = () if is_journal(path) else damaged_lines(path)
+    for path in files.row_files(place.path, files.WHOLE):
+        damaged = () if files.is_journal(path) else files.damaged_lines(path)
         if damaged:
             raise UsageError(
                 f"{path}: line {damaged[0]} is no row, and {len(damaged) - 1} others are none",

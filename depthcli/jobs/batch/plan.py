@@ -27,8 +27,7 @@ class BatchPlan:
     skipped: tuple[listing.Skipped, ...]  #: files that are no inputs
     loops: tuple[str, ...] = ()  #: links to a folder above them
     unmatched: tuple[str, ...] = ()  #: patterns of ``--include`` that no picture or video matches
-    #: paths of the inputs, of all shards, that lie in the output folder
-    inputs_in_out: frozenset[str] = frozenset()
+    inputs_in_out: frozenset[str] = frozenset()  #: paths of all shards' inputs in ``out``
     shard: Shard = WHOLE  #: the part of the inputs that is planned
     #: cameras of a table, by input; the others are not in it
     intrinsics: Mapping[str, Intrinsics] = field(default_factory=dict)
@@ -42,8 +41,7 @@ class BatchPlan:
         yield from self.camera_warnings
         for word in self.unmatched:
             yield Message(f"{word!r} matches no image or video", option="include")
-        unreadable = listing.conversion_hint(self.skipped)
-        if unreadable:
+        if unreadable := listing.conversion_hint(self.skipped):
             yield unreadable
 
     @property
@@ -72,7 +70,6 @@ class CameraTable:
     """
 
     def __init__(self, cameras: Mapping[str, Intrinsics], source: str = "the table") -> None:
-        """Store the camera of each id, and the name of the table in messages."""
         self._cameras, self._source = cameras, source
         self._unused = dict.fromkeys(cameras)
 
@@ -85,15 +82,7 @@ class CameraTable:
         return self._cameras[row_id]
 
     def warnings(self, inputs: int, unmatched: int) -> Iterator[str]:
-        """Patterns that did not match, one line each.
-
-        Args:
-            inputs: number of inputs of the batch.
-            unmatched: how many of them have no row, or an empty one.
-
-        Raises:
-            UsageError: there are inputs, and no row matches one.
-        """
+        """Patterns that did not match; UsageError if no row matches. ``unmatched`` have no row."""
         unused = list(self._unused)
         if unused and inputs and len(unused) == len(self._cameras):
             raise UsageError(
@@ -107,18 +96,12 @@ class CameraTable:
                 "lengths are those in EXIF, or assumed"
             )
         if unused:
-            yield (
-                f"{len(unused)} of {len(self._cameras)} rows of {self._source} match no input, for "
-                f"example {short_repr(unused[0])}"
-            )
+            rows = f"{len(unused)} of {len(self._cameras)} rows of {self._source}"
+            yield f"{rows} match no input, for example {short_repr(unused[0])}"
 
 
 def read_cameras(source: str) -> CameraTable:
-    """The table in a CSV file, which may be a URI.
-
-    Raises:
-        UsageError: it cannot be read, or has invalid rows.
-    """
+    """The table in a CSV file or URI; UsageError if it cannot be read, or has invalid rows."""
     try:
         return CameraTable(read_lenses(paths.path_of(source)), os.fspath(source))
     except InputError as error:
@@ -154,10 +137,14 @@ class InputCollector:
         *,
         is_list: bool = False,
     ) -> BatchPlan:
-        """Make a plan of pictures and videos."""
+        """Make a plan of images and videos."""
         # Output names depend on all files, not on the patterns or the list.
         names = TreeNames(chain(self._names(media), self._neighbours() if is_list else ()))
-        plan = BatchPlan(
+        count, unmatched = len(self._inputs), len(self._inputs) - len(self._intrinsics)
+        if not self._has_inputs:
+            _check_any([*self._skipped], where)
+        cameras = self._cameras
+        return BatchPlan(
             out=paths.path_of(self._out),
             inputs=tuple(self._inputs.values()),
             names=names,
@@ -169,14 +156,8 @@ class InputCollector:
             intrinsics=self._intrinsics,
             stems=self._stems,
             is_part=is_list or bool(self._wanted.include or self._wanted.exclude),
+            camera_warnings=tuple(cameras.warnings(count, unmatched)) if cameras else (),
         )
-        if not self._has_inputs:
-            _check_any(plan.skipped, where)
-        if self._cameras is None:
-            return plan
-        unmatched = len(plan.inputs) - len(plan.intrinsics)
-        warnings = tuple(self._cameras.warnings(len(plan.inputs), unmatched))
-        return replace(plan, camera_warnings=warnings)
 
     def _names(self, media: Iterable[listing.InputFile]) -> Iterator[str]:
         places, inside = listing.RealPaths(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
@@ -212,35 +193,27 @@ class InputCollector:
                     yield above + other
 
     def _add_input(self, found: listing.InputFile, places: listing.RealPaths) -> None:
-        """Add an input, unless it is listed twice.
-
-        Raises:
-            UsageError: another file, outside the list's folder, has the same name.
-        """
+        """Add an input, unless it is listed twice."""
         first = self._inputs.setdefault(found.name, found)
         if first is found:
             return
-        if places.of(first.path) != places.of(found.path):
-            raise UsageError(
-                f"{first.path} and {found.path} would both become {found.name}",
-                "list them for batches with different {out}",
-            )
+        if places.of(first.path) != places.of(found.path):  # outside the list's folder
+            problem = f"{first.path} and {found.path} would both become {found.name}"
+            raise UsageError(problem, "list them for batches with different {out}")
         self.skip(listing.Skipped(found.name, listing.TWICE))
 
 
 def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:
     """Refuse a plan without inputs, unless there were no files at all."""
+    reasons, summary = {file.reason for file in skipped}, listing.skip_summary(skipped)
     if not skipped:
         return
-    if {listing.NOT_INCLUDED, listing.EXCLUDED} & {file.reason for file in skipped}:
-        raise UsageError(
-            f"nothing of {where} is left: {listing.skip_summary(skipped)}",
-            "change {include} or {exclude}",
-        )
+    if {listing.NOT_INCLUDED, listing.EXCLUDED} & reasons:
+        raise UsageError(f"nothing of {where} is left: {summary}", "change {include} or {exclude}")
     hint = listing.conversion_hint(skipped) or ""
-    if not hint and any(file.reason == ".exr" for file in skipped):
+    if not hint and ".exr" in reasons:
         hint = "EXR is read by 'predict', by 'video' (a sequence), and by 'batch' from a list"
-    raise InputError(f"no image or video in {where}: {listing.skip_summary(skipped)}", hint)
+    raise InputError(f"no image or video in {where}: {summary}", hint)
 
 
 def plan_folder(
@@ -252,10 +225,8 @@ def plan_folder(
 ) -> BatchPlan:
     """Plan all images and videos in a folder tree, or its archives if it holds no other.
 
-    Raises:
-        UsageError: there is no such folder, outputs would become inputs, the patterns exclude
-            everything, or the table of cameras is of other inputs.
-        InputError: there are files, but no picture or video that can be read.
+    UsageError if there is no such folder, outputs would become inputs, or the patterns exclude
+    everything; InputError if no file can be read.
     """
     root, out = paths.without_file_scheme(root), paths.without_file_scheme(out)
     place = paths.path_of(root)
@@ -266,11 +237,8 @@ def plan_folder(
         hint = "; 'depthcli predict' and 'depthcli video' take files" if is_file else ""
         raise UsageError(f"{place} is not a folder", f"name one, or give {{files}} a list{hint}")
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
-        raise UsageError(
-            f"{out} is the folder of the inputs",
-            "choose another folder, for example one inside it",
-            option="out",
-        )
+        advice = "choose another folder, for example one inside it"
+        raise UsageError(f"{out} is the folder of the inputs", advice, option="out")
     collector = InputCollector(out, wanted, shard, cameras)
     tree = listing.list_folder(root, leave_out=out, skip=wanted.excludes)
     media = list(tree.media)
@@ -293,27 +261,18 @@ def plan_files(
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
 ) -> BatchPlan:
-    """Plan the files of a list, with any suffix.
+    """Plan the files of a list, with any suffix; ``source`` is the name of the list in messages.
 
     Their folders are listed, so that their outputs have the names that a batch of the folder gives.
-
-    Args:
-        words: the paths of the list.
-        source: name of the list in messages.
-        root: the folder that relative paths start from, and whose tree is kept; None for the
-            working directory, while absolute paths keep all their folders.
-        out: the output folder.
-        wanted: include and exclude patterns.
-        shard: the part of them that is planned; the others take no memory.
-        cameras: their focal lengths, if known.
+    Relative paths start from ``root``, whose tree is kept; None for the working directory, while
+    absolute paths keep all their folders. Files of other shards take no memory.
 
     Raises:
         UsageError: the patterns exclude everything, or the table of cameras is of other inputs.
         InputError: all listed files are outputs of depthcli.
     """
     root = None if root is None else paths.without_file_scheme(root)
-    out = paths.without_file_scheme(out)
-    collector = InputCollector(out, wanted, shard, cameras)
+    collector = InputCollector(paths.without_file_scheme(out), wanted, shard, cameras)
 
     def pictures() -> Iterator[listing.InputFile]:
         for found in listed_inputs(words, root):
@@ -335,6 +294,5 @@ def _check_outside(plan: BatchPlan, root: str) -> None:
         # The output folder itself may lie in the input folder, as it is not read.
         apart = real.is_relative_to(out) and not inside.is_relative_to(out)
         if real.is_relative_to(inside) and not apart:
-            raise UsageError(
-                f"outputs in {folder} would lie among the inputs", "choose another {out}"
-            )
+            problem = f"outputs in {folder} would lie among the inputs"
+            raise UsageError(problem, "choose another {out}")

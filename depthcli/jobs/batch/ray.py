@@ -31,27 +31,27 @@ from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.manifest.files import CacheKey
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
-from depthcli.jobs.batch.workers import ImageTask, ImageWorker, VideoTask, VideoWorker, WorkerSpec
+from depthcli.jobs.batch.workers import ImageWorker, VideoWorker, WorkerSpec
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One request to a worker: chunks of pictures, or a video."""
+    """One request to a worker: chunks of images, or a video."""
 
-    chunks: tuple[Sequence[ImageTask], ...] = ()
-    video: VideoTask | ImageTask | None = None
+    chunks: tuple[Sequence[BatchTask], ...] = ()
+    video: BatchTask | None = None
     lost_workers: int = 0  #: workers that died with it
 
     def split(self) -> Iterator[Call]:
         """One call for each input, after its worker was lost."""
+        lost = self.lost_workers + 1
         if self.video is not None:
-            yield Call(video=self.video, lost_workers=self.lost_workers + 1)
-        for chunk in self.chunks:
-            for task in chunk:
-                yield Call(chunks=((task,),), lost_workers=self.lost_workers + 1)
+            yield Call(video=self.video, lost_workers=lost)
+        for task in chain(*self.chunks):
+            yield Call(chunks=((task,),), lost_workers=lost)
 
     @property
-    def task(self) -> BatchTask[Any]:
+    def task(self) -> BatchTask:
         """The first input."""
         return self.video or self.chunks[0][0]
 
@@ -232,8 +232,7 @@ LOCAL_CLUSTER: dict[str, Any] = {
     "include_dashboard": False,
     "object_store_memory": 100_000_000,  # pictures go through files
     "_node_ip_address": "127.0.0.1",
-}
-"""Options of ``ray.init`` for a cluster of this machine only, which no other can reach."""
+}  #: options of ``ray.init`` for a cluster of this machine only, which no other can reach
 
 
 class RayEngine:
@@ -248,15 +247,11 @@ class RayEngine:
         gpus: float = 0,
         progress: Progress = NO_PROGRESS,
     ) -> None:
-        """Connect.
+        """Connect to ``host:port``, ``ray://host:port``, or ``local`` to start one on this machine.
 
-        Args:
-            address: ``host:port``, ``ray://host:port``, or ``local`` to start a cluster on this
-                machine; None for ``RAY_ADDRESS``, or the cluster that this machine belongs to.
-            workers: number of workers; None for as many as the cluster has free resources for.
-            cpus: per worker.
-            gpus: per worker.
-            progress: called with 0 while waiting, so that it can stop the work by raising.
+        Without an address, to ``RAY_ADDRESS``, or the cluster that this machine belongs to. By
+        default, there are as many workers as it has free resources for. While waiting, ``progress``
+        is called with 0, so that it can stop the work by raising.
 
         Raises:
             EngineError: there is no such cluster, or no machine of it has room for a worker.
@@ -289,8 +284,8 @@ class RayEngine:
     def run(
         self,
         spec: WorkerSpec,
-        chunks: Iterable[Sequence[ImageTask]],
-        videos: Iterable[VideoTask | ImageTask],
+        chunks: Iterable[Sequence[BatchTask]],
+        videos: Iterable[BatchTask],
         record: Callable[[Sequence[BatchResult]], None],
     ) -> Generator[BatchResult, None, None]:
         """Process pictures and videos, as every engine does."""

@@ -44,27 +44,19 @@ class Tally:
 
     def add(self, result: BatchResult) -> None:
         """Count a result."""
-        self.kept += result.is_kept
-        self.done += not result.is_kept
-        if not result.is_kept:
-            self.recent_failed.append(result.row.error is not None)
-        if result.row.error is not None:
-            self.failures.append((result.row.input, result.row.error))
+        error = result.row.error
+        if result.is_kept:
+            self.kept += 1
+        else:
+            self.done += 1
+            self.recent_failed.append(error is not None)
+        if error is not None:
+            self.failures.append((result.row.input, error))
 
     @property
     def completed(self) -> int:
         """Inputs that are done or kept."""
         return self.done + self.kept
-
-    @property
-    def elapsed_s(self) -> float:
-        """Seconds since the start."""
-        return time.monotonic() - self.start_s
-
-    @property
-    def rate(self) -> float:
-        """Inputs per second, without those kept."""
-        return self.done / max(self.elapsed_s, 1e-9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +72,7 @@ class FailureBudget:
 
     @classmethod
     def parse(cls, word: str) -> Self:
-        """Parse ``20`` or ``20%``.
-
-        Raises:
-            UsageError: it is neither, or more than 100%.
-        """
+        """Parse ``20`` or ``20%``; UsageError if it is neither, or more than 100%."""
         found = re.fullmatch(r"([0-9]{1,9})(%?)", word)
         if found is None or (found[2] and int(found[1]) > 100):  # noqa: PLR2004 - per cent
             raise UsageError(
@@ -95,10 +83,9 @@ class FailureBudget:
     def reason(self, tally: Tally) -> str | None:
         """Why a batch has to stop; None if it may continue."""
         failed = sum(tally.recent_failed) if self.is_percentage else len(tally.failures)
-        which = (
-            f"{self.maximum}% of the last 100" if self.is_percentage else f"{self.maximum} of the"
-        )
-        return f"more than {which} inputs failed" if failed > self.maximum else None
+        which = "% of the last 100" if self.is_percentage else " of the"
+        too_many = f"more than {self.maximum}{which} inputs failed"
+        return too_many if failed > self.maximum else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +97,8 @@ class BatchRequest:
     options: BatchOptions = field(default_factory=BatchOptions)
     #: model, provider and threads; by default, threads per worker are cores / workers
     model: SessionLoader = field(default_factory=SessionLoader)
-    #: pictures, or chunks of them, processed in parallel; None for one per core
-    workers: int | None = None
-    #: pictures per inference; None for the provider's default
-    batch_size: int | None = None
+    workers: int | None = None  #: images, or chunks of them, in parallel; None for one per core
+    batch_size: int | None = None  #: images per inference; None for the provider's default
     budget: FailureBudget | None = None  #: failures after which it stops; None for no limit
 
 
@@ -138,19 +123,11 @@ class Batch(Iterator[BatchResult]):
         engine: Engine | None = None,
         progress: Progress = NO_PROGRESS,
     ) -> None:
-        """Load the model and lock the output folder.
+        """Load the model, unless there is a session of it, and lock the output folder.
 
-        Args:
-            request: inputs, outputs and options.
-            session: the request's model, if it is loaded already.
-            engine: runs the workers; None for threads of this process.
-            progress: advanced for each frame of a video, with threads.
-
-        Raises:
-            ModelError: the model cannot be used.
-            OutputError: the output folder cannot be written.
-            UsageError: the focal length is not valid, the options do not fit the inputs, or another
-                batch writes there.
+        ``engine`` runs the workers; None for threads of this process, with which ``progress`` is
+        advanced for each frame of a video. UsageError if the options do not fit the inputs, or
+        another batch writes there.
         """
         plan, options = request.plan, request.options
         workers, threads = share_cores(request.workers, request.model.threads)
@@ -178,12 +155,7 @@ class Batch(Iterator[BatchResult]):
         self._results = self._run(self._journal)
 
     def __next__(self) -> BatchResult:
-        """The result of the next input.
-
-        Raises:
-            ModelError: the network fails on any picture.
-            OutputError: the journal or the manifest cannot be written.
-        """
+        """The result of the next input; ModelError if the network fails on any image."""
         return next(self._results)
 
     def close(self) -> None:
@@ -192,18 +164,19 @@ class Batch(Iterator[BatchResult]):
         self._finish()  # closing a generator that was never started runs no finally
 
     def _run(self, journal: Journal) -> Generator[BatchResult, None, None]:
-        images = (self._tasks.image(file, journal) for file in self._plan.images)
+        images = (self._tasks.task(file, journal) for file in self._plan.images)
         chunks = iter(lambda: tuple(islice(images, self._chunk)), ())
-        videos = (
-            (self._tasks.image if is_archive(file.name) else self._tasks.video)(file, journal)
-            for file in self._plan.videos
-        )
+        videos = (self._tasks.task(file, journal) for file in self._plan.videos)
         try:
             # No worker outlives the journal.
             with closing(self._engine.run(self._spec, chunks, videos, self._record)) as results:
                 for result in results:
-                    yield self._count_result(result)
-                    if self._is_over_budget():
+                    del self._recorded[result.row.input]
+                    self.tally.add(result)
+                    yield result
+                    if self._budget and self.tally.completed < self.tally.total:
+                        self.stopped = self._budget.reason(self.tally)
+                    if self.stopped is not None:
                         return
         finally:
             self._finish()
@@ -214,17 +187,6 @@ class Batch(Iterator[BatchResult]):
                 self._journal.add(result.row)
             self._recorded[result.row.input] = result
         self._rows.sync()
-
-    def _count_result(self, result: BatchResult) -> BatchResult:
-        del self._recorded[result.row.input]
-        self.tally.add(result)
-        return result
-
-    def _is_over_budget(self) -> bool:
-        """Whether more inputs failed than the request allows."""
-        if self._budget is not None and self.tally.completed < self.tally.total:
-            self.stopped = self._budget.reason(self.tally)
-        return self.stopped is not None
 
     def _finish(self) -> None:
         """Write the manifest, once."""
@@ -250,15 +212,7 @@ class DryRunResult:
 
 
 def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
-    """Yield the plan for each input, in order; inputs are read and checked.
-
-    Args:
-        request: the batch.
-        session: its model.
-
-    Raises:
-        UsageError: an output would replace an input, or the output for another input.
-    """
+    """Yield the plan for each input, in order; UsageError if an output would replace an input."""
     plan, options = request.plan, request.options
     tasks = TaskBuilder(plan, options.formats)
     tasks.check_conflicts()
@@ -270,23 +224,20 @@ def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
 def _dry_run_of(
     file: InputFile, request: BatchRequest, tasks: TaskBuilder, rows: Rows, key: CacheKey
 ) -> DryRunResult:
-    paths, out, options = tuple(tasks.of(file).values()), request.plan.out, request.options
+    out, options = request.plan.out, request.options
+    holds_many = is_video(file.name) or is_archive(file.name)
+    task = tasks.task(file, rows)
     try:
-        if is_video(file.name) or is_archive(file.name):
-            video = (tasks.image if is_archive(file.name) else tasks.video)(file, rows)
+        if holds_many:
             with local_copy(file.readable_path()) as source:
-                kept = video.reusable_row(out, video_checksum(video, source, options), key)
-            if kept is None:
-                video.guard(overwrite=options.overwrite)
+                kept = task.reusable_row(out, video_checksum(task, source, options), key)
         else:
-            image = tasks.image(file, rows)
             data = read_bytes(file.readable_path())
             check(data, safe_name(file.path), options.max_pixels)
-            sha256 = hashlib.sha256(data).hexdigest()
-            points = options.points_for(file, paths, shares_stem=image.shares_stem)
-            kept = image.reusable_row(out, sha256, key, points)
-            if kept is None:
-                image.guard(overwrite=options.overwrite)
+            points = options.points_for(task)
+            kept = task.reusable_row(out, hashlib.sha256(data).hexdigest(), key, points)
+        if kept is None:
+            task.guard(overwrite=options.overwrite)
     except (InputError, OutputError) as error:
-        return DryRunResult(file.name, "fail", paths, error.message)
-    return DryRunResult(file.name, "keep" if kept else "do", paths)
+        return DryRunResult(file.name, "fail", tuple(task.outputs.values()), error.message)
+    return DryRunResult(file.name, "keep" if kept else "do", tuple(task.outputs.values()))

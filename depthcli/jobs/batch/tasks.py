@@ -1,5 +1,7 @@
 """Options of a batch, and the task and the result of one input, which can be pickled."""
 
+from __future__ import annotations
+
 import os
 import re
 import time
@@ -7,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Generic, cast
+from typing import Any
 
 from depthcli.core import options as core_options
 from depthcli.core.anchors import AnchorPoints
@@ -23,7 +25,7 @@ from depthcli.io.storage.atomic import Guard, is_same_file
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan
-from depthcli.jobs.outputs import Destination, FormatT, Kind
+from depthcli.jobs.outputs import Destination, Kind
 from depthcli.jobs.write import failure_reason, output_guard
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
@@ -35,8 +37,7 @@ class BatchOptions:
     formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
-    #: points of known depth, a folder with a file of them for each image, or the images
-    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()  #: known depth, or where files have it
     #: how depth is fitted to these; None for the best that the model can
     anchors_fit: core_options.AnchorsFit | None = None
     reading: core_options.ReadOptions = core_options.AS_STATED  #: how images are read
@@ -47,25 +48,14 @@ class BatchOptions:
     column: str | None = None  #: of archives, the one with the images; None for the only one
     overwrite: bool = False  #: whether outputs may replace files of other programs
 
-    def points_for(
-        self, picture: InputFile, outputs: Iterable[Path], *, shares_stem: bool
-    ) -> AnchorPoints | None:
-        """The known depth of a picture; None if there is none for any.
-
-        Args:
-            picture: the picture.
-            outputs: its outputs, which must not replace the known depth.
-            shares_stem: whether another picture has the same name but for its suffix.
-
-        Raises:
-            InputError: that of this picture is missing, cannot be read, or would be replaced.
-        """
+    def points_for(self, task: BatchTask) -> AnchorPoints | None:
+        """The known depth of an image; None if there is none for any, InputError for this one."""
         if isinstance(self.anchors, AnchorFiles):
-            path = path_of(picture.path)
+            name, path = task.input.name, path_of(task.input.path)
             if self.anchors.is_self:
                 return replace(self.anchors.of_image(path), fit=self.anchors_fit)
-            file = self.anchors.file_for(picture.name, shares_stem=shares_stem, picture=path)
-            if any(is_same_file(output, file) for output in outputs):
+            file = self.anchors.file_for(name, shares_stem=task.shares_stem, picture=path)
+            if any(is_same_file(output, file) for output in task.outputs.values()):
                 raise InputError(f"{file} is its known depth", "choose another {out}")
             return replace(read_known_depth(file, self.anchors), fit=self.anchors_fit)
         if not self.anchors:
@@ -82,14 +72,14 @@ class BatchResult:
 
 
 @dataclass(frozen=True, slots=True)
-class BatchTask(Generic[FormatT]):
+class BatchTask:
     """One input to process."""
 
     input: InputFile  #: the file
-    outputs: Mapping[FormatT, Path]  #: path of each format; a sequence's has ``%06d`` in its name
+    #: path of each format of images or videos; a sequence's has ``%06d`` in its name
+    outputs: Mapping[Any, Path]
     earlier: manifest.ManifestRow | None = None  #: the row of an earlier run; None if it has none
-    #: whether the earlier run made outputs of these names, which are this input's own then
-    is_listed: bool = False
+    is_listed: bool = False  #: whether the earlier run made outputs of these names
     shares_stem: bool = False  #: whether another image has its name but for the suffix
     intrinsics: Intrinsics | None = None  #: its own camera; None for that of the batch
 
@@ -112,14 +102,8 @@ class BatchTask(Generic[FormatT]):
     ) -> manifest.ManifestRow | None:
         """The earlier row, if processing the input again would give the same outputs.
 
-        Args:
-            out: the output folder.
-            sha256: checksum of the input.
-            batch: model and options of the batch.
-            points: known depth that they would be fitted to; None for none.
-
-        Raises:
-            UsageError: the outputs are those of another file, which is still there.
+        ``sha256`` is the checksum of the input, and depth would be fitted to ``points``. UsageError
+        if the outputs are those of another file, which is still there.
         """
         row, now = self.earlier, (manifest.OK, sha256, self.key(batch))
         if row is None:
@@ -133,14 +117,7 @@ class BatchTask(Generic[FormatT]):
         return row if all(manifest.is_intact(out, file) for file in row.outputs) else None
 
     def guard(self, *, overwrite: bool) -> Guard:
-        """Check the outputs; returns the guard for writing them.
-
-        Args:
-            overwrite: whether files of other programs may be replaced.
-
-        Raises:
-            OutputError: one is the input, or a file that depthcli did not write.
-        """
+        """Check the outputs for writing; OutputError if one is the input, or not depthcli's."""
         guard = output_guard([path_of(self.input.path)], overwrite=overwrite or self.is_listed)
         return guard.checked(self.outputs.values())
 
@@ -152,32 +129,36 @@ class BatchTask(Generic[FormatT]):
         with suppress(OSError):
             if other.exists() and not is_same_file(path_of(self.input.path), other):
                 taken = out / row.outputs[0].path
-                raise UsageError(
-                    f"{taken} is the output for {other}, not for {self.input_path}",
-                    "choose another {out}, or delete the manifest to replace such outputs",
-                )
+                problem = f"{taken} is the output for {other}, not for {self.input_path}"
+                advice = "choose another {out}, or delete the manifest to replace such outputs"
+                raise UsageError(problem, advice)
 
-    def failed_result(
-        self, error: Exception, batch: manifest.CacheKey, start_s: float, sha256: str | None
+    def result(
+        self,
+        batch: manifest.CacheKey,
+        start_s: float,
+        sha256: str | None,
+        error: str | None = None,
+        **facts: Any,  # noqa: ANN401 - further fields of the row
     ) -> BatchResult:
-        """The result of an input that failed.
-
-        Args:
-            error: why.
-            batch: model and options of the batch.
-            start_s: start of the work on the input, by ``time.perf_counter``.
-            sha256: checksum of the input; None if it could not be read.
-        """
+        """The result of the input, begun at a time of ``perf_counter``; no checksum if unread."""
         row = manifest.ManifestRow(
             input=self.input.name,
-            status=manifest.FAILED,
+            status=manifest.FAILED if error else manifest.OK,
             key=self.key(batch),
             seconds=time.perf_counter() - start_s,
             input_sha256=sha256,
             input_path=self.input_path,
-            error=failure_reason(error),
+            error=error,
+            **facts,
         )
         return BatchResult(row)
+
+    def failed_result(
+        self, error: Exception, batch: manifest.CacheKey, start_s: float, sha256: str | None
+    ) -> BatchResult:
+        """The result of an input that failed, with the reason."""
+        return self.result(batch, start_s, sha256, failure_reason(error))
 
 
 class TaskBuilder:
@@ -192,11 +173,7 @@ class TaskBuilder:
         self._videos = Destination(Kind.FOLDER, plan.out, videos)
 
     def check_conflicts(self) -> None:
-        """Refuse outputs that would replace inputs; files of a list can lie anywhere.
-
-        Raises:
-            UsageError: an output is an input.
-        """
+        """UsageError if an output would replace an input; files of a list can lie anywhere."""
         places, taken = RealPaths(), set(self._plan.inputs_in_out)
         inside = os.path.realpath(self._plan.out)
         folders = map(Path, map(os.path.realpath, self._plan.folders()))
@@ -206,49 +183,31 @@ class TaskBuilder:
         for file in self._plan.inputs if taken else ():
             for path in self.of(file).values():
                 if places.of(path) in taken:
-                    raise UsageError(
-                        f"{path}, the output for {file.name}, is an input", "choose another {out}"
-                    )
+                    problem = f"{path}, the output for {file.name}, is an input"
+                    raise UsageError(problem, "choose another {out}")
 
     def of(self, file: InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
         """Paths of the outputs of an input."""
+        base = self._plan.out / self._plan.names.base(file.name)
         if is_video(file.name):
-            return self._videos.outputs(self._base(file))
-        outputs = self._images.outputs(self._base(file))
+            return self._videos.outputs(base)
+        outputs = self._images.outputs(base)
         if not is_archive(file.name):
             return outputs
-        base, first = self._base(file), next(iter(outputs))
-        return {first: base.with_name(f"{base.name}.depth{Path(file.name).suffix}")}
+        return {next(iter(outputs)): base.with_name(f"{base.name}.depth{Path(file.name).suffix}")}
 
-    def _base(self, file: InputFile) -> Path:
-        return self._plan.out / self._plan.names.base(file.name)
-
-    def image(self, file: InputFile, rows: Rows) -> BatchTask[Format]:
-        """The task for an image or an archive, given the rows of earlier batches."""
-        return self._task(file, rows, cast("dict[Format, Path]", self.of(file)))
-
-    def video(self, file: InputFile, rows: Rows) -> BatchTask[VideoFormat]:
-        """The task for a video, given the rows of earlier batches."""
-        return self._task(file, rows, cast("dict[VideoFormat, Path]", self.of(file)))
-
-    def _task(
-        self, file: InputFile, rows: Rows, outputs: dict[FormatT, Path]
-    ) -> BatchTask[FormatT]:
-        plan, row = self._plan, rows.row(file.name)
+    def task(self, file: InputFile, rows: Rows) -> BatchTask:
+        """The task for an input, given the rows of earlier batches."""
+        plan, row, outputs = self._plan, rows.row(file.name), self.of(file)
         names = {path.relative_to(plan.out).as_posix() for path in outputs.values()}
+        # Frames of a video have the name of their sequence.
+        sub = re.compile(r"(?<=\.depth\.)\d{6,}(?=\.\w+$)" if is_video(file.name) else r"(?!)")
+        earlier = {sub.sub("%06d", one.path) for one in row.outputs} if row else set()
         return BatchTask(
             input=file,
             outputs=outputs,
             earlier=row,
-            is_listed=row is not None and names == _output_names(row, file),
+            is_listed=row is not None and names == earlier,
             shares_stem=plan.stems.is_shared(file.name),
             intrinsics=plan.intrinsics.get(file.name),
         )
-
-
-def _output_names(row: manifest.ManifestRow, file: InputFile) -> set[str]:
-    """Names of the outputs of an earlier run; frames of a video have that of their sequence."""
-    names = {one.path for one in row.outputs}
-    if is_video(file.name):
-        return {re.sub(r"(?<=\.depth\.)\d{6,}(?=\.\w+$)", "%06d", name) for name in names}
-    return names

@@ -9,14 +9,14 @@ from contextlib import closing
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.core.types import DepthMap, Frame, displayed_depth
+from depthcli.core.types import Frame, displayed_depth
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, ModelError, UsageError, about
 from depthcli.inference.loading import SessionLoader
@@ -27,7 +27,7 @@ from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_archive
-from depthcli.io.manifest.files import FAILED, OK, AnchorEntry, CacheKey, ManifestRow, output_entry
+from depthcli.io.manifest.files import AnchorEntry, CacheKey, output_entry
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
@@ -37,14 +37,14 @@ from depthcli.video.formats import SEQUENCES, VideoFormat
 if TYPE_CHECKING:
     from depthcli.io.archives import Member
 
-ImageTask: TypeAlias = BatchTask[Format]
+_Files: TypeAlias = tuple[dict[Format, bytes], str | None, tuple[str, ...]]
+"""Outputs of an image of an archive, its camera as text, and warnings."""
 
 
-@dataclass(frozen=True, slots=True)
-class _OpenedImage:
-    """A picture that was read."""
+class _OpenedImage(NamedTuple):
+    """An image that was read."""
 
-    task: ImageTask
+    task: BatchTask
     frame: Frame
     guard: Guard
     points: AnchorPoints | None
@@ -54,168 +54,131 @@ class _OpenedImage:
 
 @dataclass(frozen=True, slots=True)
 class ImageWorker:
-    """Processes pictures; thread-safe."""
+    """Processes images; thread-safe."""
 
-    options: BatchOptions  #: how each picture is processed
+    options: BatchOptions  #: how each image is processed
     out: Path  #: the output folder
     key: CacheKey  #: model and options of the batch
     pipeline: Pipeline  #: the model
 
-    def work(self, tasks: Sequence[ImageTask]) -> list[BatchResult]:
-        """Process some pictures; the network runs on them as one batch.
+    def work(self, tasks: Sequence[BatchTask]) -> list[BatchResult]:
+        """Process some images; the network runs on them as one batch.
 
-        Raises:
-            ModelError: the network fails on any picture.
-            UsageError: the options do not fit the model, or outputs are those of other inputs.
+        ModelError if it fails on any image, UsageError if the options do not fit the model.
         """
         opened = [self._open(task) for task in tasks]
         readable = [one for one in opened if isinstance(one, _OpenedImage)]
         start_s = time.perf_counter()
-        predictions = iter(self._predictions(readable))
+        predictions = iter(
+            self.pipeline.predict_many(
+                [one.frame for one in readable],
+                [self.options.camera.of_image(one.task.intrinsics) for one in readable],
+                [one.points for one in readable],
+            )
+        )
         share_s = (time.perf_counter() - start_s) / max(1, len(readable))
         return [
             self._finish(one, next(predictions), share_s) if isinstance(one, _OpenedImage) else one
             for one in opened
         ]
 
-    def _open(self, task: ImageTask) -> _OpenedImage | BatchResult:
-        start_s = time.perf_counter()
-        sha256 = None
+    def read(self, path: Path, data: bytes) -> Frame:
+        """The image in the bytes of a file; raises InputError."""
+        options = self.options
+        return read_image(path, data, max_pixels=options.max_pixels, **options.reading._asdict())
+
+    def _open(self, task: BatchTask) -> _OpenedImage | BatchResult:
+        start_s, sha256 = time.perf_counter(), None
         try:
             data = read_bytes(task.input.readable_path())
             sha256 = hashlib.sha256(data).hexdigest()
-            points = self.options.points_for(
-                task.input, task.outputs.values(), shares_stem=task.shares_stem
-            )
+            points = self.options.points_for(task)
             row = task.reusable_row(self.out, sha256, self.key, points)
             if row is not None:
                 return BatchResult(row, is_kept=True)
             guard = task.guard(overwrite=self.options.overwrite)
-            frame = read_image(
-                path_of(task.input.path),
-                data,
-                max_pixels=self.options.max_pixels,
-                **self.options.reading._asdict(),
-            )
+            frame = self.read(path_of(task.input.path), data)
+        except UsageError:
+            raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
-            return self._failed(task, error, start_s, sha256)
-        seconds = time.perf_counter() - start_s
-        return _OpenedImage(task, frame, guard, points, sha256, seconds)
-
-    def _predictions(self, opened: Sequence[_OpenedImage]) -> list[Prediction | Exception]:
-        return self.pipeline.predict_many(
-            [one.frame for one in opened],
-            [self.options.camera.of_image(one.task.intrinsics) for one in opened],
-            [one.points for one in opened],
-        )
+            return task.failed_result(error, self.key, start_s, sha256)
+        return _OpenedImage(task, frame, guard, points, sha256, time.perf_counter() - start_s)
 
     def _finish(
         self, opened: _OpenedImage, found: Prediction | Exception, share_s: float
     ) -> BatchResult:
-        task = opened.task
-        start_s = time.perf_counter() - opened.seconds - share_s
+        task, frame, guard, points, sha256, seconds = opened
+        start_s = time.perf_counter() - seconds - share_s
+        if isinstance(found, UsageError):
+            raise found
         if isinstance(found, Exception):
             check_network(found, self.pipeline.session)
-            return self._failed(task, found, start_s, opened.sha256)
-        depth = found.depth
+            return task.failed_result(found, self.key, start_s, sha256)
         try:
-            frame, points = opened.frame, opened.points
             warnings = [*frame.warnings, *found.warnings]
             for which, path in task.outputs.items():
-                warnings += write_output(
-                    self.options.writing, which, depth, frame, path, opened.guard
-                )
+                writing = self.options.writing
+                warnings += write_output(writing, which, found.depth, frame, path, guard)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
+        except UsageError:
+            raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
-            return self._failed(task, error, start_s, opened.sha256)
-        row = ManifestRow(
-            input=task.input.name,
-            status=OK,
-            key=task.key(self.key),
+            return task.failed_result(error, self.key, start_s, sha256)
+        fit = found.depth.provenance.anchor_fit if found.depth.provenance else None
+        anchors = None
+        if fit is not None and points is not None:
+            anchors = AnchorEntry(fit.given, fit.used, round(fit.residual_m, 6), points.sha256())
+        return task.result(
+            self.key,
+            start_s,
+            sha256,
             outputs=files,
-            seconds=time.perf_counter() - start_s,
-            input_sha256=opened.sha256,
-            input_path=task.input_path,
             warnings=tuple(warnings),
-            camera=camera_text(displayed_depth(depth, frame.windows)),
-            anchors=anchor_entry(depth, points),
+            camera=camera_text(displayed_depth(found.depth, frame.windows)),
+            anchors=anchors,
         )
-        return BatchResult(row)
-
-    def _failed(
-        self, task: ImageTask, error: Exception, start_s: float, sha256: str | None
-    ) -> BatchResult:
-        if isinstance(error, UsageError):
-            raise error
-        return task.failed_result(error, self.key, start_s, sha256)
-
-
-def anchor_entry(depth: DepthMap, points: AnchorPoints | None) -> AnchorEntry | None:
-    """The entry of the known points that a map was fitted to; None if it was not."""
-    fit = depth.provenance.anchor_fit if depth.provenance else None
-    if fit is None or points is None:
-        return None
-    return AnchorEntry(fit.given, fit.used, round(fit.residual_m, 6), points.sha256())
-
-
-VideoTask: TypeAlias = BatchTask[VideoFormat]
-
-
-class _Files(NamedTuple):
-    """The outputs of an image of an archive."""
-
-    data: dict[Format, bytes]
-    depth: DepthMap
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class VideoWorker:
     """Processes videos and archives of images."""
 
-    images: ImageWorker  #: the worker for pictures, with the same model and options
+    images: ImageWorker  #: the worker for images, with the same model and options
     workers: int  #: frames processed in parallel
     progress: Progress  #: advanced for each frame
 
-    def work(self, task: VideoTask | ImageTask) -> BatchResult:
-        """Process one video, or one archive.
-
-        Raises:
-            ModelError: the network fails on any picture.
-            UsageError: outputs are those of another video.
-        """
-        start_s = time.perf_counter()
-        sha256 = None
-        key = self.images.key
+    def work(self, task: BatchTask) -> BatchResult:
+        """Process one video, or one archive; raises as :meth:`ImageWorker.work` does."""
+        start_s, sha256, images = time.perf_counter(), None, self.images
         try:
             with local_copy(task.input.readable_path()) as source:
-                sha256 = video_checksum(task, source, self.images.options)
-                row = task.reusable_row(self.images.out, sha256, key)
+                sha256 = video_checksum(task, source, images.options)
+                row = task.reusable_row(images.out, sha256, images.key)
                 if row is not None:
                     return BatchResult(row, is_kept=True)
-                guard = task.guard(overwrite=self.images.options.overwrite)
+                guard = task.guard(overwrite=images.options.overwrite)
                 if is_archive(task.input.name):
-                    images = cast("ImageTask", task)
-                    return BatchResult(self._archive_row(images, source, sha256, guard))
-                return BatchResult(self._row(cast("VideoTask", task), source, sha256))
+                    facts = self._write_archive(task, source, guard)
+                else:
+                    facts = self._write_video(task, source, sha256)
+                return task.result(images.key, start_s, sha256, **facts)
         except UsageError:
             raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
-            check_network(error, self.images.pipeline.session)
-            return task.failed_result(error, key, start_s, sha256)
+            check_network(error, images.pipeline.session)
+            return task.failed_result(error, images.key, start_s, sha256)
 
-    def _archive_row(self, task: ImageTask, source: Path, sha256: str, guard: Guard) -> ManifestRow:
+    def _write_archive(self, task: BatchTask, source: Path, guard: Guard) -> dict[str, Any]:
+        """Write the outputs of an archive's images into one; returns fields of its row."""
         from depthcli.io.archives import archive_writer, members  # noqa: PLC0415 - seldom needed
 
-        start_s, options = time.perf_counter(), self.images.options
-        camera = options.camera.of_image(task.intrinsics)
-        (path,) = task.outputs.values()
-        failed, warned, first, count = [], [], None, 0
+        options, (path,) = self.images.options, task.outputs.values()
+        failed, warned, first, count = list[str](), list[str](), None, 0
         stage = self.progress.begin(task.input.name, None, "images")
 
         def work(member: Member) -> tuple[Member, _Files | Exception]:
             try:
-                return member, self._member_files(member, camera)
+                return member, self._member_files(member, options.camera.of_image(task.intrinsics))
             except Exception as error:  # noqa: BLE001 - no image may stop the others
                 check_network(error, self.images.pipeline.session)
                 return member, error
@@ -227,61 +190,55 @@ class VideoWorker:
                 ordered_map(work, members(source, options.column), workers=self.workers)
             ) as done,
         ):
-            for member, found in done:
-                count += 1
+            for count, (member, found) in enumerate(done, start=1):  # noqa: B007 - the last one
                 stage(1)
                 if isinstance(found, Exception):
                     failed.append(about(member.name, failure_reason(found)))
                     write(member, {})
                     continue
-                write(member, found.data)
-                first = first or camera_text(found.depth)
-                warned += [about(member.name, text) for text in found.warnings]
+                data, camera, warnings = found
+                write(member, data)
+                first = first or camera
+                warned += [about(member.name, text) for text in warnings]
             if count == len(failed):
                 raise InputError(failed[0] if failed else f"{source} holds no image")
-        some = f"{len(failed)} of {count} images failed, the first: {failed[0]}" if failed else None
-        return ManifestRow(
-            input=task.input.name,
-            status=FAILED if failed else OK,
-            key=task.key(self.images.key),
-            outputs=(output_entry(self.images.out, path),),
-            seconds=time.perf_counter() - start_s,
-            input_sha256=sha256,
-            input_path=task.input_path,
-            error=some,
-            warnings=tuple(warned),
-            camera=first,
-        )
+        return {
+            "outputs": (output_entry(self.images.out, path),),
+            "error": f"{len(failed)} of {count} images failed, the first: {failed[0]}"
+            if failed
+            else None,
+            "warnings": tuple(warned),
+            "camera": first,
+        }
 
     def _member_files(self, member: Member, camera: Intrinsics) -> _Files:
-        options, pipeline = self.images.options, self.images.pipeline
         if member.data is None:
             raise InputError("holds no image")
-        frame = read_image(
-            Path(member.name),
-            member.data,
-            max_pixels=options.max_pixels,
-            **options.reading._asdict(),
-        )
-        depth, warnings = pipeline.predict(frame, camera)
+        frame, options = self.images.read(Path(member.name), member.data), self.images.options
+        depth, warnings = self.images.pipeline.predict(frame, camera)
         files = {}
         for which in options.formats:
             stream = BytesIO()
             warnings += write_stream(options.writing, which, depth, frame, stream)
             files[which] = stream.getvalue()
-        return _Files(files, displayed_depth(depth, frame.windows), (*frame.warnings, *warnings))
+        shown = displayed_depth(depth, frame.windows)
+        return files, camera_text(shown), (*frame.warnings, *warnings)
 
-    def _row(self, task: VideoTask, source: Path, sha256: str) -> ManifestRow:
+    def _write_video(self, task: BatchTask, source: Path, sha256: str) -> dict[str, Any]:
+        """Write the outputs of a video; returns fields of its row."""
         # PyAV takes 60 ms to load, which a batch of images does not need.
         from depthcli.jobs.video.plan import VideoPlan, VideoSettings  # noqa: PLC0415
         from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
 
-        options, out = self.images.options, self.images.out
-        name = task.input.name
-        names = {which: path.name for which, path in task.outputs.items()}
-        overwrite = options.overwrite or task.is_listed
-        folder = (out / name).parent
-        plan = VideoPlan(name, source, folder, names, overwrite=overwrite, sha256=sha256)
+        options, out, name = self.images.options, self.images.out, task.input.name
+        plan = VideoPlan(
+            name,
+            source,
+            (out / name).parent,
+            {which: path.name for which, path in task.outputs.items()},
+            overwrite=options.overwrite or task.is_listed,
+            sha256=sha256,
+        )
         settings = VideoSettings(
             writing=options.writing,
             camera=options.camera.of_image(task.intrinsics),
@@ -290,20 +247,13 @@ class VideoWorker:
             max_pixels=options.max_pixels,
         )
         done = write_video(plan, self.images.pipeline, settings, self.workers, self.progress)
-        return ManifestRow(
-            input=name,
-            status=FAILED if done.problem else OK,
-            key=task.key(self.images.key),
-            outputs=tuple(
-                output_entry(out, path) for path in _output_files(task.outputs, done.numbers)
-            ),
-            seconds=done.seconds,
-            input_sha256=sha256,
-            input_path=task.input_path,
-            error=done.problem,
-            warnings=done.warnings,
-            camera=camera_text(done.depth),
-        )
+        files = _output_files(task.outputs, done.numbers)
+        return {
+            "outputs": tuple(output_entry(out, path) for path in files),
+            "error": done.problem,
+            "warnings": done.warnings,
+            "camera": camera_text(done.depth),
+        }
 
 
 def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
@@ -316,12 +266,8 @@ def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -
             yield path.with_name(f"{start}{number:06d}{end}")
 
 
-def video_checksum(task: VideoTask | ImageTask, path: Path, options: BatchOptions) -> str:
-    """SHA-256 of a video or an archive, in constant memory.
-
-    Raises:
-        InputError: it cannot be processed, or the options do not apply to it.
-    """
+def video_checksum(task: BatchTask, path: Path, options: BatchOptions) -> str:
+    """SHA-256 of a video or an archive; InputError if it or the options cannot be used."""
     kind = "an archive" if is_archive(task.input.name) else "a video"
     if not set(task.outputs) - {VideoFormat.JSON}:
         raise InputError(f"{path} is {kind}, which no format holds", "add {format} png16")
@@ -348,15 +294,7 @@ class WorkerSpec:
     out: Path  #: the output folder
 
     def build(self, session: Session | None = None) -> ImageWorker:
-        """Build the worker in this process.
-
-        Args:
-            session: the model, if it is loaded already.
-
-        Raises:
-            ModelError: the model cannot be loaded here, or it is another one.
-            ProviderError: the requested provider is not available.
-        """
+        """Build the worker in this process; ModelError if the model is another one here."""
         session = session or self.model.load()
         if session.model.sha256 != self.model_sha256:
             raise ModelError(
@@ -392,31 +330,19 @@ class Engine(Protocol):
     def run(
         self,
         spec: WorkerSpec,
-        chunks: Iterable[Sequence[ImageTask]],
-        videos: Iterable[VideoTask | ImageTask],
+        chunks: Iterable[Sequence[BatchTask]],
+        videos: Iterable[BatchTask],
         record: Callable[[Sequence[BatchResult]], None],
     ) -> Generator[BatchResult, None, None]:
-        """Process chunks of pictures, and videos.
+        """Process chunks of images, which a worker processes together, then videos.
 
-        Args:
-            spec: each worker is built from it, where it runs.
-            chunks: pictures that a worker processes together; consumed by the iterating thread.
-            videos: consumed after the pictures.
-            record: called with the results of a chunk in this process, from any thread, in any
-                order, as soon as they are available; recorded results are safe.
-
-        Yields:
-            The results; with threads, in the order of the inputs. When the iterator is closed, all
-            running work is stopped.
-
-        Raises:
-            ModelError: the network fails on any picture.
-            UsageError: the options do not fit the model.
+        ``record`` is called with the results of a chunk in this process, from any thread, in any
+        order, as soon as they are available; recorded results are safe. Yields the results; with
+        threads, in the order of the inputs. All running work is stopped when it is closed.
         """
 
 
-_CHUNKS_AHEAD = 64
-"""Chunks per worker that may be done ahead of a slow one; they hold names only."""
+_CHUNKS_AHEAD = 64  #: chunks per worker that may be done ahead of a slow one; they hold names only
 
 
 @dataclass(frozen=True, slots=True)
@@ -430,14 +356,14 @@ class ThreadEngine:
     def run(
         self,
         spec: WorkerSpec,
-        chunks: Iterable[Sequence[ImageTask]],
-        videos: Iterable[VideoTask | ImageTask],
+        chunks: Iterable[Sequence[BatchTask]],
+        videos: Iterable[BatchTask],
         record: Callable[[Sequence[BatchResult]], None],
     ) -> Generator[BatchResult, None, None]:
         """Process images, then videos one after another."""
         worker = spec.build(self.session)
 
-        def work(chunk: Sequence[ImageTask]) -> list[BatchResult]:
+        def work(chunk: Sequence[BatchTask]) -> list[BatchResult]:
             results = worker.work(chunk)
             record(results)
             return results
