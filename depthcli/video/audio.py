@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import av
+from av.audio.stream import AudioStream
+from av.container import InputContainer, OutputContainer
+from av.packet import Packet
 
 from depthcli.errors import Message
 from depthcli.video.container import InputPipe, open_video
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from av.audio.stream import AudioStream
-    from av.container import InputContainer, OutputContainer
-    from av.packet import Packet
 
 _COPIED_CODECS = {
     "mp4": {"aac", "mp3", "ac3", "eac3", "alac", "opus", "flac"},
@@ -26,16 +22,11 @@ _COPIED_CODECS = {
 
 
 class AudioTrack:
-    """The first audio stream of a video, from the time of a preview's first frame on.
-
-    Attributes:
-        warnings: one-line texts, once it has been written.
-    """
+    """The first audio stream of a video, from the time of a preview's first frame on."""
 
     def __init__(self, source: Path | InputPipe, start_s: Fraction) -> None:
         """Take the source of the audio, and the first frame's time in it."""
-        self._source = source
-        self._start_s = start_s
+        self._source, self._start_s = source, start_s
         self._input: InputContainer | None = None
         self._stream: AudioStream | None = None
         self._packets: Iterator[Packet[AudioStream]] = iter(())
@@ -56,8 +47,7 @@ class AudioTrack:
         if stream is None or stream.codec_context is None:
             return
         # The context's own name is the decoder's, such as mp3float.
-        codec = stream.codec_context.codec.canonical_name
-        name = output.format.name
+        codec, name = stream.codec_context.codec.canonical_name, output.format.name
         if codec not in _COPIED_CODECS[name]:
             problem = f"the audio is left out: {codec} cannot be copied into {name}"
             self.warnings = (Message(problem, "convert it, or choose another {format}"),)
@@ -75,11 +65,7 @@ class AudioTrack:
         return self._pending is not None and self._time_s(self._pending) < 1
 
     def mux_until(self, time_s: float) -> None:
-        """Write the audio before a time of the preview.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
+        """Write the audio before a time of the preview; OSError if the file cannot be written."""
         until_s = Fraction(time_s)
         while (packet := self._pending) is not None and self._time_s(packet) < until_s:
             try:
@@ -98,11 +84,7 @@ class AudioTrack:
             self._input = None
 
     def _write(self, packet: Packet[AudioStream]) -> None:
-        """Copy a packet, unless it begins before the preview.
-
-        Raises:
-            ValueError: its time is not after that of the packet before.
-        """
+        """Copy a packet, unless it begins before the preview; ValueError if its times go back."""
         ticks = (packet.pts or 0) - round(self._from_s / Fraction(packet.time_base or 1))
         if ticks < 0 or self._stream is None:
             return

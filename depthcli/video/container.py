@@ -36,12 +36,7 @@ class _Pipe:
         self._stopped: BaseException | None = None
 
     def check(self) -> None:
-        """Raise the error of an earlier callback, if there was one; the stream is stopped then.
-
-        Raises:
-            DepthcliError: it cannot be used.
-            BrokenPipeError: its reader has closed it.
-        """
+        """Raise the error of an earlier callback, if there was one; the stream is stopped then."""
         reason = self._stopped
         if isinstance(reason, OSError) and not isinstance(reason, BrokenPipeError):
             raise self._error(f"{self} failed: {reason.strerror or reason}") from reason
@@ -71,11 +66,7 @@ class InputPipe(_Pipe):
 
 
 class OutputPipe(_Pipe):
-    """A stream that FFmpeg writes.
-
-    Attributes:
-        suffix: chooses the container, such as ``.mkv``.
-    """
+    """A stream that FFmpeg writes; its suffix chooses the container, such as ``.mkv``."""
 
     _error = OutputError
 
@@ -102,14 +93,8 @@ def open_video(
 ) -> tuple[InputContainer, VideoStream]:
     """A file or a pipe and its video stream, ready for the first packet.
 
-    Args:
-        source: the video.
-        stream_number: among its video streams, from 0; None for the one with most frames, which is
-            the first one if that is not stated.
-
-    Raises:
-        InputError: missing, empty, unreadable, or without a video stream that can be decoded.
-        UsageError: there is no stream of this number.
+    ``stream_number`` is among its video streams, from 0; None for the one with most frames, which
+    is the first one if that is not stated. InputError if there is none that can be decoded.
     """
     import av  # noqa: PLC0415 - naming outputs does not need it
 
@@ -138,10 +123,8 @@ def open_video(
     if isinstance(source, InputPipe):
         source.check()
     elif source.suffix.lower() == ".webp":
-        raise InputError(
-            f"{source} is an image, or an animation that FFmpeg does not read",
-            "use 'depthcli predict', or convert the animation to GIF or APNG first",
-        )
+        advice = "use 'depthcli predict', or convert the animation to GIF or APNG first"
+        raise InputError(f"{source} is an image, or an animation that FFmpeg does not read", advice)
     elif _is_image(source):
         raise InputError(f"{source} is a single image", SINGLE_IMAGE_ADVICE)
     raise InputError(

@@ -5,30 +5,25 @@ from __future__ import annotations
 import re
 import zlib
 from collections import deque
-from typing import TYPE_CHECKING, Final, cast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, cast
 
 import av
 from av import logging as av_logging
-from av.packet import PacketSideData, packet_sidedata_type_from_literal
+from av.container import InputContainer
+from av.packet import Packet, PacketSideData, packet_sidedata_type_from_literal
+from av.video.codeccontext import VideoCodecContext
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
 
 from depthcli.video.container import open_video
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from av.container import InputContainer
-    from av.packet import Packet
-    from av.video.codeccontext import VideoCodecContext
-    from av.video.frame import VideoFrame
-    from av.video.stream import VideoStream
 
 _CHECKED_CODEC = "ffv1"
 _MATROSKA = "matroska,webm"
 _STATED_NUMBER: Final = "matroska_block_additional"
 _ID_BYTES = 8
-_ID = 1
-"""Of data that only the codec or the program defines (BlockAddID)."""
+_ID = 1  #: of data that only the codec or the program defines (BlockAddID)
 _SLICE_FOOTER_BYTES = 8  # bytes: three of the slice's size, one of its state, four of its checksum
 _BIT_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 _ONES = 0xFFFFFFFF
@@ -44,19 +39,12 @@ class FrameDecoder:
     """
 
     def __init__(
-        self,
-        container: InputContainer,
-        stream: VideoStream,
-        *,
-        is_own: bool = False,
+        self, container: InputContainer, stream: VideoStream, *, is_own: bool = False
     ) -> None:
-        """Begin before the first packet.
+        """Begin before the first packet of a stream.
 
-        Args:
-            container: open for reading.
-            stream: one of its streams.
-            is_own: whether depthcli wrote it, so that all frames of its FFV1 have checksums; other
-                files are taken to have them if their first frame has.
+        All frames of FFV1 that depthcli wrote (``is_own``) have checksums; other files are taken to
+        have them if their first frame has.
         """
         self.ended_early = self.has_gaps = False
         self._failed = 0
@@ -76,11 +64,7 @@ class FrameDecoder:
         return next(self._frames, None)
 
     def pop_failed(self, before: int | None = None) -> int:
-        """Number of frames that could not be decoded since the last call.
-
-        Args:
-            before: only those before this time, in ticks of the stream; None for all.
-        """
+        """Number of frames that could not be decoded since the last call, up to a time in ticks."""
         early = [at for at in self._skipped if before is None or at < before]
         self._skipped = [at for at in self._skipped if at not in early]
         failed, self._failed = self._failed + len(early), 0
@@ -192,25 +176,19 @@ def has_valid_slices(packet: bytes) -> bool:
         start = (
             end - _SLICE_FOOTER_BYTES - int.from_bytes(packet[max(0, end - 8) : max(0, end - 5)])
         )
-        if start < 0 or _crc(packet[start:end]):
+        # CRC-32 with the most significant bit first and an initial value of 0, bit-reversed.
+        data = packet[max(0, start) : end].translate(_BIT_REVERSED)
+        if start < 0 or zlib.crc32(data, _ONES) ^ _ONES:
             return False
         end = start
     return bool(packet)
-
-
-def _crc(data: bytes) -> int:
-    """CRC-32 with the most significant bit first and an initial value of 0, bit-reversed."""
-    return zlib.crc32(data.translate(_BIT_REVERSED), _ONES) ^ _ONES
 
 
 def is_incomplete_matroska(path: Path, container: InputContainer) -> bool:
     """Whether a Matroska or WebM file is truncated or has a gap; False for other containers.
 
     FFmpeg's demuxer skips such places without an error, and only logs them. The file is read once
-    more, without decoding.
-
-    Raises:
-        InputError: it is no video any more.
+    more, without decoding; InputError if it is no video any more.
     """
     if container.format.name != _MATROSKA:
         return False

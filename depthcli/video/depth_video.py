@@ -12,14 +12,7 @@ import numpy as np
 
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import (
-    kind_named,
-    number,
-    of_size,
-    pixel_aspect_in,
-    provenance_of,
-)
-from depthcli.io.depth.read import StoredDepth
+from depthcli.io.depth import metadata, read
 from depthcli.io.depth.scale import denormalized, depth_scale, dequantized
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.video.container import open_video
@@ -59,47 +52,43 @@ class DepthVideo:
     """
 
     def __init__(self, path: str | Path, *, scale: float | None = None) -> None:
-        """Open a depth video.
+        """Open a depth video: 16-bit gray, FFV1 in Matroska.
 
-        Args:
-            path: a 16-bit gray video, FFV1 in Matroska.
-            scale: units per metre; None for what the file states, or millimetres.
-
-        Raises:
-            InputError: missing, damaged, or not 16-bit gray.
+        ``scale`` is units per metre; None for what the file states, or millimetres. InputError if
+        it is missing, damaged, or not 16-bit gray.
         """
         self.path = Path(path)
         container, stream = open_video(self.path)
         pixel_format, fps = stream.codec_context.pix_fmt, stream.average_rate
-        texts = dict(container.metadata)
         if pixel_format != DEPTH_PIXELS:
             raise InputError(f"{self.path} is not 16-bit gray, so it holds no depth")
         labels = {
             name.removeprefix(LABEL_PREFIX).lower(): text
-            for name, text in texts.items()
+            for name, text in container.metadata.items()
             if name.startswith(LABEL_PREFIX)
         }
         size_px = stream.codec_context.width, stream.codec_context.height
-        self.labels, self.warnings = of_size(labels, size_px, self.path.name)
+        self.labels, self.warnings = metadata.of_size(labels, size_px, self.path.name)
+        stated = self.labels.get
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
-        self.rate = parse_rate(self.labels.get("frame_rate", "")) or exact_rate(fps or 0)
-        self.kind = kind_named(self.labels.get("kind"))
+        self.rate = parse_rate(stated("frame_rate", "")) or exact_rate(fps or 0)
+        self.kind = metadata.kind_named(stated("kind"))
         self._stated = depth_scale(self.labels, scale)
         self.scale = self._stated and self._stated.units_per_metre
-        self._source_rate = parse_rate(self.labels.get("source_rate", ""))
-        step = number(self.labels.get("frame_step"))
+        self._source_rate = parse_rate(stated("source_rate", ""))
+        step = metadata.number(stated("frame_step"))
         self._step = None if self._source_rate and step is None else int(step or 1)
         time_code = None
         if self._source_rate is not None:
-            time_code = parse_time_code(self.labels.get("time_code", ""), self._source_rate)
+            time_code = parse_time_code(stated("time_code", ""), self._source_rate)
         elif self.rate is not None:  # of another program
             self._source_rate = self.rate
             time_code = header_time_code(container, stream, self.rate)
         self._first = Frame(
             np.zeros((1, 1), np.uint8),
-            index=int(number(self.labels.get("first_frame")) or 0),
+            index=int(metadata.number(stated("first_frame")) or 0),
             rate=self.rate,
-            pixel_aspect=pixel_aspect_in(self.labels.get("pixel_aspect")),
+            pixel_aspect=metadata.pixel_aspect_in(stated("pixel_aspect")),
             time_code=time_code,
         )
         container.close()
@@ -112,36 +101,39 @@ class DepthVideo:
         """
         return (stored.depth for stored in self.frames())
 
-    def frames(self, name: str | None = None) -> Iterator[StoredDepth]:
+    def frames(self, name: str | None = None) -> Iterator[read.StoredDepth]:
         """Its maps; the ``Frame`` of each has its number, time, rate and time code.
 
         Numbers are those of ``depthcli video``, if it wrote the file; else they count from 0.
-
-        Args:
-            name: of the file, in messages; None for its path.
+        ``name`` is that of the file in messages; None for its path.
 
         Raises:
             InputError: a frame is damaged or missing; those before it have been yielded.
         """
-        source, scale = provenance_of(self.labels) or Provenance(), self.scale
+        source, scale = metadata.provenance_of(self.labels) or Provenance(), self.scale
         first_s, last = None, self._first.index - 1
+        origin = _ORIGIN.fullmatch(self.labels.get("display_origin", ""))
+        code, rate = self._first.time_code, self._source_rate
         for count, (stated, time_s, steps) in enumerate(self._timed_steps()):
             values = denormalized(steps, 0, 1) if scale is None else dequantized(steps, scale)
             depth = DepthMap(values, self.kind, replace(source, time_s=time_s))
             first_s = time_s if first_s is None else first_s
-            since_first = round((time_s - first_s) * (self._source_rate or 0))
+            since_first = round((time_s - first_s) * (rate or 0))
             counted = self._first.index + (count * self._step if self._step else since_first)
             # No two frames have one number, even if their times are too coarse for it.
             last = max(counted if stated is None else stated, last + 1)
-            code, rate = self._first.time_code, self._source_rate
+            windows = None
+            if origin is not None:  # of a display window that does not begin at (0, 0)
+                whole = Window(0, 0, depth.width, depth.height)
+                windows = Windows(*[whole.moved(int(origin[1]), int(origin[2]))] * 3)
             frame = replace(
                 self._first,
                 index=last,
                 timestamp_s=time_s,
-                windows=self._windows(depth),
+                windows=windows,
                 time_code=time_code_after(code, since_first, rate) if code and rate else None,
             )
-            yield StoredDepth(
+            yield read.StoredDepth(
                 name or str(self.path),
                 depth,
                 self.labels,
@@ -151,20 +143,8 @@ class DepthVideo:
                 warnings=self.warnings if count == 0 else (),
             )
 
-    def _windows(self, depth: DepthMap) -> Windows | None:
-        """The windows of a map whose display window does not begin at (0, 0)."""
-        origin = _ORIGIN.fullmatch(self.labels.get("display_origin", ""))
-        if origin is None:
-            return None
-        display = Window(0, 0, depth.width, depth.height).moved(int(origin[1]), int(origin[2]))
-        return Windows(display, display, display)
-
     def steps(self) -> Iterator[npt.NDArray[np.uint16]]:
-        """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth.
-
-        Raises:
-            InputError: a frame is damaged or missing; those before it have been yielded.
-        """
+        """The stored values, (H, W) uint16: millimetres by default; 0 where there is no depth."""
         return (steps for _, _, steps in self._timed_steps())
 
     def _timed_steps(self) -> Iterator[tuple[int | None, float, npt.NDArray[np.uint16]]]:
@@ -176,7 +156,7 @@ class DepthVideo:
         try:
             decoder = FrameDecoder(container, stream, is_own=bool(self.labels))
             count = first_ticks = 0
-            start_s = number(self.labels.get("start_s")) or 0.0
+            start_s = metadata.number(self.labels.get("start_s")) or 0.0
             while (frame := decoder.next()) is not None:
                 self._check(decoder, count, frame.pts)
                 steps = frame.to_ndarray()

@@ -43,11 +43,9 @@ _PROJECTIONS = {0: Projection.EQUIRECTANGULAR, 1: "cubemap", 2: "tiles", 3: "VR1
 def focal_lengths(
     path: Path | None, container: InputContainer
 ) -> tuple[float | None, float | None]:
-    """The focal length of a video in millimetres: the 35-mm equivalent, and that of the lens.
+    """Focal length of a video in millimetres: the 35-mm equivalent, and that of the lens.
 
-    Args:
-        path: of the file; None for a pipe, of which only what FFmpeg passes on is searched.
-        container: open for reading.
+    Of a pipe, which has no path, only what FFmpeg passes on is searched.
     """
     tags = dict(container.metadata)
     if path is not None and container.format.name.startswith("mov"):
@@ -151,11 +149,7 @@ def camera_warnings(
 
 
 def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
-    """Rows and columns of one view of a stereo frame; all of them without an eye.
-
-    Raises:
-        UsageError: the views are interleaved.
-    """
+    """Rows and columns of one view of a stereo frame; UsageError if views are interleaved."""
     whole = slice(None)
     if eye is None:
         return whole, whole

@@ -8,8 +8,7 @@ from typing import Self
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import FORMATS, Format, stem_of
 
-FRAME_NUMBER = "%06d"
-"""Placeholder of the frame's number in the name of a sequence."""
+FRAME_NUMBER = "%06d"  #: placeholder of the frame's number in the name of a sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,10 +16,8 @@ class VideoFormatFacts:
     """The entry of a format in the table, known without loading its writer."""
 
     suffix: str  #: end of the default output name; of a sequence, with ``FRAME_NUMBER``
-    #: file suffix that chooses this format where the user names a file; None if none does
-    file_suffix: str | None
-    #: the format of images whose writer writes its frames; None if there is none
-    image: Format | None
+    file_suffix: str | None  #: that chooses this format where the user names a file, if any
+    image: Format | None  #: the format whose writer writes its frames; None if there is none
     #: options of the command that it uses, by the names of their parameters
     options: tuple[str, ...]
 
@@ -104,8 +101,7 @@ COUNTERPARTS = {
     Format.PREVIEW: VideoFormat.MP4,
     Format.STEREO: VideoFormat.STEREO,
     Format.JSON: VideoFormat.JSON,
-}
-"""The format that a batch writes for videos, by the format it writes for images."""
+}  #: the format that a batch writes for videos, by the format it writes for images
 
 
 def video_format_of(path: str | PurePath) -> VideoFormat | None:
@@ -132,8 +128,7 @@ def video_stem_of(path: str | PurePath) -> str:
     return stem_of(path, (*(f.suffix for f in files), *(f.file_suffix or "" for f in files)))
 
 
-DEPTH_PIXELS = "gray16le"
-"""FFmpeg's name of the pixels of depth."""
+DEPTH_PIXELS = "gray16le"  #: FFmpeg's name of the pixels of depth
 _MIN_SLICED_PX = 16
 CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
 """FFmpeg's names of containers, by the file's suffix."""
@@ -142,16 +137,11 @@ CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
 class Codec(StrEnum):
     """A video codec."""
 
-    FFV1 = "ffv1"
-    """Lossless, for depth: 16-bit gray."""
-    H264 = "h264"
-    """Plays everywhere, browsers included."""
-    VP9 = "vp9"
-    """Plays in browsers; royalty-free."""
-    AV1 = "av1"
-    """Small; plays in browsers of recent years."""
-    PRORES = "prores"
-    """ProRes 422 HQ, 10 bit, for editors."""
+    FFV1 = "ffv1"  #: lossless, for depth: 16-bit gray
+    H264 = "h264"  #: plays everywhere, browsers included
+    VP9 = "vp9"  #: plays in browsers; royalty-free
+    AV1 = "av1"  #: small; plays in browsers of recent years
+    PRORES = "prores"  #: ProRes 422 HQ, 10 bit, for editors
 
 
 class PreviewCodec(StrEnum):
@@ -223,16 +213,11 @@ PREVIEW_CODECS = {
     ".mp4": (Codec.H264, Codec.AV1, Codec.VP9),
     ".webm": (Codec.VP9, Codec.AV1),
     ".mov": (Codec.PRORES, Codec.H264),
-}
-"""Codecs of previews by the file's suffix, the default one first."""
+}  #: codecs of previews by the file's suffix, the default one first
 
 
 def preview_codec(suffix: str, asked: str | None) -> Codec:
-    """The codec of a preview: the given one, or the default of its container.
-
-    Raises:
-        UsageError: the container does not support that codec.
-    """
+    """The codec of a preview: the given one, which the container has to hold, or its default."""
     choices = PREVIEW_CODECS[suffix]
     if asked is not None and asked not in choices:
         names = " or ".join(choices)
@@ -241,11 +226,7 @@ def preview_codec(suffix: str, asked: str | None) -> Codec:
 
 
 def check_encoder(codec: Codec) -> None:
-    """Check that this build of FFmpeg has an encoder.
-
-    Raises:
-        OutputError: it is not in PyAV's FFmpeg.
-    """
+    """Check that this build of FFmpeg has an encoder; OutputError if it is not in PyAV's FFmpeg."""
     import av  # noqa: PLC0415 - the command line lists codecs without it
 
     name = ENCODINGS[codec].encoder

@@ -31,8 +31,7 @@ class Span:
     """A part of a video."""
 
     start: Point = Point(Fraction(0))  #: its first frame is the first at or after this point
-    #: frames at or after this point are left out; None for the end of the video
-    end: Point | None = None
+    end: Point | None = None  #: frames from this point on are left out; None for the video's end
     #: interval between frames; in seconds, the first frame at or after each multiple is selected
     every: Point = Point(Fraction(1), in_frames=True)
 
@@ -62,8 +61,7 @@ class Span:
             yield True
 
 
-WHOLE = Span()
-"""Every frame."""
+WHOLE = Span()  #: every frame
 
 
 def _at(point: Point, index: int, time_s: Fraction) -> Fraction:
@@ -78,12 +76,9 @@ class FrameSource(ABC):
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
     frames_stated: int | None  #: how many frames there are; None if the source does not state it
     warnings: tuple[str, ...] = ()  #: one-line texts about the source
-    #: why frames are missing, once the others have been read; None if all were read
-    problem: str | None = None
-    #: time of the first frame in the file, which its audio refers to; None without audio
-    start_s: Fraction | None = None
-    #: whether frames that are missing in the source are missing in the numbers
-    numbers_follow_times = False
+    problem: str | None = None  #: why frames are missing, once the others have been read
+    start_s: Fraction | None = None  #: time of the first frame in the file; None without audio
+    numbers_follow_times = False  #: whether missing frames are missing in the numbers
 
     @property
     def numbers_stated(self) -> tuple[int, int] | None:
@@ -94,9 +89,8 @@ class FrameSource(ABC):
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """The frames of a span; to be called once.
 
-        Yields:
-            ``index`` is the frame's number, and ``timestamp_s`` counts from the first of all frames
-            and always grows.
+        ``index`` is the frame's number, and ``timestamp_s`` counts from the first of all frames and
+        always grows.
         """
 
     def count(self, span: Span) -> int | None:
@@ -113,8 +107,7 @@ class FrameSource(ABC):
         self.close()
 
 
-FALLBACK_RATE = Fraction(25)
-"""Frames a second if the source states no rate."""
+FALLBACK_RATE = Fraction(25)  #: frames a second if the source states no rate
 _NTSC = tuple(Fraction(n * 1000, 1001) for n in (12, 15, 24, 30, 48, 60, 120, 240))
 _RATE = re.compile(r"\d{1,9}(\.\d{1,6})?|\d{1,15}/[1-9]\d{0,14}", re.ASCII)
 _DECIMALS = (2, 3)
@@ -138,7 +131,9 @@ def exact_rate(fps: float | Fraction) -> Fraction | None:
     if not math.isfinite(fps) or not 0 < fps <= _MAX_FPS:
         return None
     for rate in (*_NTSC, Fraction(round(fps) or 1)):
-        if abs(fps / float(rate) - 1) < _TOLERANCE or _is_rounded(fps, rate):
+        # An NTSC rate may be rounded to two or three decimals, such as 23.98.
+        is_rounded = rate.denominator > 1 and fps in {round(float(rate), n) for n in _DECIMALS}
+        if abs(fps / float(rate) - 1) < _TOLERANCE or is_rounded:
             return rate
     return Fraction(fps).limit_denominator(_MAX_DENOMINATOR) or Fraction(fps)
 
@@ -146,11 +141,6 @@ def exact_rate(fps: float | Fraction) -> Fraction | None:
 def rate_text(rate: Fraction) -> str:
     """``30000/1001``; ``25/1`` for whole rates, so that there is one form to parse."""
     return f"{rate.numerator}/{rate.denominator}"
-
-
-def _is_rounded(fps: float, rate: Fraction) -> bool:
-    """Whether a value is an NTSC rate rounded to two or three decimals, such as 23.98."""
-    return rate.denominator > 1 and any(fps == round(float(rate), n) for n in _DECIMALS)
 
 
 def parse_rate(text: str) -> Fraction | None:
@@ -167,13 +157,7 @@ class Timing:
     rate: Fraction  #: frames a second, as stated; often the mean if it varies
     tick_s: Fraction = Fraction(1, 1000)  #: seconds that all times of the source are multiples of
     source_rate: Fraction | None = None  #: frames a second of the source; None if not known
-    #: difference of the frames' numbers in the source; None if the numbers follow the times
-    step: int | None = 1
-
-    @property
-    def has_all_frames(self) -> bool:
-        """Whether the frames are consecutive ones of the source."""
-        return self.rate == self.source_rate
+    step: int | None = 1  #: difference of the frames' numbers in the source; None if irregular
 
     @property
     def time_base(self) -> Fraction:
@@ -214,35 +198,26 @@ class Timeline:
     ) -> None:
         """Begin before the first frame.
 
-        Args:
-            rate: frames a second.
-            tick_s: seconds a tick of the stream's time base.
-            first_ticks: timestamp of the first frame that can be decoded; None if it has none.
-            is_constant: whether frames are evenly spaced, so that numbers can follow the times.
-            failed: how many frames before it cannot be decoded.
-            stated_ticks: start time that the file states; None if it states none.
+        ``tick_s`` is seconds a tick of the stream's time base, ``first_ticks`` the timestamp of the
+        first frame that can be decoded, ``failed`` how many before it cannot be, and
+        ``stated_ticks`` the start that the file states; None for none. With ``is_constant``,
+        frames are evenly spaced, so that numbers can follow the times.
         """
-        self._rate = rate
-        self._tick_s = tick_s
+        self._rate, self._tick_s, self._is_constant = rate, tick_s, is_constant
         # Two roundings, of a frame's time and of the first one's, and the rate's own.
         self._rounding_s = tick_s * Fraction(11, 10)
         if (1 / rate / tick_s).denominator == 1:  # nothing is rounded
             self._rounding_s = min(self._rounding_s, 1 / rate / 2)
-        self._is_constant = is_constant
-        self._unassigned = failed
-        first = first_ticks or 0
+        self._unassigned, first = failed, first_ticks or 0
         begins_early = failed > 0 and stated_ticks is not None
         self.start_s = tick_s * (min(first, stated_ticks or 0) if begins_early else first)
-        self.index = -1
-        self.time_s = Fraction(-1)
-        self.lost = 0
+        self.index, self.time_s, self.lost = -1, Fraction(-1), 0
 
     def add(self, ticks: int | None, failed: int) -> tuple[int, Fraction]:
         """Number and time of the next frame.
 
-        Args:
-            ticks: its timestamp; None if it has none.
-            failed: how many frames between it and the one before could not be decoded.
+        ``ticks`` is its timestamp; None if it has none. ``failed`` frames between it and the one
+        before could not be decoded.
         """
         self._unassigned += failed
         measured_s = None if ticks is None else ticks * self._tick_s - self.start_s
@@ -303,10 +278,7 @@ _COUNTED_TOLERANCE = 0.002  # 30000/1001 frames a second are counted as 30
 def header_time_code(
     container: InputContainer, stream: VideoStream, rate: Fraction
 ) -> TimeCode | None:
-    """The time code of a video's first frame, as its file states it; None if it does not.
-
-    ``rate`` is frames a second.
-    """
+    """The time code of a video's first frame, by its file and frames a second; None if none."""
     tables = (stream.metadata, container.metadata, *(other.metadata for other in container.streams))
     texts = (text for table in tables for key, text in table.items() if key.lower() == "timecode")
     return next(filter(None, (parse_time_code(text, rate) for text in texts)), None)
@@ -322,17 +294,10 @@ def parse_time_code(text: str, rate: Fraction) -> TimeCode | None:
 
 
 def time_code_after(start: TimeCode, frames: int, rate: Fraction) -> TimeCode | None:
-    """The time code a number of frames later.
+    """The time code a number of frames later; None if frames of this rate are not counted so.
 
     Of a drop-frame time code, two numbers of 30 are left out every minute, except every tenth.
-
-    Args:
-        start: of the first frame.
-        frames: how many; not negative.
-        rate: frames a second.
-
-    Returns:
-        The time code; None if frames of this rate are not counted so.
+    ``frames`` is not negative, and ``rate`` is frames a second.
     """
     hours, minutes, seconds, _, is_drop = start[:5]
     number, base = _frame_of(start, rate), round(rate)
@@ -352,10 +317,7 @@ def time_code_after(start: TimeCode, frames: int, rate: Fraction) -> TimeCode | 
 
 
 def time_code_text(time_code: TimeCode, rate: Fraction) -> str:
-    """``01:02:03:04``, as headers of videos have it; with ``;`` if it is a drop-frame time code.
-
-    ``rate`` is frames a second of the frames that it numbers.
-    """
+    """``01:02:03:04``, of frames of a rate; with ``;`` if it is a drop-frame time code."""
     hours, minutes, seconds, _, is_drop = time_code[:5]
     frame = _frame_of(time_code, rate)
     return f"{hours:02d}:{minutes:02d}:{seconds:02d}{':;'[is_drop]}{frame:02d}"
@@ -363,7 +325,7 @@ def time_code_text(time_code: TimeCode, rate: Fraction) -> str:
 
 def time_code_label(first: TimeCode | None, timing: Timing) -> dict[str, str]:
     """Metadata from which FFmpeg writes the time code of a file's first frame; empty for none."""
-    if first is None or not timing.has_all_frames:
+    if first is None or timing.rate != timing.source_rate:  # which are not consecutive frames
         return {}
     counted = time_code_after(first, 0, timing.rate)
     return {} if counted is None else {"timecode": time_code_text(counted, timing.rate)}

@@ -26,13 +26,11 @@ SINGLE_IMAGE_ADVICE = (
 )
 _NUMBER = re.compile(r"\d+", re.ASCII)
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
-_SHORT = 4
-"""Numbers with fewer digits and no leading zero are taken as not padded."""
+_SHORT = 4  #: numbers with fewer digits and no leading zero are taken as not padded
 # Before a digit, as in "take #2", # is no placeholder.
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
 _SEPARATORS = "._- "
-_LISTED = 4
-"""Most patterns that an error lists."""
+_LISTED = 4  #: most patterns that an error lists
 
 
 def is_pattern(name: str) -> bool:
@@ -41,11 +39,7 @@ def is_pattern(name: str) -> bool:
 
 
 def is_sequence(path: str | Path) -> bool:
-    """Whether a name stands for numbered images: a folder, or a pattern that is no file.
-
-    Raises:
-        InputError: it is in a store that does not answer.
-    """
+    """Whether a name stands for numbered images: a folder, or a pattern that is no file."""
     path = path_of(path)
     try:
         return path.is_dir() or (is_pattern(path.name) and not path.exists())
@@ -120,11 +114,7 @@ def find_images(path: Path) -> list[NumberedImage]:
 
     Those that match a pattern, or all of a folder, except outputs of depthcli. In a folder, the
     names differ in the number of the frame alone. Images without such numbers are counted from 0,
-    in the order of their names.
-
-    Raises:
-        InputError: there is no such folder, or no image in it, or depthcli wrote all of them.
-        UsageError: a folder holds several sequences, or other images beside one.
+    in the order of their names. UsageError if a folder holds several sequences.
     """
     is_folder = not is_pattern(path.name) or path.is_dir()
     folder = path if is_folder else path.parent
@@ -141,21 +131,15 @@ def find_images(path: Path) -> list[NumberedImage]:
         raise InputError(f"{path} has {what}", "see docs/video.md for image sequences")
     paths = [file for file in matching if not is_own_picture(file)]
     if not paths:
-        raise InputError(
-            f"{matching[0]} was written by depthcli, as was all of {path}",
-            "name the images that it was made of",
-        )
+        problem = f"{matching[0]} was written by depthcli, as was all of {path}"
+        raise InputError(problem, "name the images that it was made of")
     if is_folder:
         return _of_folder(folder, paths)
     return sorted(NumberedImage(number_in(path.name, file.name) or 0, file) for file in paths)
 
 
 def listed_names(folder: Path) -> Iterable[str]:
-    """The names in a folder, in the order of their characters.
-
-    Raises:
-        OSError: the folder cannot be listed.
-    """
+    """The names in a folder, in the order of their characters; OSError if it has no list."""
     if isinstance(folder, RemotePath):
         return folder.names()
     return sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
@@ -181,22 +165,15 @@ def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
             groups.setdefault(key, []).append(NumberedImage(int(match[2]), path))
     sequences = [sorted(group) for group in groups.values() if len(group) > 1]
     # Names of one form without consecutive numbers are times, such as 1305031102.16.
-    has_times = len(texts) == 1 and all(_least_step(sequence) > 1 for sequence in sequences)
-    if not sequences or has_times:
+    steps = (min(b.number - a.number for a, b in pairwise(sequence)) for sequence in sequences)
+    if not sequences or (len(texts) == 1 and all(step > 1 for step in steps)):
         return [NumberedImage(number, path) for number, path in enumerate(paths)]
-    patterns = ", ".join(map(_pattern_text, sequences[:_LISTED]))
+    patterns = []
+    for sequence in sequences[:_LISTED]:
+        path = min((image.path for image in sequence), key=lambda path: len(path.name))
+        patterns.append(f"'{path.with_name((pattern_of(path.stem) or path.stem) + path.suffix)}'")
     more = f" and {len(sequences) - _LISTED} more" if len(sequences) > _LISTED else ""
     raise UsageError(
-        f"{folder} holds more than a single image sequence; give one as a pattern: {patterns}{more}"
+        f"{folder} holds more than a single image sequence; give one as a pattern: "
+        f"{', '.join(patterns)}{more}"
     )
-
-
-def _least_step(sequence: Sequence[NumberedImage]) -> int:
-    """The smallest difference of consecutive numbers, in frames; 0 if a number is repeated."""
-    return min(b.number - a.number for a, b in pairwise(sequence))
-
-
-def _pattern_text(sequence: Sequence[NumberedImage]) -> str:
-    """A pattern of the files, in quotes; the name of the first if there is none."""
-    path = min((image.path for image in sequence), key=lambda path: len(path.name))
-    return f"'{path.with_name((pattern_of(path.stem) or path.stem) + path.suffix)}'"

@@ -64,8 +64,7 @@ class DepthFrame:
 class VideoOutput(ExitStack, ABC):
     """One output of a video; on exit, an incomplete file is removed."""
 
-    has_overscan = False
-    """Whether its frames include the pixels outside the display window."""
+    has_overscan = False  #: whether its frames include the pixels outside the display window
 
     @abstractmethod
     def encode(self, frame: DepthFrame) -> Any:  # noqa: ANN401 - each output has its own
@@ -98,14 +97,8 @@ class VideoFile(VideoOutput):
     ) -> None:
         """Prepare a file; it is opened with the first frame.
 
-        Args:
-            target: its suffix chooses the container, which has to support the codec.
-            timing: rate and time base.
-            guard: of existing files; None to replace any.
-            audio: the audio track; None for none.
-
-        Raises:
-            OutputError: there is no encoder.
+        The suffix of the target chooses the container, which has to support the codec; without a
+        guard, any existing file is replaced. OutputError if there is no encoder.
         """
         check_encoder(self._codec)
         super().__init__()
@@ -131,14 +124,7 @@ class VideoFile(VideoOutput):
         labels: Mapping[str, str],
         number: int | None = None,
     ) -> None:
-        """Append a frame; its number is stated with it in Matroska, if it is given.
-
-        Labels are metadata of the file, which are written with the first frame.
-
-        Raises:
-            OutputError: the encoder does not support such frames.
-            OSError: the file cannot be written.
-        """
+        """Append a frame, and its number in Matroska; the first one with the labels of the file."""
         if self._container is None or self._stream is None:
             self._first_s = frame.time_s
             self._container = container = self._new_container(labels)
@@ -161,11 +147,7 @@ class VideoFile(VideoOutput):
         self._check_pipe()
 
     def finish(self) -> tuple[str, ...]:
-        """Complete the file, and return warnings of one line.
-
-        Raises:
-            OSError: the file cannot be written.
-        """
+        """Complete the file, and return warnings; OSError if it cannot be written."""
         if self._container is None or self._stream is None:
             return ()
         if self._audio is not None:
@@ -228,8 +210,9 @@ class VideoFile(VideoOutput):
         try:
             container.start_encoding()
         except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:
-            size = f"{frame.width}×{frame.height}"
-            problem = f"no {self._codec} video of {size} pixels can be written"
+            problem = (
+                f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
+            )
             raise OutputError(problem, _SEQUENCE_ADVICE) from error
 
     def _check_pipe(self) -> None:
@@ -243,10 +226,12 @@ def _av_frame(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Cod
     Pixels are (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. For codecs with chroma subsampling,
     an odd row or column is doubled.
     """
-    wanted = ENCODINGS[codec].pixel_format
+    wanted, (height, width) = ENCODINGS[codec].pixel_format, pixels.shape[:2]
     if wanted == DEPTH_PIXELS:
         return VideoFrame.from_ndarray(np.ascontiguousarray(pixels, np.uint16), DEPTH_PIXELS)
-    return VideoFrame.from_ndarray(_even(pixels), "rgb24").reformat(
+    odd = (0, height % 2), (0, width % 2), (0, 0)
+    even = np.pad(pixels, odd, mode="edge") if height % 2 or width % 2 else pixels
+    return VideoFrame.from_ndarray(np.ascontiguousarray(even, np.uint8), "rgb24").reformat(
         format=wanted,
         dst_colorspace=Colorspace.ITU709,
         dst_color_range=ColorRange.MPEG,
@@ -254,13 +239,6 @@ def _av_frame(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Cod
         interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND,
         threads=1,
     )
-
-
-def _even(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.uint8]:
-    height, width = pixels.shape[:2]
-    if height % 2 or width % 2:
-        pixels = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-    return np.ascontiguousarray(pixels, np.uint8)
 
 
 class DepthVideoOutput(VideoFile):
@@ -298,16 +276,12 @@ class DepthVideoOutput(VideoFile):
     def append(self, encoded: tuple[DepthFrame, VideoFrame, int]) -> None:
         """Write a frame; with the first one, metadata: rate, scale, unit and model."""
         frame, coded_frame, saturated = encoded
-        labels = {}
-        if self._first is None:
-            self._first = frame
-            labels = self._labels(frame)
-        number = frame.image.index
+        labels = self._labels(frame) if self._first is None else {}
+        self._first = self._first or frame
         # The container rounds times, so numbers do not follow from them.
-        first, step = self._first.image.index, self._timing.step
-        follows = step is not None and number == first + self._count * step
-        stated = None if follows else number
-        self._write(coded_frame, frame, labels, stated)
+        number, step = frame.image.index, self._timing.step
+        follows = step is not None and number == self._first.image.index + self._count * step
+        self._write(coded_frame, frame, labels, None if follows else number)
         self._saturated += saturated
         self._count += 1
 
@@ -327,12 +301,11 @@ class DepthVideoOutput(VideoFile):
             "frame_rate": rate_text(self._timing.rate),
             **frame_texts(frame.image, self._timing),
             "start_s": f"{frame.time_s:.12g}",
+            "scale": f"{self._scale:g}" if frame.depth.is_metric else "normalized",
         }
         labels.pop("time_s", None)  # each frame has its own
         if frame.depth.is_metric:
-            labels |= {"scale": f"{self._scale:g}", "unit": step_unit(self._scale)}
-        else:
-            labels |= {"scale": "normalized"}
+            labels["unit"] = step_unit(self._scale)
         own = {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
         return own | time_code_label(frame.image.time_code, self._timing)
 

@@ -17,8 +17,7 @@ from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact
 from depthcli.video.numbering import NumberedImage, find_images
 
 _SHOWN = 10
-_TRIES = 10
-"""Images that are asked for their frame rate."""
+_TRIES = 10  #: images that are asked for their frame rate
 _CUT = "images with more overscan than the first one, which is cut off"
 
 
@@ -37,15 +36,9 @@ class ImageSequence(FrameSource):
     ) -> None:
         """Find the images of a folder or of a pattern such as ``%04d``.
 
-        Args:
-            path: the folder or the pattern.
-            rate: frames a second; None for that of the first EXR.
-            max_pixels: larger images are refused.
-            options: for reading the images.
-
-        Raises:
-            InputError: there is none.
-            UsageError: the folder holds more than one sequence.
+        ``rate`` is frames a second; None for that of the first EXR. Larger images than
+        ``max_pixels`` are refused. InputError if there is none, UsageError if the folder holds
+        more than one sequence.
         """
         self._files = find_images(path)
         self.paths = tuple(file.path for file in self._files)
@@ -63,11 +56,9 @@ class ImageSequence(FrameSource):
         return self._files[0].number, self._files[-1].number
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
-        """Read the frames of a span.
+        """Read the frames of a span: (H, W) gray or (H, W, 3) RGB; uint8, uint16 or EXR's float32.
 
-        Yields:
-            (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 of EXR; ``index`` is the number
-            in the file's name, and ``timestamp_s`` counts from the first image of all.
+        ``index`` is the number in the name, and ``timestamp_s`` counts from the first image.
         """
         cut, told, sizes_px = 0, self.warnings, None
         for frame in self._readable(span):
@@ -87,40 +78,33 @@ class ImageSequence(FrameSource):
     def _readable(self, span: Span) -> Iterator[Frame]:
         """The images of a span that can be read."""
         unreadable = list[int]()
-        wanted = span.selected(self._numbers_and_times())
-        for file, is_wanted in zip(self._files, wanted, strict=False):
-            if not is_wanted:
-                continue
+        for file, is_wanted in zip(self._files, self._selected(span), strict=False):
             try:
-                yield self._read(file)
+                if is_wanted:
+                    yield self._read(file)
             except InputError as error:
                 unreadable.append(file.number)
-                self.problem = (
-                    f"{len(unreadable)} of its images cannot be read "
-                    f"({_listed(unreadable)}), the last of them: {error}"
-                )
+                which = f"{len(unreadable)} of its images cannot be read ({_listed(unreadable)})"
+                self.problem = f"{which}, the last of them: {error}"
+
+    def _selected(self, span: Span) -> Iterator[bool]:
+        """Whether each image is in a span."""
+        return span.selected((file.number, self._time_s(file)) for file in self._files)
 
     def count(self, span: Span) -> int:
         """Number of images in a span."""
-        return sum(span.selected(self._numbers_and_times()))
-
-    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
-        """Number and time of each image."""
-        return ((file.number, self._time_s(file)) for file in self._files)
+        return sum(self._selected(span))
 
     def _time_s(self, file: NumberedImage) -> Fraction:
         return (file.number - self._files[0].number) / self.rate
 
     def _read(self, file: NumberedImage) -> Frame:
+        limit, options = self._max_pixels, self._options
         if is_exr(file.path.name):
-            image = read_exr_image(
-                file.path,
-                max_pixels=self._max_pixels,
-                overscan=self._overscan,
-                options=self._options,
-            )
+            overscan = self._overscan
+            image = read_exr_image(file.path, max_pixels=limit, overscan=overscan, options=options)
         else:
-            image = read_image(file.path, max_pixels=self._max_pixels, **self._options._asdict())
+            image = read_image(file.path, max_pixels=limit, **options._asdict())
         return replace(image, index=file.number, timestamp_s=float(self._time_s(file)))
 
     def _warnings(self, *, is_timed: bool) -> Iterator[str]:

@@ -7,13 +7,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import av
 import numpy as np
 import numpy.typing as npt
+from av.container import InputContainer
 from av.sidedata.sidedata import Type
+from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
+from av.video.stream import VideoStream
 
 from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame, pixel_aspect_of
@@ -28,18 +30,12 @@ from depthcli.video.frames import (
     WHOLE,
     FrameSource,
     Span,
-    TimeCode,
     Timeline,
     exact_rate,
     header_time_code,
     time_code_after,
 )
 from depthcli.video.numbering import is_sequence
-
-if TYPE_CHECKING:
-    from av.container import InputContainer
-    from av.video.frame import VideoFrame
-    from av.video.stream import VideoStream
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
 _RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "jpeg_pipe",
@@ -73,17 +69,9 @@ _EIGHT_BIT = 8
 _UNSPECIFIED = 2
 _SD_ROWS = 576
 _TOLERANCE = 0.02
-_IDENTITY = (1, 0, 0, 1)
-_EXIF_OF_MATRIX = {
-    _IDENTITY: 1,
-    (-1, 0, 0, 1): 2,
-    (-1, 0, 0, -1): 3,
-    (1, 0, 0, -1): 4,
-    (0, 1, 1, 0): 5,
-    (0, 1, -1, 0): 6,
-    (0, -1, -1, 0): 7,
-    (0, -1, 1, 0): 8,
-}
+# Scales and shears of the display matrices of the EXIF orientations 1 to 8.
+_UPRIGHT = ((1, 0, 0, 1), (-1, 0, 0, 1), (-1, 0, 0, -1), (1, 0, 0, -1))
+_MATRICES = (*_UPRIGHT, (0, 1, 1, 0), (0, 1, -1, 0), (0, -1, -1, 0), (0, -1, 1, 0))
 _EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
 
 
@@ -93,12 +81,8 @@ def rgb_pixels(
     """A frame converted to RGB from its own colour space and range, not rotated.
 
     If it states no colour space, that is BT.601 up to 576 rows and BT.709 above, as in players.
-
-    Returns:
-        (H, W, 3) RGB, or (H, W, 4) with alpha: uint8 of 8-bit video, else uint16 up to 65535.
-
-    Raises:
-        av.FFmpegError: the format cannot be converted.
+    The pixels are (H, W, 3), or (H, W, 4) with alpha: uint8 of 8-bit video, else uint16 up to
+    65535. Raises av.FFmpegError if the format cannot be converted.
     """
     is_deep = any(component.bits > _EIGHT_BIT for component in frame.format.components)
     guessed = Colorspace.ITU709 if frame.height > _SD_ROWS else Colorspace.ITU601
@@ -121,14 +105,13 @@ def orientation_of(frame: VideoFrame) -> int:
     a, b, _, c, d = np.frombuffer(data, "<i4")[:5].tolist()
     across, down = math.hypot(a, c) or 1, math.hypot(b, d) or 1  # the matrix may scale as well
     shares = a / across, b / down, c / across, d / down
-    turns = (turn for turn in _EXIF_OF_MATRIX if np.allclose(shares, turn, atol=_TOLERANCE))
-    return _EXIF_OF_MATRIX[next(turns, _IDENTITY)]
+    turns = (np.allclose(shares, matrix, atol=_TOLERANCE) for matrix in _MATRICES)
+    return next((number for number, fits in enumerate(turns, start=1) if fits), 1)
 
 
 _MISSING_SHARE = 200
 _RGB = 3
-_TRANSPOSED = 5
-"""The first EXIF orientation that swaps rows and columns."""
+_TRANSPOSED = 5  #: the first EXIF orientation that swaps rows and columns
 
 
 class VideoSource(FrameSource):
@@ -165,7 +148,7 @@ class VideoSource(FrameSource):
         self._path = self._source if isinstance(self._source, Path) else None
         self.paths = () if self._path is None else (self._path,)
         self._container, chosen = open_video(self._source, stream)
-        self._is_closed = False
+        self._options, self._is_closed = options, False
         self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in self._container.metadata)
         check_pixel_count(str(source), chosen.width, chosen.height, max_pixels)
         rate = _stated_rate(self._container, chosen)
@@ -182,17 +165,14 @@ class VideoSource(FrameSource):
             problem = f"of its {len(streams)} video streams, number {streams.index(chosen)} is read"
             self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
         self._focal_mm = focal_lengths(self._path, self._container)
-        self._options = options
         self._time_code = header_time_code(self._container, chosen, self.rate)
         self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
         self._reformatter = VideoReformatter()
         first = self._decoder.next()
         self._check_pipe()
         if first is None:
-            raise InputError(
-                f"{source} holds no frame that can be decoded: it is damaged",
-                pipe_advice(self._source),
-            )
+            problem = f"{source} holds no frame that can be decoded: it is damaged"
+            raise InputError(problem, pipe_advice(self._source))
         self._current, self._is_read, self._is_begun = first, False, False
         self._inspect(first, chosen, max_pixels, eye)
         self._begin(first, chosen)
@@ -217,13 +197,10 @@ class VideoSource(FrameSource):
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Decode the frames of a span; to be called once.
 
+        They are RGB, (H, W, 3): uint8, or uint16 of a video of more than 8 bits, rotated and
+        mirrored as the file states; ``index`` counts all frames of the file from 0, also damaged
+        ones, which are skipped; ``timestamp_s`` counts from the first frame and always increases.
         Frames before and between are decoded too, for exactness, but not converted.
-
-        Returns:
-            An iterator of frames. RGB, (H, W, 3): uint8, or uint16 of a video of more than 8 bits,
-            rotated and mirrored as the file states; ``index`` counts all frames of the file from 0,
-            also damaged ones, which are skipped; ``timestamp_s`` counts from the first frame and
-            always increases.
 
         Raises:
             UsageError: it was called before.
@@ -257,6 +234,7 @@ class VideoSource(FrameSource):
         is_first, self._is_begun = not self._is_begun, True
         if is_first or options.white_level is not None or options.black_level:
             rgb, warnings = full_range(rgb, None, options.white_level, options.black_level)
+        code, since_first = self._time_code, round(self._timeline.time_s * self.rate)
         frame = Frame(
             rgb if rgb.flags.c_contiguous else rgb.copy(),
             self._path,
@@ -268,7 +246,7 @@ class VideoSource(FrameSource):
             warnings=warnings,
             pixel_aspect=self._pixel_aspect,
             projection=options.projection or Projection.PINHOLE,
-            time_code=self._current_time_code(),
+            time_code=time_code_after(code, since_first, self.rate) if code else None,
         )
         if has_alpha:
             from depthcli.io.images.read import masked  # noqa: PLC0415 - few videos need it
@@ -292,22 +270,12 @@ class VideoSource(FrameSource):
         """Read the properties that only a decoded frame has."""
         check_pixel_count(str(self._source), first.width, first.height, max_pixels)
         self._orientation = orientation_of(first)
-        self._view = view_of(first, eye)
-        size = (
-            len(range(first.width)[self._view[1]]),
-            len(range(first.height)[self._view[0]]),
-        )
+        self._view = rows, columns = view_of(first, eye)
+        size = len(range(first.width)[columns]), len(range(first.height)[rows])
         is_turned = self._orientation >= _TRANSPOSED
         self.width, self.height = size[::-1] if is_turned else size
-        aspect = stream.sample_aspect_ratio
-        self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
+        self._pixel_aspect = pixel_aspect_of(stream.sample_aspect_ratio, is_turned=is_turned)
         self.warnings += tuple(camera_warnings(first, eye, self._options.projection))
-
-    def _current_time_code(self) -> TimeCode | None:
-        if self._time_code is None:
-            return None
-        frames = round(self._timeline.time_s * self.rate)
-        return time_code_after(self._time_code, frames, self.rate)
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each frame, while it is the current one."""
@@ -372,30 +340,18 @@ def open_frames(
     stream: int | None = None,
     eye: Eye | None = None,
 ) -> FrameSource:
-    """Open a video or a sequence.
+    """Open a video, or a sequence: a folder, or a pattern such as ``plate.%04d.exr``.
 
-    Args:
-        source: a file, a folder, a pattern such as ``plate.%04d.exr``, or a pipe.
-        rate: frames a second of a sequence; None for what it states.
-        max_pixels: frames that claim more are refused.
-        options: for reading its frames.
-        stream: number of the stream of a video; None for the one with most frames.
-        eye: the view of a stereo video; None for whole frames.
-
-    Raises:
-        InputError: it cannot be read, or is depth that depthcli wrote.
-        UsageError: a folder holds more than one sequence.
+    ``rate`` is frames a second of a sequence; None for what it states. InputError if it cannot be
+    read, or is depth that depthcli wrote; UsageError if a folder holds several sequences.
     """
-    # Each imports only what it needs.
     if isinstance(source, Path) and is_sequence(source):
-        from depthcli.video.sequence import ImageSequence  # noqa: PLC0415
+        from depthcli.video.sequence import ImageSequence  # noqa: PLC0415 - a video needs none
 
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
-
     video = VideoSource(source, max_pixels=max_pixels, stream=stream, eye=eye, options=options)
     if video.is_own_depth:
         video.close()
-        raise InputError(
-            f"{source} is depth that depthcli wrote", "name the video that it was made of"
-        )
+        problem = f"{source} is depth that depthcli wrote"
+        raise InputError(problem, "name the video that it was made of")
     return video

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, cast
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import (
@@ -22,12 +22,10 @@ from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions, format_of
 from depthcli.io.listing.folder import is_own_picture
-from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.paths import path_of, safe_name
+from depthcli.io.storage import atomic, paths
 from depthcli.jobs.output_names import comparable, names_near, output_bases
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
-from depthcli.video.container import InputPipe, OutputPipe
-from depthcli.video.facts import Eye
+from depthcli.video import container, facts, numbering
 from depthcli.video.formats import (
     SEQUENCES,
     Codec,
@@ -39,14 +37,6 @@ from depthcli.video.formats import (
     video_stem_of,
 )
 from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
-from depthcli.video.numbering import (
-    is_sequence,
-    is_sequence_image,
-    listed_names,
-    number_in,
-    pattern_of,
-    sequence_name,
-)
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
@@ -62,17 +52,15 @@ class VideoSettings:
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     span: Span = WHOLE  #: the frames to process
     smooth_s: float = 0.0  #: time constant of the depth's smoothing in seconds; 0 for none
-    #: time constant of the preview's range in seconds; 0 for the range of each frame
-    lock_s: float = LOCK_S
+    lock_s: float = LOCK_S  #: time constant of the preview's range in seconds; 0 for each frame's
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
     reading: ReadOptions = AS_STATED  #: how the images of a sequence are read
     detail: UpsamplingOptions = DEFAULT_UPSAMPLING  #: how depth becomes that of a full-size frame
     stream: int | None = None  #: number of the video stream; None for the one with most frames
-    eye: Eye | None = None  #: view of a stereo video; None for whole frames
+    eye: facts.Eye | None = None  #: view of a stereo video; None for whole frames
     max_pixels: int = MAX_PIXELS  #: videos with larger frames are refused
     fps: Fraction | None = None  #: frames per second of an image sequence; None for what it states
-    #: number of the first frame in file names; None for its number in the input
-    start_number: int | None = None
+    start_number: int | None = None  #: of the first frame in file names; None for the input's
 
 
 def _of_name(name: str) -> VideoFormat | None:
@@ -102,29 +90,23 @@ def video_destination(
 ) -> Destination[VideoFormat]:
     """Where the outputs of a video go, and their formats.
 
-    Args:
-        output: a file for one format; a stem, if there are several or the suffix is of no format; a
-            folder, which exists, ends in ``/`` or has no suffix; a pattern for numbered files;
-            ``-``; None for the video's own folder.
-        asked: the formats; empty for that of the output's suffix, else depth and a preview.
-        sidecar: whether to write the JSON as well.
-
-    Raises:
-        UsageError: as :meth:`Destination.parse` does, or JSON is the only format.
+    The output is a file for one format; a stem, if there are several or the suffix is of no format;
+    a folder, which exists, ends in ``/`` or has no suffix; a pattern for numbered files; ``-``; or
+    None for the video's own folder. By default, the formats are that of its suffix, else depth and
+    a preview. UsageError as of :meth:`Destination.parse`, or if JSON is the only format.
     """
     formats = [which for which in asked if which is not VideoFormat.JSON]
     if asked and not formats:
         raise UsageError("json only describes other outputs", "give another {format} with it")
-    is_described = sidecar or VideoFormat.JSON in asked
-    return Destination.parse(output, formats, _RULES, VideoFormat.JSON if is_described else None)
+    json_ = VideoFormat.JSON if sidecar or VideoFormat.JSON in asked else None
+    return Destination.parse(output, formats, _RULES, json_)
 
 
 @dataclass(frozen=True, slots=True)
 class VideoRequest:
     """A video, and how to process it."""
 
-    #: a file, a folder of numbered images, a pattern such as ``plate.%04d.exr``, or ``-``
-    video: str
+    video: str  #: a file, a folder of numbered images, a pattern (``plate.%04d.exr``), or ``-``
     destination: Destination[VideoFormat] = field(default_factory=video_destination)
     codec: PreviewCodec | None = None  #: of the preview; None for the usual one of its container
     has_audio: bool = True  #: include the video's audio in the preview
@@ -132,8 +114,7 @@ class VideoRequest:
     model: SessionLoader = field(default_factory=SessionLoader)
     #: options that affect the outputs
     settings: VideoSettings = field(default_factory=VideoSettings)
-    #: worker threads besides the one that decodes and writes; None for one per core
-    workers: int | None = None
+    workers: int | None = None  #: threads besides the one that writes; None for one per core
     overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read
     stdout: BinaryIO | None = None  #: where ``-`` is written
@@ -144,27 +125,24 @@ class VideoPlan:
     """One video and its outputs."""
 
     name: str  #: the video as the user wrote it
-    source: Path | InputPipe  #: the file, or standard input
+    source: Path | container.InputPipe  #: the file, or standard input
     folder: Path  #: folder of the outputs
-    #: file name of each format; that of a sequence is a pattern such as ``%06d``, and ``-`` is
-    #: standard output
-    names: Mapping[VideoFormat, str]
+    names: Mapping[VideoFormat, str]  #: file name of each; ``%06d`` of a sequence, ``-`` for stdout
     codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)  #: of the previews
     has_audio: bool = True  #: whether previews include the audio
     stdout: BinaryIO | None = None  #: the stream for ``-``
     overwrite: bool = False  #: whether outputs may replace files of other programs
-    #: SHA-256 of a source that is a temporary copy, which its path and its time do not identify
-    sha256: str | None = None
+    sha256: str | None = None  #: of a source that is a temporary copy, which no path identifies
 
     def path(self, which: VideoFormat) -> Path:
         """The output path of a format."""
         return self.folder / self.names[which]
 
-    def target(self, which: VideoFormat) -> Path | OutputPipe:
+    def target(self, which: VideoFormat) -> Path | container.OutputPipe:
         """The output path of a format, or standard output."""
         if self.stdout is None:
             return self.path(which)
-        return OutputPipe(self.stdout, which.facts.file_suffix or "")
+        return container.OutputPipe(self.stdout, which.facts.file_suffix or "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,8 +157,7 @@ class VideoResult:
     source_rate: Fraction  #: frames per second of the video
     first: Frame  #: first frame written, without its pixels
     depth: DepthMap  #: its depth, for kind and model
-    #: flicker of the depth written, see ``FlickerMeter``; None without two similar frames
-    flicker: float | None
+    flicker: float | None  #: of the depth written; None without two similar frames
     flicker_unsmoothed: float | None  #: flicker before smoothing; None without smoothing
     scenes: int  #: number of scenes
     provider: str  #: the provider that ran the model
@@ -206,10 +183,8 @@ class VideoResult:
     @property
     def is_regular(self) -> bool:
         """Whether the frames have the times of a constant frame rate."""
-        start_s = self.times_s[0]
-        return all(
-            abs((t - start_s) * self.rate - i) < _ON_GRID for i, t in enumerate(self.times_s)
-        )
+        start_s, rate = self.times_s[0], self.rate
+        return all(abs((t - start_s) * rate - i) < _ON_GRID for i, t in enumerate(self.times_s))
 
     def metadata(self) -> dict[str, object]:
         """The fields of JSON and sidecar that are the same for every run."""
@@ -270,13 +245,13 @@ def video_base(source: Path | None) -> str:
 
 def _as_one_file(source: Path) -> tuple[Path, str]:
     """The input, and the name of the one file that it counts as."""
-    if not is_sequence(source):
+    if not numbering.is_sequence(source):
         return source, source.name
     if source.is_dir():
         source = source.resolve()  # "." has no name
         with suppress(OSError):  # which reading it reports
             return source, source.name + _image_suffix(source)
-    return source, sequence_name(source.name)
+    return source, numbering.sequence_name(source.name)
 
 
 def _is_beside_sequence(source: Path, name: str) -> bool:
@@ -287,10 +262,10 @@ def _is_beside_sequence(source: Path, name: str) -> bool:
     folder, stem = source.parent, PurePath(name).stem
     firsts: dict[str, str] = {}
     with suppress(OSError):
-        for one in sorted(filter(is_sequence_image, names_near(folder, [name]))):
-            pattern = pattern_of(PurePath(one).stem)
-            if pattern is not None and number_in(source.name, one) is None:
-                other = PurePath(sequence_name(pattern + PurePath(one).suffix)).stem
+        for one in sorted(filter(numbering.is_sequence_image, names_near(folder, [name]))):
+            pattern = numbering.pattern_of(PurePath(one).stem)
+            if pattern is not None and numbering.number_in(source.name, one) is None:
+                other = PurePath(numbering.sequence_name(pattern + PurePath(one).suffix)).stem
                 firsts.setdefault(comparable(other), one)
         first = firsts.get(comparable(stem))
         if first is not None and not is_own_picture(folder / first):
@@ -300,62 +275,50 @@ def _is_beside_sequence(source: Path, name: str) -> bool:
 
 
 def _image_suffix(folder: Path) -> str:
-    """The suffix of the first image in a folder; empty without one, or if depthcli wrote it.
-
-    Raises:
-        OSError: the folder cannot be listed.
-    """
-    names = listed_names(folder) if folder.is_dir() else ()
-    first = next(filter(is_sequence_image, names), None)
+    """The suffix of the first image in a folder; empty without one, or if depthcli wrote it."""
+    names = numbering.listed_names(folder) if folder.is_dir() else ()
+    first = next(filter(numbering.is_sequence_image, names), None)
     return "" if first is None or is_own_picture(folder / first) else PurePath(first).suffix
 
 
 def plan_video(request: VideoRequest) -> VideoPlan:
     """Name every output before anything is read.
 
-    Raises:
-        InputError: the video's name is empty.
-        UsageError: a sequence is to go into a pipe, an output is the video itself, or a codec is
-            for another container.
+    UsageError if a sequence is to go into a pipe, an output is the video itself, or a codec is for
+    another container.
     """
     name, destination = request.video, request.destination
     if not name:  # as a path, it would be the working directory
         raise InputError("the input's name is empty; is a variable of the command not set?")
-    source, file = _source(name, request.stdin), None if name == STDIO else path_of(name)
+    if name == STDIO and request.stdin is None:
+        raise UsageError("the input is '-' but there is no stdin; name a file")
+    file = None if name == STDIO else paths.path_of(name)
     if destination.kind is Kind.STDOUT:
         folder, names = Path(), _stdout_name(destination.wanted, request.stdout)
     else:
-        base = destination.path or path_of(name).parent
+        base = destination.path or paths.path_of(name).parent
         if destination.kind in {Kind.BESIDE, Kind.FOLDER}:
             base = base / video_base(file)
         folder = base.parent
         names = {which: path.name for which, path in destination.outputs(base).items()}
+    previews = [which for which in names if which.facts.is_preview]
     plan = VideoPlan(
-        name=safe_name(name),
-        source=source,
+        name=paths.safe_name(name),
+        source=file or container.InputPipe(cast("BinaryIO", request.stdin)),
         folder=folder,
         names=names,
         codecs={
             which: preview_codec(PurePath(which.facts.suffix).suffix, request.codec)
-            for which in names
-            if which.facts.is_preview
+            for which in previews
         },
         has_audio=request.has_audio,
         stdout=request.stdout if destination.kind is Kind.STDOUT else None,
         overwrite=request.overwrite,
     )
     for path in map(plan.path, names):
-        if file is not None and is_same_file(path, file):
+        if file is not None and atomic.is_same_file(path, file):
             raise UsageError(f"{path} is the input", "choose another {out}")
     return plan
-
-
-def _source(name: str, stdin: BinaryIO | None) -> Path | InputPipe:
-    if name != STDIO:
-        return path_of(name)
-    if stdin is None:
-        raise UsageError("the input is '-' but there is no stdin; name a file")
-    return InputPipe(stdin)
 
 
 def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[VideoFormat, str]:

@@ -38,15 +38,9 @@ class FrameJournal:
     def __init__(
         self, path: Path | None = None, fingerprint: str = "", plan: VideoPlan | None = None
     ) -> None:
-        """Read the journal of an earlier run, and begin to write.
+        """Read the journal of an earlier run, and begin to write; none without a path.
 
-        Args:
-            path: of the journal; None to keep none.
-            fingerprint: of input, model and options. Frames with another one do not count.
-            plan: of the numbered files.
-
-        Raises:
-            OSError: the folder cannot be written to.
+        Frames with another ``fingerprint`` of input, model and options do not count.
         """
         self._path, self._file, self._plan = path, None, plan
         self.is_resumed, self.earlier = False, frozenset[int]()
@@ -54,8 +48,7 @@ class FrameJournal:
             return
         path.parent.mkdir(parents=True, exist_ok=True)
         earlier = _finished(path, fingerprint)
-        self.is_resumed = earlier is not None
-        self.earlier = earlier or frozenset()
+        self.is_resumed, self.earlier = earlier is not None, earlier or frozenset()
         self._count = len(self.earlier)
         path.unlink(missing_ok=True)
         self._file = path.open("x", encoding="utf-8")
@@ -117,13 +110,8 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
     is_finer = any(which.facts.is_exact for which in plan.names)
     is_metric = pipeline.card.output.kind is DepthKind.METRIC
-    if (
-        settings.smooth_s
-        or writing.png_normalize
-        or writing.png_inverse
-        or is_finer
-        or not (is_in_steps and is_metric)
-    ):
+    is_stretched = settings.smooth_s or writing.png_normalize or writing.png_inverse
+    if is_stretched or is_finer or not (is_in_steps and is_metric):
         return None
     return writing.png_scale
 
@@ -136,9 +124,6 @@ def open_journal(
     Only numbered files are kept. A run cannot be resumed with smoothing, as frames then depend on
     previous ones; in an object store; or if the other outputs cannot be made from the depth that is
     kept. The record of an earlier run is removed then, because this run replaces its frames.
-
-    Raises:
-        OutputError: the folder cannot be written to.
     """
     numbered = [which for which in plan.names if which in SEQUENCES]
     if not numbered or isinstance(plan.folder, RemotePath):
@@ -169,22 +154,14 @@ def _origin(
     """Fingerprint of everything that the frames depend on."""
     # A broken link in a sequence costs no other image.
     states = [(path, path.stat() if path.exists() else path.lstat()) for path in source.paths]
-    card = pipeline.card
+    card, session = pipeline.card, pipeline.session
     return fingerprint(
         __version__,
         plan.sha256 or [(path, state.st_size, state.st_mtime_ns) for path, state in states],
         plan.names,
-        pipeline.session.model.sha256,
-        pipeline.session.provider,
-        sorted(pipeline.session.provider_options.items()),
+        (session.model.sha256, session.provider, sorted(session.provider_options.items())),
         (card.input, card.output, card.camera),
         pipeline.detail,
-        (
-            settings.writing,
-            settings.camera,
-            settings.reading,
-            settings.span,
-            (settings.fps, settings.stream, settings.eye),
-            settings.start_number,
-        ),
+        (settings.writing, settings.camera, settings.reading, settings.span),
+        (settings.fps, settings.stream, settings.eye, settings.start_number),
     )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from depthcli.core.parallel import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -13,30 +13,18 @@ from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.video.plan import VideoPlan, VideoRequest, VideoResult, plan_video
 from depthcli.video.numbering import is_sequence
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 
 def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResult:
-    """Predict the depth of a video, in constant memory.
+    """Predict the depth of a video, in constant memory; ``progress`` is advanced for each frame.
 
     After an error, incomplete video files are removed; complete numbered files are kept, and are
-    reused if the same request is made again.
-
-    Args:
-        request: the video and its outputs.
-        progress: advanced for each frame; its total is the number of frames, if the file states it.
-
-    Returns:
-        What was written. ``problem`` is set if the video ended early; its frames up to there are
-        written.
+    reused if the same request is made again. ``problem`` of the result is set if the video ended
+    early; its frames up to there are written.
 
     Raises:
         InputError: the video cannot be read, or has no frame in the span.
         OutputError: an output cannot be written.
-        ModelError: the model cannot be used.
-        UsageError: the outputs do not fit the video, or collide, or an option does not fit the
-            model.
+        UsageError: the outputs do not fit the video, or an option does not fit the model.
     """
     plan = plan_video(request)
     workers, threads = share_cores(request.workers, request.model.threads)

@@ -10,7 +10,6 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,15 +62,9 @@ def write_video(
     workers: int,
     progress: Progress = NO_PROGRESS,
 ) -> VideoResult:
-    """Do as :func:`depthcli.jobs.video.plan.video`, with named outputs and a loaded model.
+    """Do as :func:`depthcli.jobs.video.run.video`, with named outputs and a loaded model.
 
     ``workers`` is the number of threads besides the one that decodes and writes.
-
-    Raises:
-        InputError: the video cannot be read, or has no frame in the span.
-        OutputError: an output cannot be written.
-        ModelError: the network failed.
-        UsageError: the options do not fit the model.
     """
     start_s = time.perf_counter()
     for path in map(plan.path, plan.names):
@@ -100,7 +93,9 @@ def write_video(
             for which in plan.names
             if which is not VideoFormat.JSON
         ]
-        sidecar = _sidecar(plan, guard, stack)
+        sidecar = None
+        if VideoFormat.JSON in plan.names:
+            sidecar = stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
         scale = rounding_scale(plan, pipeline, settings)
         stages = FrameStages(pipeline, settings, journal, scale)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
@@ -115,12 +110,11 @@ def write_video(
         if stages.first is None:
             raise _no_frames(plan, source)
         warnings = [warning for output in outputs for warning in output.finish()]
-        done = _result(plan, pipeline, settings, source, stages)
+        done = _result(plan, settings, source, stages, warnings)
         if sidecar is not None:
             is_numbered = not set(SEQUENCES).isdisjoint(plan.names)
             sidecar.write_text(done.sidecar(has_times=is_numbered), "utf-8")
-    seconds = time.perf_counter() - start_s
-    return dataclasses.replace(done, seconds=seconds, warnings=(*done.warnings, *warnings))
+    return dataclasses.replace(done, seconds=time.perf_counter() - start_s)
 
 
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
@@ -131,20 +125,12 @@ def _remove_stale_sidecars(plan: VideoPlan) -> None:
             remove_video_sidecar(plan.folder / f"{base_name(name)}.json")
 
 
-def _sidecar(plan: VideoPlan, guard: Guard, stack: ExitStack) -> Path | None:
-    """Temporary path of the JSON file; None if it is not an output."""
-    if VideoFormat.JSON not in plan.names:
-        return None
-    return stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
-
-
 def _process_frames(
     frames: Iterator[Frame], stages: FrameStages, outputs: Sequence[VideoOutput], workers: int
 ) -> Generator[int, None, None]:
-    """Process every frame in all stages; each stage runs a few frames ahead of the next.
+    """Process every frame in all stages, and yield its number once it is written.
 
-    Yields:
-        The number of each frame once it is written.
+    Each stage runs a few frames ahead of the next.
     """
 
     def encoded(frame: DepthFrame) -> list[Any]:
@@ -165,11 +151,10 @@ def _process_frames(
 
 def _renumbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]:
     """The frames with the output's rate and frame numbers."""
-    shift: int | None = None
+    shift, wanted = None, settings.start_number
     rate = settings.span.rate(source.rate)
     for frame in source.frames(settings.span):
         if shift is None:
-            wanted = settings.start_number
             shift = 0 if wanted is None else wanted - frame.index
         yield dataclasses.replace(frame, index=frame.index + shift, rate=rate)
 
@@ -182,16 +167,7 @@ def open_output(
     rate: Fraction,
     guard: Guard | None,
 ) -> VideoOutput:
-    """The output of one format, to be entered.
-
-    Args:
-        which: the format; not JSON, which is written after all others.
-        plan: the paths of the outputs.
-        writing: options of the formats.
-        source: the video or sequence that is read.
-        rate: frames per second of the output.
-        guard: of existing files; None to replace any.
-    """
+    """The output of one format but JSON, to be entered; ``rate`` is its frames per second."""
     target = plan.target(which)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
@@ -202,12 +178,9 @@ def open_output(
         return DepthVideoOutput(target, timing, writing.png_scale, guard, colours)
     writer = writing.writer(image_format)
     if not isinstance(writer, PreviewWriter | StereoWriter):
-        name, has_overscan = (
-            partial(numbered_name, plan.names[which]),
-            image_format.facts.has_overscan,
-        )
+        name, facts = partial(numbered_name, plan.names[which]), image_format.facts
         return SequenceOutput(
-            which.value, plan.folder, name, writer, guard, has_overscan=has_overscan
+            which.value, plan.folder, name, writer, guard, has_overscan=facts.has_overscan
         )
     codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
     starts_s = source.start_s if plan.has_audio else None
@@ -221,10 +194,8 @@ class PredictedFrame:
 
     shown: DepthFrame  #: the frame with its depth, and the percentiles of that
     thumbnail: npt.NDArray[np.float32]  #: its brightness at a reduced size, (h, w) float32
-    #: depth for smoothing, (H, W) float32 of ``to_log``; None without smoothing
-    steps: npt.NDArray[np.float32] | None
-    #: depth for the flicker figure, (h, w) float32 of ``to_log``
-    sampled: npt.NDArray[np.float32]
+    steps: npt.NDArray[np.float32] | None  #: depth for smoothing, (H, W) of ``to_log``
+    sampled: npt.NDArray[np.float32]  #: for the flicker figure, (h, w) of ``to_log``
     warnings: tuple[str, ...] = ()  #: about its depth, one line each
 
 
@@ -238,17 +209,12 @@ class FrameStages:
         journal: FrameJournal | None = None,
         scale: float | None = None,
     ) -> None:
-        """Initialize the state.
+        """Begin before the first frame; ``scale`` is the units per metre that depth is rounded to.
 
-        Args:
-            pipeline: the model.
-            settings: options.
-            journal: of frames that an earlier run wrote; None for none.
-            scale: units per metre to which depth is rounded; None for no rounding.
+        The journal has frames that an earlier run wrote.
         """
         self._journal, self._scale = journal or FrameJournal(), scale
-        self._pipeline = pipeline
-        self._settings = settings
+        self.pipeline, self._settings = pipeline, settings
         self._changes = ChangeDetector()
         self._lock = RangeLock()
         self._smoother = Smoother()
@@ -266,10 +232,10 @@ class FrameStages:
         image = dataclasses.replace(image, pixel_aspect=camera.pixel_aspect or image.pixel_aspect)
         kept, warnings = self._journal.depth(image.index), tuple[str, ...]()
         if kept is not None and self.first is not None:  # the first is predicted, for the report
-            depth = DepthMap(kept, self._pipeline.card.output.kind)
+            depth = DepthMap(kept, self.pipeline.card.output.kind)
         else:
             kept = None
-            depth, warnings = self._pipeline.predict(image, camera)
+            depth, warnings = self.pipeline.predict(image, camera)
             if self._scale is not None:
                 values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
                 depth = dataclasses.replace(depth, values=values)
@@ -336,15 +302,17 @@ def _in_windows(
 
 def _result(
     plan: VideoPlan,
-    pipeline: Pipeline,
     settings: VideoSettings,
     source: FrameSource,
     stages: FrameStages,
+    warnings: Sequence[str],
 ) -> VideoResult:
-    """The result, without the time and the warnings of the outputs."""
+    """The result, without its time; ``warnings`` are those of the outputs."""
     if stages.first is None:
         raise TypeError(stages)
-    smooths = settings.smooth_s > 0
+    pipeline, smooths = stages.pipeline, settings.smooth_s > 0
+    camera_warnings = focal_warnings(pipeline.card, settings.camera)
+    of_input = (*source.warnings, *stages.warnings, *pipeline.session.warnings, *camera_warnings)
     return VideoResult(
         plan=plan,
         settings=settings,
@@ -359,12 +327,7 @@ def _result(
         scenes=stages.scenes,
         provider=pipeline.session.provider,
         seconds=0.0,
-        warnings=(
-            *source.warnings,
-            *stages.warnings,
-            *pipeline.session.warnings,
-            *focal_warnings(pipeline.card, settings.camera),
-        ),
+        warnings=(*of_input, *warnings),
         problem=source.problem,
     )
 
@@ -377,7 +340,5 @@ def _no_frames(plan: VideoPlan, source: FrameSource) -> InputError:
         return InputError(problem)
     first, last = source.numbers_stated
     length_s = float((last - first + 1) / source.rate)
-    return InputError(
-        f"{problem}; it has frames {first}–{last}, {length_s:.3f} s",
-        f"give other values of {{start}} and {{end}}; a frame number ends in f: {first}f",
-    )
+    advice = f"give other values of {{start}} and {{end}}; a frame number ends in f: {first}f"
+    return InputError(f"{problem}; it has frames {first}–{last}, {length_s:.3f} s", advice)
