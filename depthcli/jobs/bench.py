@@ -25,19 +25,6 @@ _MEGABYTE = 1e6
 
 
 @dataclass(frozen=True, slots=True)
-class BenchRequest:
-    """Model, picture and duration of the measurements."""
-
-    model: SessionLoader  #: model, provider, and threads for the latency measurements
-    synthetic_px: tuple[int, int]  #: (width, height) of the synthetic picture
-    seconds: float  #: minimum duration of each of the three measurements
-    picture: Path | None = None  #: a file in place of the synthetic picture
-    upsampling: Upsampling = Upsampling.GUIDED  #: upsampling to the picture's size
-    #: pictures processed in parallel, for the throughput; None for one per core
-    workers: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class BenchResult:
     """The measurements of a model."""
 
@@ -48,29 +35,29 @@ class BenchResult:
     network: Latency  #: of the network alone, for one image
     end_to_end: Latency  #: from an encoded file to a 16-bit PNG on disk, for one image
     pictures_per_s: float  #: end-to-end throughput with several workers
-    #: peak memory of this process so far, in MB; None if the system does not report it
-    peak_memory_mb: float | None
+    peak_memory_mb: float | None  #: of this process so far; None if the system does not report it
 
 
 def run_bench(
-    request: BenchRequest, warn: Callable[[str], object] = lambda _text: None
+    model: SessionLoader,
+    synthetic_px: tuple[int, int],
+    seconds: float,
+    given: Path | None = None,
+    upsampling: Upsampling = Upsampling.GUIDED,
+    workers: int | None = None,
+    warn: Callable[[str], object] = lambda _text: None,
 ) -> BenchResult:
-    """Measure a model on this machine; ``warn`` is called with the session's warnings.
+    """Measure a model on this machine, for some seconds each.
 
-    Raises:
-        InputError: the picture cannot be read.
-        ModelError: the model is missing, cannot be used, or fails.
-        UsageError: the provider or its options are invalid.
+    The image is a given file, or a synthetic one of a width and height; ``workers`` images are
+    processed in parallel for the throughput, by default one per core; ``warn`` is called with the
+    session's warnings.
     """
-    given, seconds = request.picture, request.seconds
-    picture = synthetic_picture(*request.synthetic_px) if given is None else read_bytes(given)
+    picture = synthetic_picture(*synthetic_px) if given is None else read_bytes(given)
     frame = read_image(given, picture, name="the picture")  # an error names the file
-    workers, threads = share_cores(request.workers)
-    each = replace(request.model, threads=threads)
-    alone, shared = (
-        Pipeline(loader.load(), UpsamplingOptions(request.upsampling))
-        for loader in (request.model, each)
-    )
+    workers, threads = share_cores(workers)
+    loaders = model, replace(model, threads=threads)
+    alone, shared = (Pipeline(one.load(), UpsamplingOptions(upsampling)) for one in loaders)
     session, card = alone.session, alone.card
     for warning in session.warnings:
         warn(warning)
@@ -81,16 +68,8 @@ def run_bench(
             [lambda: _predict_and_write(alone, picture, folder / "alone.png")], seconds
         )
         rate = throughput(shared, picture, folder, workers, seconds)
-    return BenchResult(
-        card.name,
-        session.model.sha256,
-        session.provider,
-        workers,
-        network,
-        end_to_end,
-        rate,
-        peak_memory_mb(),
-    )
+    facts = (card.name, session.model.sha256, session.provider, workers)
+    return BenchResult(*facts, network, end_to_end, rate, peak_memory_mb())
 
 
 def synthetic_picture(width: int, height: int) -> bytes:

@@ -10,23 +10,14 @@ from typing import Self
 
 import numpy as np
 
+from depthcli.core import parallel, types
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOptions
-from depthcli.core.parallel import one_thread_each, ordered_map
-from depthcli.core.types import DepthMap, Frame, displayed_frame, with_camera
 from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.depth.read import StoredDepth
 from depthcli.io.depth.scale import NORMALIZED
-from depthcli.io.formats.table import (
-    FILE_SUFFIXES,
-    MILLIMETRES,
-    READABLE_SUFFIXES,
-    Format,
-    WriterOptions,
-    format_of,
-    stem_of,
-)
+from depthcli.io.formats import table
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import (
     ANY,
@@ -38,33 +29,14 @@ from depthcli.io.listing.folder import (
     list_folder,
     skip_summary,
 )
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.paths import (
-    check_writable,
-    join,
-    local_copy,
-    path_of,
-    safe_name,
-    without_file_scheme,
-)
-from depthcli.jobs.inspect import is_depth_video, open_depth_video, read_map
-from depthcli.jobs.output_names import TreeNames
-from depthcli.jobs.outputs import (
-    STDIO,
-    Destination,
-    FormatRules,
-    Kind,
-    OutputPlan,
-    check_collisions,
-    is_folder,
-)
+from depthcli.io.storage import atomic, paths
+from depthcli.jobs import inspect, output_names, outputs
 from depthcli.jobs.write import FailedInput, failure_reason, output_guard
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.numbering import is_pattern, numbered_name
 
-_RULES = FormatRules((), format_of, stem_of, FILE_SUFFIXES)
-_FRAME = r"(?i)\.depth\.\d{6,}$"
-"""End of the stem of a numbered file, ``clip.depth.000001``."""
+_RULES = outputs.FormatRules((), table.format_of, table.stem_of, table.FILE_SUFFIXES)
+_FRAME = r"(?i)\.depth\.\d{6,}$"  #: end of the stem of a numbered file, ``clip.depth.000001``
 _OTHER_BIN = r"(?i)(?<!geometric)(?<!photometric)(?<!depth)\.bin$"
 """Files that have the suffix of COLMAP's depth maps and not their names."""
 
@@ -74,17 +46,16 @@ class ConvertRequest:
     """Source, target and options of a conversion."""
 
     source: str  #: a depth map, a depth video, or a folder that is searched recursively
-    #: the file to write, to whose name the suffix of the format is added where it is missing; a
-    #: pattern for all frames of a video; or a folder
-    target: str
-    format: Format | None = None  #: of the target; None to take it from the suffix
+    target: str  #: the file, to which a missing suffix is added; a pattern for frames; or a folder
+    format: table.Format | None = None  #: of the target; None to take it from the suffix
     #: what the user states about the source
     stated: depth_files.DepthReadOptions = depth_files.AS_STATED
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
     reading: ReadOptions = AS_STATED  #: how the picture is read
-    #: of the same size, for the colours of a point cloud, or beside a preview
-    picture: str | None = None
-    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
+    picture: str | None = None  #: for the colours of a point cloud, or beside a preview
+    writing: table.WriterOptions = field(
+        default_factory=table.WriterOptions
+    )  #: options of the formats
     overwrite: bool = False  #: whether the target may replace a file of another program
 
 
@@ -97,7 +68,7 @@ class RoundTrip:
     lost: int  #: number of pixels with a number, of any sign, that have no depth any more
 
     @classmethod
-    def of(cls, depth: DepthMap, read_back: DepthMap) -> Self:
+    def of(cls, depth: types.DepthMap, read_back: types.DepthMap) -> Self:
         """The errors between two maps of the same size."""
         there = read_back.valid
         both = depth.valid & there
@@ -112,7 +83,7 @@ class ConvertResult:
 
     source: str  #: the input, as the user wrote it
     target: str  #: the file that was written
-    depth: DepthMap  #: what was written, of an EXR its display window
+    depth: types.DepthMap  #: what was written, of an EXR its display window
     round_trip: RoundTrip | None  #: round-trip error; None for a format that is not read back
     warnings: tuple[str, ...]  #: one line each
 
@@ -122,23 +93,21 @@ def convert(request: ConvertRequest) -> ConvertResult:
 
     Raises:
         InputError: the source or the picture cannot be used.
-        OutputError: the target cannot be written, is an input, or is a file that depthcli did not
-            write.
-        UsageError: the target's suffix is of no format, or it is a pattern and the name of the
-            source is none, or the request does not fit the source.
+        OutputError: the target cannot be written, is an input, or is another program's file.
+        UsageError: the request does not fit the source, or the target is of no format.
     """
-    is_plain = is_pattern(path_of(request.source).name)
+    is_plain = is_pattern(paths.path_of(request.source).name)
     destination = target_destination(request.target, request.format, is_plain=is_plain)
-    stored = read_map(path_of(request.source), request.stated)
+    stored = inspect.read_map(paths.path_of(request.source), request.stated)
     return _write_converted(stored, request, destination)
 
 
 def _write_converted(
-    stored: StoredDepth, request: ConvertRequest, destination: Destination[Format]
+    stored: StoredDepth, request: ConvertRequest, destination: outputs.Destination[table.Format]
 ) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
-    ((wanted, path),) = destination.outputs(path_of(request.target)).items()
-    shown = with_camera(stored.displayed, request.camera)
+    ((wanted, path),) = destination.outputs(paths.path_of(request.target)).items()
+    shown = types.with_camera(stored.displayed, request.camera)
     given = None if request.picture is None else _colours(request, request.picture, shown)
     views = {stored.frame.view, given.view if given else None} - {None}
     if len(views) > 1:
@@ -151,12 +120,16 @@ def _write_converted(
         depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
     else:
         depth = shown
-    if not (is_depth_video(path_of(request.source)) or depth.valid.any()):  # of a video, it may be
+    if not (
+        inspect.is_depth_video(paths.path_of(request.source)) or depth.valid.any()
+    ):  # of a video, it may be
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
-    inputs = [path_of(name) for name in (request.source, request.picture) if name is not None]
+    inputs = [paths.path_of(name) for name in (request.source, request.picture) if name is not None]
     guard = output_guard(inputs, overwrite=request.overwrite)
-    with atomic_path(path, guard=guard) as temporary:
-        writing = _sidecar_options(request, stored) if wanted is Format.JSON else request.writing
+    with atomic.atomic_path(path, guard=guard) as temporary:
+        writing = (
+            _sidecar_options(request, stored) if wanted is table.Format.JSON else request.writing
+        )
         warnings = writing.writer(wanted).write(depth, temporary, picture)
         round_trip = None
         if wanted.facts.is_readable:
@@ -164,49 +137,42 @@ def _write_converted(
             round_trip = RoundTrip.of(depth, depth_files.read_stored_depth(temporary, kind).depth)
     of_picture = given.warnings if given else ()
     warnings = (*stored.warnings_with_scale("from_scale"), *of_picture, *warnings)
-    return ConvertResult(safe_name(request.source), str(path), shown, round_trip, warnings)
+    return ConvertResult(paths.safe_name(request.source), str(path), shown, round_trip, warnings)
 
 
 def target_destination(
-    target: str, asked: Format | None, *, is_plain: bool = False
-) -> Destination[Format]:
-    """Where a converted map goes, and its format.
+    target: str, asked: table.Format | None, *, is_plain: bool = False
+) -> outputs.Destination[table.Format]:
+    """Where a converted map goes, and its format: the one asked for, or that of the suffix.
 
-    Args:
-        target: the file.
-        asked: the format; None for that of the target's suffix.
-        is_plain: whether a placeholder such as ``%04d`` is part of the name.
-
-    Raises:
-        UsageError: the suffix is of no format or another one, or the target is not a file.
+    ``is_plain`` is whether a placeholder such as ``%04d`` is part of the name.
     """
     formats = () if asked is None else (asked,)
-    found = Destination.parse(target, formats, _RULES, is_plain=is_plain)
-    if found.kind in {Kind.FOLDER, Kind.STDOUT}:
-        folder = "" if target == STDIO else f"{target.rstrip('/')}/"
+    found = outputs.Destination.parse(target, formats, _RULES, is_plain=is_plain)
+    if found.kind in {outputs.Kind.FOLDER, outputs.Kind.STDOUT}:
+        folder = "" if target == outputs.STDIO else f"{target.rstrip('/')}/"
         raise UsageError(f"{target} is not a file", f"name one, for example {folder}depth.exr")
     return found
 
 
-def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOptions:
+def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> table.WriterOptions:
     """The options; by default, the sidecar of a 16-bit PNG states the scale of that PNG."""
-    writing = request.writing
-    if stored.metadata.get("scale") in NORMALIZED:
-        is_inverse = stored.metadata["scale"] == "inverse"
+    writing, stated = request.writing, stored.metadata.get("scale")
+    if stated in NORMALIZED:
+        is_inverse = stated == "inverse"
         return replace(writing, png_normalize=not is_inverse, png_inverse=is_inverse)
-    if not stored.is_integer or stored.scale is None or writing.png_scale != MILLIMETRES:
-        return writing
-    return replace(writing, png_scale=stored.scale.units_per_metre)
+    if stored.is_integer and stored.scale and writing.png_scale == table.MILLIMETRES:
+        return replace(writing, png_scale=stored.scale.units_per_metre)
+    return writing
 
 
-def _colours(request: ConvertRequest, picture: str, depth: DepthMap) -> Frame:
-    limit = max(MAX_PIXELS, depth.values.size)
-    options = request.reading._asdict()
-    frame = displayed_frame(read_image(picture, max_pixels=limit, **options))
-    if (frame.width, frame.height) != (depth.width, depth.height):
+def _colours(request: ConvertRequest, picture: str, depth: types.DepthMap) -> types.Frame:
+    limit, size = max(MAX_PIXELS, depth.values.size), f"{depth.width}×{depth.height}"
+    frame = read_image(picture, max_pixels=limit, **request.reading._asdict())
+    frame = types.displayed_frame(frame)
+    if (found := f"{frame.width}×{frame.height}") != size:
         raise InputError(
-            f"{picture} has {frame.width}×{frame.height} pixels and the depth "
-            f"{depth.width}×{depth.height}",
+            f"{picture} has {found} pixels and the depth {size}",
             "give the picture that the depth was made of",
         )
     return frame
@@ -227,37 +193,32 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = ANY) -> FolderPlan
 
     ``hall/a.depth.png`` becomes ``hall/a.depth.exr``. Names depend on all files of the folder, not
     on the wanted ones: beside ``a.npy``, they are ``a.depth.png.depth.exr`` and
-    ``a.npy.depth.exr``.
-
-    Raises:
-        UsageError: the request has no format, its target is the folder of the inputs, an output
-            would replace an input, or the patterns exclude everything.
-        InputError: there is no depth file.
+    ``a.npy.depth.exr``. UsageError if an output would replace an input, or nothing is left.
     """
     if request.format is None:
         raise UsageError("the outputs have no format", "give {format}, for example exr")
-    root, out = without_file_scheme(request.source), without_file_scheme(request.target)
-    check_writable(path_of(out))
+    root, out = paths.without_file_scheme(request.source), paths.without_file_scheme(request.target)
+    paths.check_writable(paths.path_of(out))
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         raise UsageError(f"{out} is the folder of the inputs", "choose another {out}")
     listing = list_folder(root, leave_out=out, skip=wanted.excludes, refusal=_why_no_depth)
-    found, skipped = listing.media, listing.skipped
-    names = TreeNames((file.name for file in found), _stem)
-    refusals = [None if file.problem else wanted.refusal(file.name) for file in found]
-    inputs = [file for file, refusal in zip(found, refusals, strict=True) if refusal is None]
-    skipped += [Skipped(f.name, why) for f, why in zip(found, refusals, strict=True) if why]
+    names = output_names.TreeNames((file.name for file in listing.media), _stem)
+    inputs, skipped, where = list[InputFile](), listing.skipped, paths.safe_name(root)
+    for file in listing.media:
+        refusal = None if file.problem else wanted.refusal(file.name)
+        if refusal is None:
+            inputs.append(file)
+        else:
+            skipped.append(Skipped(file.name, refusal))
+    rest = f": {skip_summary(skipped)}" if skipped else ""
+    if listing.media and not inputs:
+        raise UsageError(f"nothing of {where} is left{rest}", "change {include} or {exclude}")
     if not inputs:
-        rest = f": {skip_summary(skipped)}" if skipped else ""
-        if found:
-            raise UsageError(
-                f"nothing of {safe_name(root)} is left{rest}", "change {include} or {exclude}"
-            )
-        suffixes = ", ".join(READABLE_SUFFIXES)
-        raise InputError(f"no depth file ({suffixes}) in {safe_name(root)}{rest}")
-    targets = [join(out, _target(names.base(file.name), request.format)) for file in inputs]
-    check_collisions(
+        raise InputError(f"no depth file ({', '.join(table.READABLE_SUFFIXES)}) in {where}{rest}")
+    targets = [paths.join(out, _target(names.base(file.name), request.format)) for file in inputs]
+    outputs.check_collisions(
         [
-            OutputPlan(path_of(file.path), {request.format: path_of(target)})
+            outputs.OutputPlan(paths.path_of(file.path), {request.format: paths.path_of(target)})
             for file, target in zip(inputs, targets, strict=True)
         ]
     )
@@ -271,19 +232,19 @@ def convert_folder(
 
     def convert_one(pair: tuple[InputFile, str]) -> ConvertResult | FailedInput:
         file, target = pair
-        if file.problem is not None:
-            return FailedInput(safe_name(file.path), InputError(file.problem))
         try:
+            if file.problem is not None:
+                raise InputError(file.problem)  # noqa: TRY301 - as one of reading it
             return convert(replace(request, source=file.path, target=target))
-        except DepthcliError as error:
-            return FailedInput(safe_name(file.path), error)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
-            return FailedInput(safe_name(file.path), InputError(failure_reason(error)))
+            if not isinstance(error, DepthcliError):
+                error = InputError(failure_reason(error))
+            return FailedInput(paths.safe_name(file.path), error)
 
     pairs = zip(plan.inputs, plan.targets, strict=True)
     with (
-        one_thread_each(workers),
-        closing(ordered_map(convert_one, pairs, workers=workers)) as results,
+        parallel.one_thread_each(workers),
+        closing(parallel.ordered_map(convert_one, pairs, workers=workers)) as results,
     ):
         yield from results
 
@@ -293,9 +254,9 @@ def _why_no_depth(path: str) -> str | None:
     name = PurePosixPath(path)
     if name.name.startswith("."):
         return HIDDEN
-    if name.suffix.lower() not in READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
+    if name.suffix.lower() not in table.READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
         return name.suffix.lower() or "without suffix"
-    found = format_of(name)
+    found = table.format_of(name)
     is_image = found is not None and not found.facts.is_readable and is_own_picture(path)
     return str(found) if is_image else None
 
@@ -303,10 +264,10 @@ def _why_no_depth(path: str) -> str | None:
 def _stem(name: str) -> str:
     """A name without the suffix of its format: ``hall/a`` of ``hall/a.depth.png``."""
     above, slash, last = name.rpartition("/")
-    return above + slash + stem_of(last)
+    return above + slash + table.stem_of(last)
 
 
-def _target(base: str, wanted: Format) -> str:
+def _target(base: str, wanted: table.Format) -> str:
     """The name of an output; ``clip.depth.000001`` says already that it is depth."""
     suffix = wanted.facts.suffix
     return base + (suffix.removeprefix(".depth") if re.search(_FRAME, base) else suffix)
@@ -317,37 +278,30 @@ def is_sequence_name(target: str, source: str) -> bool:
 
     It is that of one file if the source is a depth file with a placeholder in its own name.
     """
-    place = path_of(source)
-    is_plain = is_pattern(place.name) and not is_depth_video(place)
-    return is_pattern(path_of(target).name) and not is_folder(target) and not is_plain
+    place = paths.path_of(source)
+    is_plain = is_pattern(place.name) and not inspect.is_depth_video(place)
+    is_numbered = is_pattern(paths.path_of(target).name) and not outputs.is_folder(target)
+    return is_numbered and not is_plain
 
 
 def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertResult, None, None]:
-    """Convert every frame of a depth video, in their order.
-
-    Args:
-        request: its target is a pattern, into which each frame's number is put.
-        workers: frames written in parallel.
-
-    Yields:
-        The result of each frame.
+    """Convert every frame of a depth video, in their order; the target is a pattern for numbers.
 
     Raises:
         InputError: the video is damaged; the frames before are written.
         OutputError: a file cannot be written, or is one that depthcli did not write.
-        UsageError: the source is no depth video, the request is for a single map, or the target's
-            suffix is of no format.
+        UsageError: the source is no depth video, or the request is for a single map.
     """
     _check_sequence(request)
     destination = target_destination(request.target, request.format, is_plain=True)
-    pattern = destination.path or path_of(request.target)
+    pattern = destination.path or paths.path_of(request.target)
     problem: InputError | None = None
 
     def readable(video: DepthVideo) -> Generator[StoredDepth, None, None]:
         # Raised at the end, so that all frames before it are written.
         nonlocal problem
         try:
-            yield from video.frames(safe_name(request.source))
+            yield from video.frames(paths.safe_name(request.source))
         except InputError as error:
             problem = error
 
@@ -356,20 +310,20 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
         found = replace(destination, path=pattern.with_name(name))
         return _write_converted(stored, request, found)
 
-    with local_copy(path_of(request.source)) as path, one_thread_each(workers):
-        frames = readable(open_depth_video(path, request.stated))
-        with closing(ordered_map(convert_frame, frames, workers=workers)) as results:
+    with paths.local_copy(paths.path_of(request.source)) as path, parallel.one_thread_each(workers):
+        frames = readable(inspect.open_depth_video(path, request.stated))
+        with closing(parallel.ordered_map(convert_frame, frames, workers=workers)) as results:
             yield from results
     if problem is not None:
         raise problem
 
 
 def _check_sequence(request: ConvertRequest) -> None:
-    name = safe_name(request.target)
-    if not is_depth_video(path_of(request.source)):
+    name = paths.safe_name(request.target)
+    if not inspect.is_depth_video(paths.path_of(request.source)):
         raise UsageError(
             f"{name} is a pattern for the frames of a depth video (.mkv), but "
-            f"{safe_name(request.source)} is not one",
+            f"{paths.safe_name(request.source)} is not one",
             "name one file, or a folder with {out}",
         )
     if request.stated.frame is not None or request.picture is not None:

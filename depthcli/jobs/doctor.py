@@ -6,6 +6,7 @@ No package is imported before its own check, so that a broken package is reporte
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Literal
 
@@ -19,8 +20,7 @@ _MODULES = {
     "onnxruntime": ("InferenceSession", "onnxruntime"),
     "OpenEXR": ("File", "OpenEXR"),
     "av": ("VideoFrame", "av"),
-}
-"""Module -> a name that it must have, and the package that provides it."""
+}  #: module -> a name that it must have, and the package that provides it
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +53,15 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
             yield from check()
         except Exception as error:  # noqa: BLE001 - a broken package can raise anything
             yield Check(name, "failed", _one_line_reason(error))
+
+
+def _tried(name: str, action: Callable[[], object], works: str) -> Check:
+    """The check of an action: a warning if it raises an error of depthcli."""
+    try:
+        action()
+    except DepthcliError as error:
+        return Check(name, "warning", str(error))
+    return Check(name, "ok", works)
 
 
 def check_versions() -> Iterator[Check]:
@@ -126,21 +135,21 @@ def _check_model(name: str | None, provider: str) -> Iterator[Check]:
 
 def _check_providers(name: str | None) -> Iterator[Check]:
     """Check that each available provider runs the model, except one that takes minutes."""
-    from depthcli.inference.loading import SessionLoader
-    from depthcli.inference.measure import try_session
     from depthcli.inference.providers import SLOW_TO_START, available_providers
 
     for provider in available_providers():
         title = f"provider {provider}"
         if provider == SLOW_TO_START:
             yield Check(title, "ok", "built in; builds an engine before its first run, not tried")
-            continue
-        try:
-            try_session(SessionLoader(name, provider).load())
-        except DepthcliError as error:
-            yield Check(title, "warning", str(error))
         else:
-            yield Check(title, "ok", "runs the model")
+            yield _tried(title, partial(_load_and_run, name, provider), "runs the model")
+
+
+def _load_and_run(name: str | None, provider: str) -> None:
+    from depthcli.inference.loading import SessionLoader
+    from depthcli.inference.measure import try_session
+
+    try_session(SessionLoader(name, provider).load())
 
 
 def _check_codecs() -> Iterator[Check]:
@@ -163,10 +172,8 @@ def _check_extras() -> Iterator[Check]:
 
     for suffix in (".heic", ".dpx"):
         package, install = EXTRAS[suffix]
-        if is_installed(package):
-            found = f"{package} {import_module(package).__version__}"
-        else:
-            found = f"not read; {install}"
+        version = import_module(package).__version__ if is_installed(package) else None
+        found = f"{package} {version}" if version else f"not read; {install}"
         yield Check(f"codec {suffix}", "ok", found)
 
 
@@ -174,9 +181,4 @@ def _check_video() -> Iterator[Check]:
     from depthcli.video.formats import Codec, check_encoder
 
     for codec in Codec:
-        try:
-            check_encoder(codec)
-        except DepthcliError as error:
-            yield Check(f"video codec {codec}", "warning", str(error))
-        else:
-            yield Check(f"video codec {codec}", "ok", "writes")
+        yield _tried(f"video codec {codec}", partial(check_encoder, codec), "writes")

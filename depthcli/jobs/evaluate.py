@@ -45,22 +45,17 @@ class EvalRequest:
     predictions: tuple[Path, ...] = ()  #: folders with depth files of other tools, one row each
     predictions_reading: DepthReadOptions = AS_STATED  #: what is known about those files
     runs: Path | None = None  #: a training run or the folder of several; its seeds are one row
-    #: of the runs: the moving average, if a run has one, or the weights of the last step
-    weights: Weights = Weights.AVERAGED
+    weights: Weights = Weights.AVERAGED  #: of the runs: moving average, if there is one, or last
     #: provider and threads of the runs; its model is not used
     runner: SessionLoader = field(default_factory=SessionLoader)
     prompt: Prompt | None = None  #: known depth that the models are given; None for none
     anchors_fit: AnchorsFit | None = None  #: to that; None for the best that each model can
     truth: DepthReadOptions = AS_STATED  #: what is known about the depth of a custom folder
-    #: of the names of images and depth in it, with ``*``; None for a known layout
-    patterns: tuple[str, str] | None = None
-    #: split of NYU Depth v2, ``val`` of runs is the pairs that they held out; None for all pairs of
-    #: a custom data set
-    split: SplitName | None = SplitName.PAPER
+    patterns: tuple[str, str] | None = None  #: names of images and depth, with ``*``
+    split: SplitName | None = SplitName.PAPER  #: of NYU Depth v2; None for all pairs of a data set
     limit: int | None = None  #: maximum number of images, evenly over the split; None for all
     options: table.EvalOptions = table.HEADLINE_TABLE  #: options of the table
-    #: ids of images for the figures; empty for some of each scene type, None for no figures
-    shown_ids: tuple[str, ...] | None = None
+    shown_ids: tuple[str, ...] | None = None  #: of the figures; empty for some of each scene type
 
     @property
     def detail(self) -> UpsamplingOptions:
@@ -88,7 +83,6 @@ def run_evaluation(
         UsageError: there is nothing to compare, a requested row or image is not compared, no
             alignment suits a predictor, or runs cannot be compared.
         DatasetError: the data set or a prediction is missing or cannot be read.
-        DepthcliError: a model, or no training run, can be used.
     """
     options, failed = request.options, list[str]()
     runs = _open_runs(request.runs, failed) if request.runs else []
@@ -96,10 +90,8 @@ def run_evaluation(
     positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
     trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if not (request.models or request.predictions or runs or trivial):
-        raise UsageError(
-            "nothing to compare",
-            "give {model} or {predictions}, or the training pairs of the split for baselines",
-        )
+        advice = "give {model} or {predictions}, or the training pairs of the split for baselines"
+        raise UsageError("nothing to compare", advice)
     if runs and options.against is not None:  # before the export
         table.check_against(options.against, [*trivial, *group_by_seed(runs)], options.protocol)
     if options.protocol.mask is Mask.RAW:
@@ -115,9 +107,9 @@ def run_evaluation(
         ]
         about_models = (text for model in models for text in model.pipeline.session.warnings)
         about_files = (text for file in files for text in file.warnings)
+        compared: list[Predictor] = [*models, *files]
         for text in dict.fromkeys((*task.dataset.warnings, *about_models, *about_files)):
             warn(text)
-        compared: list[Predictor] = [*models, *files]
         report = table.evaluate(task, compared, options, progress)
         for text in _doubts(report):
             warn(text)
@@ -126,10 +118,9 @@ def run_evaluation(
         if request.prompt:
             told = f"the models are given known depth of these images, {request.prompt}"
             report = replace(report, notes=(*report.notes, told))
-        shown = _shown(compared, report)
-        if not (positions and shown):
-            return EvalResult(report, (), tuple(failed))
-        figures = draw_figures(task, positions, shown, progress)
+        shown, figures = _shown(compared, report), tuple[Figure, ...]()
+        if positions and shown:
+            figures = draw_figures(task, positions, shown, progress)
     return EvalResult(report, figures, tuple(failed))
 
 
@@ -145,11 +136,12 @@ def _doubts(report: EvalReport) -> Iterator[Message]:
 
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
     if request.split is None:
-        dataset = _open_pairs(request)
-        return plan_pairs(dataset, request.data.resolve().name, request.limit)
+        name = request.data.resolve().name
+        return plan_pairs(_open_pairs(request), name, request.limit)
+    dataset = open_nyu(request.data)
     if runs:
-        return plan_runs(open_nyu(request.data), runs, request.split, request.limit)
-    return plan_nyu(open_nyu(request.data), request.split, request.limit)
+        return plan_runs(dataset, runs, request.split, request.limit)
+    return plan_nyu(dataset, request.split, request.limit)
 
 
 def _open_pairs(request: EvalRequest) -> DepthDataset:
@@ -188,21 +180,20 @@ def _load_runs(
     """The exported models; runs that cannot be exported are added to ``failed``."""
     from depthcli.export.onnx import export_run  # noqa: PLC0415 - needs torch
 
-    advance, exported = progress.begin("exporting runs", len(runs)), dict[str, Path]()
+    advance, exported = progress.begin("exporting runs", len(runs)), list[tuple[TrainedRun, Path]]()
     for run in runs:
         with _noted(run.name, failed):
-            exported[run.name] = export_run(run, fallback_folder, request.weights)
+            exported.append((run, export_run(run, fallback_folder, request.weights)))
         advance(1)
     if not exported:
         raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")
-    opened = [run for run in runs if run.name in exported]
-    loaders = [replace(request.runner, model=path) for path in exported.values()]
+    loaders = (replace(request.runner, model=path) for _, path in exported)
     models = [open_model(loader, request.detail) for loader in loaders]
     networks = [network_run(model.pipeline) for model in models]
     times = measure_latencies(networks, _SECONDS_A_NETWORK)
     return [
         replace(model, name=run.name, run=run, latency_ms=time.median_ms)
-        for run, model, time in zip(opened, models, times, strict=True)
+        for (run, _), model, time in zip(exported, models, times, strict=True)
     ]
 
 
@@ -233,35 +224,25 @@ class ReportFiles:
     html: Path | None = None  #: table and figures in one file
 
     def check(self) -> None:
-        """Check before the evaluation that no file but an earlier report would be replaced.
-
-        Raises:
-            UsageError: one would, or it is a folder.
-        """
+        """UsageError, before the evaluation, if a file but an earlier report would be replaced."""
         for path, mark in ((self.csv, _OWN_CSV), (self.html, _OWN_HTML)):
-            if path is not None and path.is_dir():
+            if path is None:
+                continue
+            if path.is_dir():
                 raise UsageError(f"{path} is a folder; name a file")
-            if path is not None and is_special(path):
+            if is_special(path):
                 raise UsageError(f"{path} is a device or a pipe", "name a file")
-            if path is not None and path.is_file() and mark not in path.read_bytes():
+            if path.is_file() and mark not in path.read_bytes():
                 raise UsageError(f"{path} is no report of depthcli and is not replaced")
 
     def write(self, page: Page, table_csv: str, figures: Sequence[Figure]) -> Iterator[Path]:
-        """Write the files.
-
-        Yields:
-            The path of each figure, once it is written.
-
-        Raises:
-            OutputError: a file cannot be written.
-        """
+        """Write the files, and yield the path of each figure once it is written."""
         if self.csv is not None:
             write_text(table_csv, self.csv)
-        if self.figures is not None:
-            for figure in figures:
-                path = self.figures / f"{figure.name}.png"
-                with atomic_path(path) as temporary:
-                    temporary.write_bytes(figure.png)
-                yield path
+        for figure in figures if self.figures else ():
+            path = (self.figures or Path()) / f"{figure.name}.png"
+            with atomic_path(path) as temporary:
+                temporary.write_bytes(figure.png)
+            yield path
         if self.html is not None:
             write_text(html_page(page, figures), self.html)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.types import DepthMap, DepthRange, Window
+from depthcli.core.types import DepthMap, DepthRange
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions, StoredDepth, read_stored_depth
 from depthcli.io.images.read import read_image
@@ -26,12 +26,7 @@ def is_depth_video(path: Path) -> bool:
 
 
 def open_depth_video(path: Path, options: DepthReadOptions) -> DepthVideo:
-    """A depth video whose scale the user may state.
-
-    Raises:
-        InputError: missing, damaged, or not 16-bit gray.
-        UsageError: the options state more than the scale.
-    """
+    """A depth video whose scale the user may state; UsageError if more is stated."""
     if options.kind is not None:
         raise UsageError("it is for depth maps, not for videos", option="from_kind")
     return DepthVideo(path, scale=options.scale)
@@ -40,9 +35,8 @@ def open_depth_video(path: Path, options: DepthReadOptions) -> DepthVideo:
 def read_map(path: Path, options: DepthReadOptions = AS_STATED) -> StoredDepth:
     """A depth map from any file that depthcli reads; of a depth video, the frame of the options.
 
-    Raises:
-        InputError: missing, damaged, without depth, or without this frame.
-        UsageError: a video without a frame number, or a frame number for a file of one map.
+    InputError if it is missing, damaged, without depth or this frame; UsageError for a video
+    without a frame number, or a frame number for a file of one map.
     """
     if is_depth_video(path):
         if options.frame is None:
@@ -67,17 +61,15 @@ def inspect_file(file: str, options: DepthReadOptions = AS_STATED) -> dict[str, 
 
     ``unit`` is ``m``, None for relative and inverse depth; ``scale`` is units per metre in the
     file, stated by ``scale_source``; ``valid`` counts pixels with depth, of a video in all frames.
-
-    Raises:
-        InputError: missing, damaged or without depth.
     """
     path = path_of(file)
     if is_depth_video(path) and options.frame is None:
         with local_copy(path) as video:
             return {"input": safe_name(file), **_video_facts(open_depth_video(video, options))}
     stored = read_map(path, options)
-    depth = stored.displayed
-    scale, source = stored.scale or (None, None)
+    depth, (scale, source) = stored.displayed, stored.scale or (None, None)
+    # The scale of integers is among the facts.
+    with_scale = () if stored.is_integer else stored.warnings_with_scale("from_scale")
     return {
         "input": safe_name(file),
         "kind": depth.kind.value,
@@ -90,19 +82,12 @@ def inspect_file(file: str, options: DepthReadOptions = AS_STATED) -> dict[str, 
         **DepthRange.of(depth)._asdict(),
         "metadata": {**stored.metadata, **_exr_facts(stored)},
         "channel": stored.channel,
-        # The scale of integers is among the facts.
-        "warnings": stored.warnings
-        if stored.is_integer
-        else stored.warnings_with_scale("from_scale"),
+        "warnings": stored.warnings if stored.is_integer else with_scale,
     }
 
 
 def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
-    """Depth at a column and a row; None if the pixel has none.
-
-    Raises:
-        UsageError: the pixel is outside the map.
-    """
+    """Depth at a column and a row, None if the pixel has none; UsageError outside the map."""
     if x >= depth.width or y >= depth.height:
         raise UsageError(f"{x},{y} is outside the map of {depth.width}×{depth.height} pixels")
     return float(depth.values[y, x]) if depth.valid[y, x] else None
@@ -164,11 +149,10 @@ def _exr_facts(stored: StoredDepth) -> dict[str, str]:
     frame = stored.frame
     if stored.channel is None or frame.windows is None:
         return {}
-    facts = {
-        "dataWindow": _window_text(frame.windows.data),
-        "displayWindow": _window_text(frame.windows.display),
-        "pixelAspectRatio": f"{frame.pixel_aspect:.6g}",
-    }
+    # The first and the last pixel, as the header has them.
+    windows = {"dataWindow": frame.windows.data, "displayWindow": frame.windows.display}
+    facts = {n: f"{w.left},{w.top} to {w.right - 1},{w.bottom - 1}" for n, w in windows.items()}
+    facts["pixelAspectRatio"] = f"{frame.pixel_aspect:.6g}"
     if frame.rate is not None:
         facts["framesPerSecond"] = rate_text(frame.rate)
     if frame.time_code is not None:
@@ -176,18 +160,13 @@ def _exr_facts(stored: StoredDepth) -> dict[str, str]:
     return facts
 
 
-def _window_text(window: Window) -> str:
-    """The first and the last pixel, as the header has them."""
-    return f"{window.left},{window.top} to {window.right - 1},{window.bottom - 1}"
-
-
 def _video_facts(video: DepthVideo) -> dict[str, object]:
     frames = valid = width = height = 0
     low, high, scale = math.inf, -math.inf, None
-    for stored in video.frames():
+    for frames, stored in enumerate(video.frames(), start=1):  # noqa: B007 - the last number
         depth, scale = stored.depth, stored.scale
         valid_depth = depth.values[depth.valid]
-        frames, valid = frames + 1, valid + valid_depth.size
+        valid += valid_depth.size
         height, width = depth.values.shape
         low = min(low, float(valid_depth.min(initial=np.inf)))
         high = max(high, float(valid_depth.max(initial=-np.inf)))

@@ -16,15 +16,7 @@ from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import DepthcliError, InputError, ModelError, OutputError, UsageError
 from depthcli.inference.measure import try_other_size, try_session
 from depthcli.inference.session import Session
-from depthcli.io.storage.atomic import replace_folder, workspace
-from depthcli.io.storage.paths import (
-    RemotePath,
-    download_rest,
-    errors_about,
-    local_copy,
-    path_of,
-    safe_name,
-)
+from depthcli.io.storage import atomic, paths
 from depthcli.io.storage.temporary import open_locked
 from depthcli.models import catalog
 from depthcli.models.card import METADATA_KEY, ModelCard, WeightsSpec, fit_to_graph
@@ -37,11 +29,7 @@ _LITTER = (".DS_Store", "._", ".depthcli-")  # of file managers, and of runs tha
 
 
 def valid_name(name: str) -> str:
-    """A name that a model may have.
-
-    Raises:
-        UsageError: it cannot be the name of a folder, or would be taken for a path.
-    """
+    """A name that a model may have; UsageError if it cannot be a folder's, or seems a path."""
     if not _NAME.fullmatch(name):
         raise UsageError(
             f"{name!r} is not a valid model name; use letters, digits, '.', '_' and '-'"
@@ -50,14 +38,9 @@ def valid_name(name: str) -> str:
 
 
 def folder_to_add(name: str, *, force: bool) -> Path:
-    """The folder of a new model.
-
-    Raises:
-        UsageError: a model has the name and ``force`` is not given, the folder is a link, or it
-            holds other files than those of a model.
-    """
+    """The folder of a new model; UsageError if it is taken, a link, or holds other files."""
     target = catalog.user_root() / name
-    taken = next((p for n, p in catalog.list_locations() if n == name), None)
+    taken = dict(catalog.list_locations()).get(name)
     if taken is not None and not force:
         raise UsageError(
             f"a model named {name!r} already exists ({taken.path})",
@@ -71,11 +54,7 @@ def folder_to_add(name: str, *, force: bool) -> Path:
 
 
 def added_model(name: str) -> tuple[Path, ModelLocation]:
-    """Folder and files of a model that was added.
-
-    Raises:
-        UsageError: it is not in the user's folder, or its folder holds other files, too.
-    """
+    """Folder and files of a model that was added; UsageError if there is none, or other files."""
     folder = catalog.user_root() / valid_name(name)
     location = location_at(folder) or location_at(folder.with_name(f"{folder.name}.onnx"))
     if location is None:
@@ -88,14 +67,7 @@ def added_model(name: str) -> tuple[Path, ModelLocation]:
 
 
 def remove_model(name: str) -> Path:
-    """Delete a model that was added.
-
-    Returns:
-        The path that was removed.
-
-    Raises:
-        UsageError: it is not in the user's folder, or its folder holds other files, too.
-    """
+    """Delete a model that was added, and return its path; raises as :func:`added_model`."""
     folder, location = added_model(name)
     if location.onnx is not None:  # a file, beside which a folder may have the same name
         for file in filter(None, location):
@@ -103,7 +75,7 @@ def remove_model(name: str) -> Path:
     elif folder.is_symlink():
         folder.unlink()
     else:
-        with workspace(folder.parent) as work:
+        with atomic.workspace(folder.parent) as work:
             folder.rename(work / folder.name)
     return location.onnx or folder
 
@@ -143,27 +115,22 @@ def add_model(
     """Copy a model into the user's folder with its completed card, after running it once.
 
     Args:
-        path: an ONNX file; a remote one is downloaded.
+        path: an ONNX file; a remote one is downloaded, which advances ``progress`` by its bytes.
         card: a ``card.json`` or the name of a ready card; None if the card is inside the ONNX
             file, or beside it on this machine.
         name: name for ``--model``; None for the card's own name.
         force: replace a model of this name, or override a bundled one.
         sha256: checksum that the file must have, 64 hex digits; None for any.
-        progress: advanced by downloaded bytes.
-
-    Returns:
-        The model in the user's folder.
+        progress: of the download.
 
     Raises:
-        UsageError: the name is invalid or taken, its folder holds other files, or there is no
-            such card.
+        UsageError: the name is invalid or taken, or there is no such card.
         ModelError: the file is not a model that matches the card, or fails to run.
-        OutputError: the folder cannot be written.
     """
     if name is not None:
         folder_to_add(valid_name(name), force=force)  # before anything is downloaded
     try:
-        with local_copy(path, progress, max_bytes=catalog.MAX_BYTES) as file:
+        with paths.local_copy(path, progress, max_bytes=catalog.MAX_BYTES) as file:
             return _install(file, card, name=name, force=force, sha256=sha256)
     except InputError as error:
         raise ModelError(str(error)) from error
@@ -175,26 +142,23 @@ class PublishedModel(NamedTuple):
     source: str  #: name of the ready card, or its file
     card: ModelCard  #: with placeholders for opset and IR version
     weights: WeightsSpec  #: those of the card
-    url: RemotePath  #: of the ONNX file
+    url: paths.RemotePath  #: of the ONNX file
 
 
 def published_model(name: str) -> PublishedModel | None:
     """The model that the name of a ready card, or a ``.json`` file, stands for; None if neither.
 
-    Raises:
-        UsageError: the card states no address of an ONNX file.
-        ModelError: it is not a card.
+    UsageError if the card states no address of an ONNX file, ModelError if it is no card.
     """
     if name not in catalog.ready_names() and not name.endswith(".json"):
         return None
     draft = _named_draft(name)
     fields = {"onnx": catalog.NO_FILE_YET} | draft.fields
     card = ModelCard.from_json(json.dumps(fields), where=draft.where)
-    url = path_of(card.weights.url or "") if card.weights else None
-    if card.weights is None or not isinstance(url, RemotePath):
-        raise UsageError(
-            f"{draft.where} states no address of an ONNX file", catalog.how_to_add(card, name)
-        )
+    url = paths.path_of(card.weights.url or "") if card.weights else None
+    if card.weights is None or not isinstance(url, paths.RemotePath):
+        problem = f"{draft.where} states no address of an ONNX file"
+        raise UsageError(problem, catalog.how_to_add(card, name))
     return PublishedModel(name, card, card.weights, url)
 
 
@@ -206,27 +170,16 @@ def add_published(
     sha256: str | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> Model:
-    """Download a model and add it.
+    """Download a model of :func:`published_model`, and add it as :func:`add_model` does.
 
-    If its checksum is known, a download that was interrupted goes on where it stopped.
-
-    Args:
-        model: of :func:`published_model`.
-        name: name for ``--model``; None for the card's own name.
-        force: replace a model of this name, or override a bundled one.
-        sha256: checksum that the file must have; None for the published one, if there is one.
-        progress: advanced by downloaded megabytes.
-
-    Raises:
-        UsageError: as :func:`add_model`.
-        ModelError: the file cannot be downloaded, has another checksum, or fails to run.
-        OutputError: the folder cannot be written.
+    The checksum is the published one, if none is given. If it is known, a download that was
+    interrupted goes on where it stopped. Progress is of megabytes.
     """
     name = valid_name(name or model.card.name)
     folder_to_add(name, force=force)
     sha256 = sha256 or model.weights.sha256
     part = catalog.user_root() / f".{name}.part"
-    with _locked_file(part) as file, errors_about(model.url, part):
+    with _locked_file(part) as file, paths.errors_about(model.url, part):
         if sha256 is None:  # the part may be that of another file
             file.truncate(0)
         _download(model, file, progress)
@@ -259,7 +212,7 @@ def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None
     if size is not None and file.seek(0, os.SEEK_END) >= size:
         return
     try:
-        download_rest(model.url, file, progress, max_bytes=catalog.MAX_BYTES)
+        paths.download_rest(model.url, file, progress, max_bytes=catalog.MAX_BYTES)
         file.flush()
     except OSError as error:
         if error.errno == errno.ERANGE:  # it is complete, or else its checksum is wrong
@@ -284,7 +237,7 @@ def _install(
     target = folder_to_add(complete.name, force=force)
     if target.is_dir():  # the old one is kept until the new card is in place
         complete = replace(complete, file=f"model-{found[:12]}.onnx")
-    with workspace(target.parent) as work:
+    with atomic.workspace(target.parent) as work:
         temporary = work / target.name
         temporary.mkdir()
         shutil.copyfile(path, temporary / (complete.file or _FILE_NAME))
@@ -304,7 +257,7 @@ def _install(
             session.model = replace(model, card=fitted)
             try_session(session)
         (temporary / catalog.CARD_NAME).write_text(fitted.to_json(), "utf-8")
-        replace_folder(temporary, target, last=catalog.CARD_NAME)
+        atomic.replace_folder(temporary, target, last=catalog.CARD_NAME)
     return find_model(target)
 
 
@@ -315,18 +268,17 @@ def _card_draft(path: Path, facts: OnnxFacts, card: str | None) -> CardDraft:
     if card is None:
         embedded = facts.metadata.get(METADATA_KEY)
         if embedded is None:
-            raise UsageError(
-                f"{path} has no card inside or beside it{catalog.unused_card(path)}",
-                "give {card}, and see 'depthcli models cards' for ready ones",
-            )
+            problem = f"{path} has no card inside or beside it{catalog.unused_card(path)}"
+            advice = "give {card}, and see 'depthcli models cards' for ready ones"
+            raise UsageError(problem, advice)
         where = f"card inside {path}"
         return CardDraft(_json_object(embedded, where), where, is_ready=False)
     return _named_draft(card)
 
 
 def _named_draft(card: str) -> CardDraft:
-    if card.endswith(".json") or path_of(card).is_file():
-        fields = _json_object(catalog.read_card(path_of(card)), safe_name(card))
+    if card.endswith(".json") or paths.path_of(card).is_file():
+        fields = _json_object(catalog.read_card(paths.path_of(card)), paths.safe_name(card))
         return CardDraft(fields, card, is_ready=False)
     return CardDraft(catalog.ready_fields(card), f"card {card}", is_ready=True)
 
@@ -353,13 +305,9 @@ def _complete_card(draft: CardDraft, facts: OnnxFacts, name: str | None) -> Mode
 
 
 def verify_models(names: Sequence[str] = ()) -> Iterator[tuple[str, Model | DepthcliError]]:
-    """Check size, checksum and card of each model, and run it on gray pictures.
+    """Check size, checksum and card of models, all by default, and run each on gray images.
 
-    Args:
-        names: names or paths; all models that have a name, if empty.
-
-    Yields:
-        Each name with its model, or with what is wrong with it.
+    Yields each name or path with its model, or with what is wrong with it.
     """
     for name in names or [name for name, _ in catalog.list_locations()]:
         try:

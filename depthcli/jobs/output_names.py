@@ -7,7 +7,6 @@ from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +31,8 @@ def comparable(name: str) -> str:
 def namesakes(folder: Path, own: Collection[str]) -> dict[str, list[str]]:
     """For each input of a folder, the other names there that differ from it in suffixes only.
 
-    Case is ignored, except in a store. There are none if the folder cannot be listed.
-
-    Args:
-        folder: is listed once; a store, which may have millions of names, near the inputs only.
-        own: names of the inputs.
+    Case is ignored, except in a store, of which only names near the inputs are listed. There are
+    none if the folder cannot be listed.
     """
     owners: dict[str, list[str]] = {}
     for name in own:
@@ -58,11 +54,7 @@ def _keys(name: str) -> set[str]:
 
 
 def names_near(folder: Path, own: Iterable[str]) -> Iterable[str]:
-    """Names in a folder; in a store, those that begin with the stem of an own name and a dot.
-
-    Raises:
-        OSError: the folder cannot be listed.
-    """
+    """Names in a folder; in a store, those that begin with the stem of an own name and a dot."""
     if not isinstance(folder, RemotePath):
         return os.listdir(folder)  # noqa: PTH208 - a name is all that is needed
     stems = map(stem, own)
@@ -85,9 +77,6 @@ def _names_starting(folder: RemotePath, starts: Iterable[str]) -> Iterator[str]:
             name = next(names, "")
 
 
-_Hashes: TypeAlias = NDArray[np.uint64]
-
-
 class TreeNames:
     """The names of outputs, without suffix.
 
@@ -100,15 +89,10 @@ class TreeNames:
     """
 
     def __init__(self, names: Iterable[str] = (), stem: Callable[[str], str] = stem) -> None:
-        """Hash the names of inputs.
-
-        Args:
-            names: paths from the root, with ``/`` between their parts.
-            stem: an input's name without suffix.
-        """
+        """Hash the names of inputs, paths from the root with ``/``; ``stem`` removes suffixes."""
         self._stem = stem
         self._hashes = array("Q")
-        self._ambiguous: tuple[_Hashes, _Hashes] | None = None
+        self._ambiguous: tuple[set[int], set[int]] | None = None
         for name in names:
             self.add(name)
 
@@ -121,24 +105,24 @@ class TreeNames:
     def base(self, name: str) -> str:
         """Path of an input's outputs from the output folder, without a suffix."""
         alike, shared = self._ambiguous = self._ambiguous or self._find_ambiguous()
-        if _is_in(alike, comparable(name)):
+        if _hash(comparable(name)) in alike:
             return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
         short = self._stem(name)
-        return name if _is_in(shared, comparable(short)) else short
+        return name if _hash(comparable(short)) in shared else short
 
     def is_shared(self, name: str) -> bool:
         """Whether another name has the same stem."""
         return self.base(name) != self._stem(name)
 
-    def _find_ambiguous(self) -> tuple[_Hashes, _Hashes]:
-        """Hashes of full names that are alike, and of stems that are shared; sorted."""
+    def _find_ambiguous(self) -> tuple[set[int], set[int]]:
+        """Hashes of full names that are alike, and of stems that are shared."""
         names, whole, stems = np.array(self._hashes, np.uint64).reshape(-1, 3).T
         _, first = np.unique(names, return_index=True)
         alike, stems = _repeated(whole[first]), stems[first]
         # np.intersect1d and np.isin would load numpy.ma, at 15 ms.
         whole = np.sort(whole)
         both = stems[np.take(whole, np.searchsorted(whole, stems), mode="clip") == stems]
-        return alike, np.sort(np.concatenate([_repeated(stems), both]))
+        return alike, _repeated(stems) | {*both.tolist()}
 
 
 def _hash(name: str) -> int:
@@ -146,19 +130,10 @@ def _hash(name: str) -> int:
     return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "big")
 
 
-def _repeated(hashes: _Hashes) -> _Hashes:
-    """Hashes that occur more than once, sorted."""
+def _repeated(hashes: NDArray[np.uint64]) -> set[int]:
+    """Hashes that occur more than once."""
     found, counts = np.unique(hashes, return_counts=True)
-    return found[counts > 1]
-
-
-def _is_in(hashes: _Hashes, name: str) -> bool:
-    """Whether a name's hash is among sorted ones."""
-    if not len(hashes):
-        return False
-    wanted = np.uint64(_hash(name))
-    place = int(np.searchsorted(hashes, wanted))
-    return place < len(hashes) and bool(hashes[place] == wanted)
+    return {*found[counts > 1].tolist()}
 
 
 def output_bases(sources: Sequence[Path | None]) -> list[str]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
+from typing import Generic, NamedTuple, Self, TypeVar
 
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format, suffix_of
@@ -17,9 +18,6 @@ from depthcli.io.storage.paths import check_writable, path_of, safe_name
 from depthcli.video.formats import VideoFormat
 from depthcli.video.numbering import base_name, is_pattern
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
 STDIO = "-"
 FormatT = TypeVar("FormatT", Format, VideoFormat)
 
@@ -27,13 +25,10 @@ FormatT = TypeVar("FormatT", Format, VideoFormat)
 class Kind(StrEnum):
     """Kinds of destinations that ``-o/--out`` names."""
 
-    BESIDE = "beside"
-    """Nothing: outputs stand beside their inputs."""
+    BESIDE = "beside"  #: nothing: outputs stand beside their inputs
     FOLDER = "folder"
-    FILE = "file"
-    """One file, or the stem of several."""
-    PATTERN = "pattern"
-    """Numbered files, such as ``depth.%04d.exr``."""
+    FILE = "file"  #: one file, or the stem of several
+    PATTERN = "pattern"  #: numbered files, such as ``depth.%04d.exr``
     STDOUT = "stdout"
 
 
@@ -59,8 +54,7 @@ class Destination(Generic[FormatT]):
     path: Path | None  #: file, folder or pattern; None beside the inputs, and for standard output
     formats: tuple[FormatT, ...]  #: each once
     sidecar: FormatT | None = None  #: JSON besides, if it is not one of the formats
-    #: the stem of several files at the path; None if it is the whole name of one, or a folder
-    stem: str | None = None
+    stem: str | None = None  #: of several files at the path; None for one's whole name, or a folder
 
     @classmethod
     def parse(
@@ -72,18 +66,14 @@ class Destination(Generic[FormatT]):
         *,
         is_plain: bool = False,
     ) -> Self:
-        """Parse ``-o/--out``.
+        """Parse ``-o/--out``: a file or URI, a folder, a pattern, ``-``, or None for beside inputs.
 
-        Args:
-            out: a file or URI, a folder (it exists, or ends in ``/``), a pattern, ``-``, or None.
-            asked: the formats; if there are none, the suffix of ``out`` chooses, or the defaults.
-            rules: those of the command.
-            sidecar: JSON, if it is to be written besides.
-            is_plain: whether a placeholder such as ``%04d`` is part of the name of one file.
+        A folder exists, or ends in ``/``. If no formats are asked for, the suffix chooses, or the
+        command's rules; ``sidecar`` is written besides. With ``is_plain``, a placeholder such as
+        ``%04d`` is part of the name of one file.
 
         Raises:
-            UsageError: it is empty, of a kind that the command does not write, behind HTTP, or has
-                the suffix of no format or of another one.
+            UsageError: it is of a kind that the command does not write, or of another format.
         """
         kind = _kind_of(out, is_bare_folder=rules.is_bare_folder, is_plain=is_plain)
         path = None if out is None or kind is Kind.STDOUT else path_of(out)
@@ -106,11 +96,7 @@ class Destination(Generic[FormatT]):
         return self.formats + (() if self.sidecar is None else (self.sidecar,))
 
     def outputs(self, base: Path) -> dict[FormatT, Path]:
-        """Path of each output of an input; of numbered files, their pattern.
-
-        Args:
-            base: the path of the input's outputs without suffix, where no name is given.
-        """
+        """Path of each output of an input, whose base, without suffix, counts without a name."""
         path = self.path
         if path is None or self.kind is Kind.FOLDER or self.stem is not None:
             base = path.with_name(self.stem) if path and self.stem is not None else base
@@ -148,36 +134,29 @@ def _formats(
     if kind in {Kind.BESIDE, Kind.FOLDER}:
         return asked or rules.defaults
     found = rules.stdout if path is None else rules.of_name(path.name)
-    if asked:
-        if path is not None and found is not None and len(asked) == 1:
-            _check_suffix(path, asked[0])
-        return asked
-    if found is None:
+    chosen = asked or ((found,) if found else ())
+    if not chosen:
         suffix, known = path.suffix if path else "", ", ".join(rules.suffixes)
         raise _out_error(
             path or Path(STDIO),
             f"ends in {suffix}, which is no format" if suffix else "has no suffix of a format",
             f"use {known}, give {{format}}, or end the name in '/' for a folder",
         )
-    if path is not None:
-        _check_suffix(path, found)
-    return (found,)
+    if path is not None and found is not None and len(chosen) == 1:
+        _check_suffix(path, chosen[0])
+    return chosen
 
 
 def _format_of_pattern(
     path: Path, asked: tuple[FormatT, ...], rules: FormatRules[FormatT]
 ) -> FormatT:
     if rules.of_pattern is None:
-        raise _out_error(
-            path, "is a pattern for numbered files of a video", "name one file, or a folder"
-        )
+        what = "is a pattern for numbered files of a video"
+        raise _out_error(path, what, "name one file, or a folder")
     found = rules.of_pattern(path.name)
     if found is None or set(asked) - {found}:
-        raise _out_error(
-            path,
-            "is a pattern for numbered files, which end in .png, .exr or .npy",
-            "give such a name, and no other {format}",
-        )
+        what = "is a pattern for numbered files, which end in .png, .exr or .npy"
+        raise _out_error(path, what, "give such a name, and no other {format}")
     return found
 
 
@@ -185,11 +164,8 @@ def _check_suffix(path: Path, which: FormatT) -> None:
     """Check that the suffix of a file, which is that of a format, fits."""
     suffix = Path(f"a{which.facts.suffix}").suffix
     if "%" in which.facts.suffix:
-        raise _out_error(
-            path,
-            f"is one file, and {which} writes one per frame",
-            f"name a folder, or a pattern such as {path.stem}.%04d{suffix}",
-        )
+        advice = f"name a folder, or a pattern such as {path.stem}.%04d{suffix}"
+        raise _out_error(path, f"is one file, and {which} writes one per frame", advice)
     if suffix_of(path) != suffix:
         raise _out_error(path, f"does not end in {suffix}", "the suffix has to match {format}")
 
@@ -209,16 +185,12 @@ class OutputPlan(NamedTuple, Generic[FormatT]):
 def plan_outputs(
     sources: Sequence[Path | None], destination: Destination[FormatT]
 ) -> list[OutputPlan[FormatT]]:
-    """Name every output that goes to a file.
+    """Name every output that goes to a file; None is standard input.
 
     Without a destination, outputs are placed beside their input. If another image or video with the
     same stem is in the input's folder, or goes to the same folder, the output's name keeps the
     input's suffix (``a.jpg.depth.png``, ``a.png.depth.png``), so that names do not depend on the
     order or choice of the inputs. A folder without a name, such as ``.`` or ``/``, gets no outputs.
-
-    Args:
-        sources: the inputs; None is standard input, whose outputs go to the working directory.
-        destination: not standard output.
 
     Raises:
         UsageError: two inputs share an output, an output is an input, or the destination is no
@@ -226,9 +198,8 @@ def plan_outputs(
     """
     if destination.kind not in {Kind.BESIDE, Kind.FOLDER} and len(sources) != 1:
         path = destination.path or Path(STDIO)
-        raise _out_error(
-            path, f"is one file but there are {len(sources)} inputs", f"name a folder: {path}/"
-        )
+        problem = f"is one file but there are {len(sources)} inputs"
+        raise _out_error(path, problem, f"name a folder: {path}/")
     plans = [
         OutputPlan(source, {} if source and not source.name else destination.outputs(base))
         for source, base in zip(sources, _base_paths(sources, destination), strict=True)
@@ -263,11 +234,7 @@ def _base_paths(sources: Sequence[Path | None], destination: Destination[FormatT
 
 
 def check_collisions(plans: Sequence[OutputPlan[FormatT]]) -> None:
-    """Check that no output is an input, or another output.
-
-    Raises:
-        UsageError: one is.
-    """
+    """Check that no output is an input, or another output; UsageError if one is."""
     places = RealPaths()
     sources = (plan.source for plan in plans if plan.source is not None)
     inputs = {_case_folded_path(place) for source in sources for place in places.all_of(source)}

@@ -50,11 +50,7 @@ _RULES = FormatRules(
 def picture_destination(
     output: str | None = None, asked: Sequence[Format] = (), *, sidecar: bool = False
 ) -> Destination[Format]:
-    """Where the outputs of pictures go, and their formats.
-
-    Raises:
-        UsageError: as :meth:`Destination.parse` does.
-    """
+    """Where the outputs of images go, and their formats; raises as :meth:`Destination.parse`."""
     return Destination.parse(output, asked, _RULES, Format.JSON if sidecar else None)
 
 
@@ -66,8 +62,7 @@ class PredictRequest:
     destination: Destination[Format] = field(default_factory=picture_destination)
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
-    #: points of known depth, a file of them for all images, or the images themselves
-    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()  #: known depth, or where files have it
     anchors_fit: AnchorsFit | None = None  #: to these; None for the best that the model can
     reading: ReadOptions = AS_STATED  #: how images are read
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
@@ -90,17 +85,11 @@ class PictureResult(NamedTuple):
 
 
 def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
-    """Predict the depth of pictures; a bad one does not stop the others.
+    """Predict the depth of images; a bad one does not stop the others.
 
-    Outputs are named and the model starts to load before this returns; pictures are processed
-    while the result is iterated over.
-
-    Returns:
-        An iterator of results, in the order of the pictures. It raises ModelError if the model
-        cannot be used, and UsageError if the model does not accept a focal length.
-
-    Raises:
-        UsageError: the outputs do not fit the pictures, or collide.
+    Outputs are named and the model starts to load before this returns. The results come in the
+    order of the images, which are processed while they are iterated over; ModelError is raised
+    then if the model cannot be used, and UsageError if it does not accept a focal length.
     """
     plans = plan_pictures(request.pictures, request.destination)
     loading = request.model.start()
@@ -111,11 +100,7 @@ def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
 
 
 def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Inputs, and those to skip because depthcli wrote them; ``*.png`` matches these as well.
-
-    Raises:
-        UsageError: all of them were written by depthcli.
-    """
+    """Inputs, and those to skip because depthcli wrote them; UsageError if it wrote all."""
     own = [name for name in names if name != STDIO and is_own_picture(name)]
     others = [name for name in names if name not in own]
     if not others:
@@ -129,22 +114,15 @@ def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
 def plan_pictures(
     names: Sequence[str], destination: Destination[Format]
 ) -> list[OutputPlan[Format]]:
-    """Name every output before anything is read.
-
-    Raises:
-        UsageError: the outputs do not fit the inputs, or collide.
-    """
+    """Name every output before anything is read; UsageError if they do not fit, or collide."""
     if list(names).count(STDIO) > 1:
         raise UsageError("'-' is standard input and can be read once", "give it once")
     sources = [None if name == STDIO else path_of(name) for name in names]
-    if destination.kind is Kind.STDOUT:
-        if len(names) != 1 or len(destination.wanted) != 1:
-            raise UsageError(
-                "standard output takes one input and one format",
-                "name a folder for more",
-                option="out",
-            )
+    if destination.kind is not Kind.STDOUT:
+        plans = plan_outputs(sources, destination)
+    elif len(names) == len(destination.wanted) == 1:
         plans = [OutputPlan(sources[0], dict.fromkeys(destination.wanted, Path(STDIO)))]
     else:
-        plans = plan_outputs(sources, destination)
+        problem = "standard output takes one input and one format"
+        raise UsageError(problem, "name a folder for more", option="out")
     return [plan._replace(name=safe_name(n)) for n, plan in zip(names, plans, strict=True)]

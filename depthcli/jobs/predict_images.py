@@ -26,12 +26,7 @@ from depthcli.jobs.predict import PictureResult, PredictRequest
 def predict_pictures(
     request: PredictRequest, plans: Sequence[OutputPlan[Format]], loading: Background[Session]
 ) -> Iterator[PictureResult | write.FailedInput]:
-    """Process the pictures and yield their results, in order.
-
-    Raises:
-        ModelError: the model cannot be used.
-        UsageError: the known depth cannot be read.
-    """
+    """Process the images and yield their results, in order; raises as ``predict`` states."""
     anchors = request.anchors
     own = anchors if isinstance(anchors, AnchorFiles) and anchors.is_self else None
     points = None if own else _known_points(request)
@@ -82,13 +77,10 @@ def _predict_picture(
             warnings += write.write_stream(request.writing, name, depth, frame, stream)
         else:
             warnings += write.write_output(request.writing, name, depth, frame, path, guard)
+    shown, outputs = displayed_depth(depth, frame.windows), tuple(map(str, plan.outputs.values()))
+    seconds = time.perf_counter() - start
     return PictureResult(
-        name=plan.name,
-        outputs=tuple(map(str, plan.outputs.values())),
-        depth=displayed_depth(depth, frame.windows),
-        provider=session.provider,
-        seconds=time.perf_counter() - start,
-        warnings=tuple(warnings),
+        plan.name, outputs, shown, session.provider, seconds, warnings=tuple(warnings)
     )
 
 

@@ -37,13 +37,10 @@ class RenderRequest:
 
 
 def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> int:
-    """Render the missing rooms; returns how many there were.
+    """Render the missing rooms, and return how many there were.
 
-    The same options give the same bytes, independent of count and workers.
-
-    Raises:
-        UsageError: the folder holds other pictures, or rooms made with other options.
-        OutputError: a file cannot be written.
+    The same options give the same bytes, independent of count and workers. UsageError if the folder
+    holds other images, or rooms made with other options.
     """
     _check_folder(request)
     missing = [
@@ -61,47 +58,36 @@ def _check_folder(request: RenderRequest) -> None:
     out, path = request.out, request.out / SETTINGS_NAME
     text = json.dumps({"version": VERSION, **request.settings._asdict()})
     try:
-        held = parsed_json(read_regular(path, _MAX_SETTINGS_BYTES))
+        held, wanted = parsed_json(read_regular(path, _MAX_SETTINGS_BYTES)), json.loads(text)
     except FileNotFoundError:
         if any((out / name).exists() for name in ("rgb", "depth", CAMERAS_NAME)):
             raise UsageError(f"{out} holds other images", "give another {out}") from None
     except (OSError, FieldError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise OutputError(
-            f"cannot read {path}: {reason}", "remove it, or give another {out}"
-        ) from error
+        advice = "remove it, or give another {out}"
+        raise OutputError(f"cannot read {path}: {reason}", advice) from error
     else:
-        wanted = json.loads(text)
         if held != wanted:
             raise UsageError(f"{out} holds other rooms", _same_options(held, wanted))
     write_text(text + "\n", path)
-    count = max(request.count, _camera_count(out / CAMERAS_NAME))
-    rows = (f"{_pair_name(i)},{room_focal_px(request.settings, i):.6f}\n" for i in range(count))
-    write_text("id,focal_px\n" + "".join(rows), out / CAMERAS_NAME)
+    cameras = out / CAMERAS_NAME
+    rows = cameras.read_bytes().count(b"\n") - 1 if cameras.is_file() else 0
+    focal = ((i, room_focal_px(request.settings, i)) for i in range(max(request.count, rows)))
+    lines = (f"{_pair_name(i)},{focal_px:.6f}\n" for i, focal_px in focal)
+    write_text("id,focal_px\n" + "".join(lines), cameras)
 
 
 def _same_options(held: Any, wanted: dict[str, object]) -> str:  # noqa: ANN401 - any JSON
     """Advice with the options of the existing rooms that differ from the requested ones."""
     if not isinstance(held, dict) or held.get("version") != VERSION:
         return "they are of another version of depthcli: give another {out}"
-    others = {name: held.get(name) for name, value in wanted.items() if held.get(name) != value}
-    options = (
-        f"{{{name.removesuffix('_deg')}}} {_option_value(name, value)}"
-        for name, value in others.items()
-    )
+    options = []
+    for name, value in wanted.items():
+        if (other := held.get(name)) != value:  # as on the command line: 256x192, 30-110, kinect
+            parts = other if isinstance(other, list) else [other]
+            text = ("x" if name == "size" else "-").join(f"{x}".removesuffix(".0") for x in parts)
+            options.append(f"{{{name.removesuffix('_deg')}}} {text}")
     return f"give {' '.join(options)}, or another {{out}}"
-
-
-def _option_value(name: str, value: object) -> str:
-    """An option's value as on the command line: ``256x192``, ``30-110``, ``kinect``."""
-    between = "x" if name == "size" else "-"
-    parts = value if isinstance(value, list) else [value]
-    return between.join(str(part).removesuffix(".0") for part in parts)
-
-
-def _camera_count(cameras: Path) -> int:
-    """Number of rooms in ``cameras.csv``."""
-    return cameras.read_bytes().count(b"\n") - 1 if cameras.is_file() else 0
 
 
 def _pair_name(index: int) -> str:

@@ -21,21 +21,16 @@ class TrainRequest:
     """Request to train."""
 
     config: TrainConfig  #: of the run; see :func:`depthcli.training.settings.resolve_config`
-    #: the data set, as :func:`~depthcli.datasets.training_data.open_training_data` takes it
-    data: Path
+    data: Path  #: the data set, as ``open_training_data`` takes it
     out: Path  #: folder for checkpoint, log and samples; a run in it is continued
-    #: of the names of images and depth in it, with ``*``; None for a known layout
-    patterns: tuple[str, str] | None = None
+    patterns: tuple[str, str] | None = None  #: names of images and depth, with ``*``
     pseudo_labels: Path | None = None  #: folder of additional pairs with less reliable depth
-    #: models or checkpoints, as :func:`~depthcli.training.init_weights.weights_file` takes them;
-    #: a new run starts from the mean of their weights
-    init_weights: tuple[Path, ...] = ()
+    init_weights: tuple[Path, ...] = ()  #: models or checkpoints, from whose mean a run starts
     minutes: float = math.inf  #: wall-clock minutes after which it stops
     accelerator: str = "auto"  #: auto, cpu, cuda or mps
     threads: int | None = None  #: CPU threads; None for those of the folder's run, or all cores
     tensorboard: bool = False  #: also write event files for TensorBoard
-    #: signals that stop it after the current step, with a checkpoint
-    signals: tuple[signal.Signals, ...] = ()
+    signals: tuple[signal.Signals, ...] = ()  #: they stop it after a step, with a checkpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +46,6 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
 
     Raises:
         UsageError: the accelerator or settings do not fit together.
-        DatasetError: the data set cannot be used.
-        ModelError: there is no such model to start from, or it is damaged.
         CheckpointError: the folder holds another run, or a checkpoint cannot be read or written.
         TrainingError: training cannot continue; the last checkpoint is kept.
     """

@@ -20,15 +20,9 @@ def output_guard(inputs: Iterable[Path], *, overwrite: bool = False) -> Guard:
 def write_output(
     options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path, guard: Guard
 ) -> tuple[str, ...]:
-    """Write one format of a picture's depth to a file.
+    """Write one format of an image's depth to a file; returns warnings of one line.
 
     Depth is that of all pixels of the frame; only formats with a display window get the overscan.
-
-    Returns:
-        Warnings, one line each.
-
-    Raises:
-        OutputError: it cannot be written, or would replace an input or a file of another program.
     """
     with atomic_path(path, guard=guard) as temporary:
         return _write(options, name, depth, frame, temporary)
@@ -37,15 +31,7 @@ def write_output(
 def write_stream(
     options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, stream: BinaryIO
 ) -> tuple[str, ...]:
-    """Write one format of a picture's depth to a stream, as :func:`write_output` does.
-
-    Returns:
-        Warnings, one line each.
-
-    Raises:
-        OutputError: the stream cannot be written.
-        BrokenPipeError: its reader has exited.
-    """
+    """Write one format to a stream, as :func:`write_output`; BrokenPipeError as it comes."""
     # The libraries of the formats write files only.
     with temporary_folder() as folder:
         path = folder / f"depth{Path(FORMATS[name].suffix).suffix}"

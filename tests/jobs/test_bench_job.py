@@ -47,8 +47,7 @@ def test_throughput_is_limited_by_workers_that_take_turns(
 
 def test_bench_measures_for_the_given_seconds(model_folder: Path) -> None:
     loader, start_s = SessionLoader(model_folder, "cpu"), time.perf_counter()
-    request = bench.BenchRequest(loader, synthetic_px=(64, 48), workers=2, seconds=0.05)
-    done = bench.run_bench(request)
+    done = bench.run_bench(loader, (64, 48), 0.05, workers=2)
     assert time.perf_counter() - start_s > 3 * 0.05
     assert (done.model, done.provider, done.workers) == ("tiny", "cpu", 2)
     assert done.model_sha256 == find_model(model_folder).sha256

@@ -17,8 +17,8 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.table import Format
-from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, read_map
-from depthcli.jobs.inspect import depth_at, inspect_file
+from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
+from depthcli.jobs.inspect import depth_at, inspect_file, read_map
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 
