@@ -23,14 +23,7 @@ _GC_THRESHOLD = 50_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        arguments: without the program's name; None for those of the process.
-
-    Returns:
-        The exit code, see :class:`depthcli.errors.ExitCode`.
-    """
+    """Run the command line; returns the exit code. Without arguments, they are the process's."""
     if arguments is None:
         _exit(_run_process())
     return _run(list(arguments))
@@ -77,10 +70,13 @@ def _exit(code: int) -> NoReturn:
 
 
 def _run(arguments: list[str], *, is_process: bool = False) -> int:
-    text = None if f"_{PROGRAM.upper()}_COMPLETE" in os.environ else _plain_text(arguments)
+    completes = f"_{PROGRAM.upper()}_COMPLETE" in os.environ
     try:
-        if text is not None:
-            sys.stdout.write(text)
+        if not completes and arguments in ([], ["--help"], ["-h"]):
+            sys.stdout.write(help_text())
+            code = 0
+        elif not completes and arguments == ["--version"]:
+            sys.stdout.write(f"{PROGRAM} {__version__}\n")
             code = 0
         else:
             if is_process:
@@ -97,12 +93,3 @@ def _run(arguments: list[str], *, is_process: bool = False) -> int:
 
         return ExitCode.SOME_FAILED
     return code
-
-
-def _plain_text(arguments: list[str]) -> str | None:
-    """The text of help or version; None for a command."""
-    if arguments in ([], ["--help"], ["-h"]):
-        return help_text()
-    if arguments == ["--version"]:
-        return f"{PROGRAM} {__version__}\n"
-    return None

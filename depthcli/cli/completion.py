@@ -1,20 +1,35 @@
 """Shell completion of the values of options and arguments, except file names."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from importlib import import_module
 
 # Importing onnxruntime is slow; a test compares these names with it.
-PROVIDERS = (
-    "auto",
-    "cpu",
-    "cuda",
-    "tensorrt",
-    "rocm",
-    "migraphx",
-    "directml",
-    "coreml",
-    "openvino",
-)
+_ACCELERATED = ("cuda", "tensorrt", "rocm", "migraphx", "directml", "coreml", "openvino")
+PROVIDERS = ("auto", "cpu", *_ACCELERATED)
 ACCELERATORS = ("auto", "cpu", "cuda", "mps")
+
+
+def starting_with(words: Iterable[str], incomplete: str) -> list[str]:
+    """The words that complete one."""
+    return [word for word in words if word.startswith(incomplete)]
+
+
+def _names_in(module: str, name: str) -> Callable[[str], list[str]]:
+    """A completion by what a function or a collection of a module holds, imported when needed."""
+
+    def complete(incomplete: str) -> list[str]:
+        found = getattr(import_module(f"depthcli.{module}"), name)
+        return starting_with(found() if callable(found) else found, incomplete)
+
+    return complete
+
+
+cards = _names_in("models.catalog", "ready_names")
+presets = _names_in("training.presets", "PRESETS")
+methods = _names_in("training.methods.table", "METHODS")
+profiles = _names_in("cli.profiles", "profile_names")
+providers = _names_in("cli.completion", "PROVIDERS")
+accelerators = _names_in("cli.completion", "ACCELERATORS")
 
 
 def models(incomplete: str) -> list[str]:
@@ -28,10 +43,8 @@ def added_models(incomplete: str) -> list[str]:
     """Names of models that were added."""
     from depthcli.models.catalog import list_locations, user_root
 
-    root = user_root()
-    return starting_with(
-        (n for n, p in list_locations() if p.path.is_relative_to(root)), incomplete
-    )
+    added = (name for name, at in list_locations() if at.path.is_relative_to(user_root()))
+    return starting_with(added, incomplete)
 
 
 def models_and_cards(incomplete: str) -> list[str]:
@@ -39,43 +52,7 @@ def models_and_cards(incomplete: str) -> list[str]:
     return [*models(incomplete), *cards(incomplete)]
 
 
-def cards(incomplete: str) -> list[str]:
-    """Names of ready cards."""
-    from depthcli.models.catalog import ready_names
-
-    return starting_with(ready_names(), incomplete)
-
-
-def presets(incomplete: str) -> list[str]:
-    """Names for ``--preset``."""
-    from depthcli.training.presets import PRESETS
-
-    return starting_with(PRESETS, incomplete)
-
-
-def providers(incomplete: str) -> list[str]:
-    """Names for ``--provider``."""
-    return starting_with(PROVIDERS, incomplete)
-
-
-def methods(incomplete: str) -> list[str]:
-    """The training methods."""
-    from depthcli.training.methods.table import METHODS
-
-    return starting_with(METHODS, incomplete)
-
-
 def method_lists(incomplete: str) -> list[str]:
     """Completions of the last method of a comma-separated list."""
     before, comma, last = incomplete.rpartition(",")
     return [f"{before}{comma}{name}" for name in methods(last) if name not in before.split(",")]
-
-
-def accelerators(incomplete: str) -> list[str]:
-    """Names for ``--accelerator``."""
-    return starting_with(ACCELERATORS, incomplete)
-
-
-def starting_with(words: Iterable[str], incomplete: str) -> list[str]:
-    """The words that complete one."""
-    return [word for word in words if word.startswith(incomplete)]

@@ -7,21 +7,18 @@ from __future__ import annotations
 
 import copy
 import inspect
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, dataclass_transform, get_type_hints
+from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
 _T = TypeVar("_T")
 OPTION = "option"
 """Key of a field's metadata with its option; other fields are annotated with theirs."""
-USUAL = "Options"
-"""Heading of the options that most runs need, which come first."""
+USUAL = "Options"  #: heading of the options that most runs need, which come first
 _COLUMNS = 2, 26  # of the help: indent, and the widest name of an option beside its text
 
 

@@ -1,4 +1,4 @@
-"""Values of options as the objects that the jobs take."""
+"""Values of options as the objects that the jobs take; UsageError for one that is not valid."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ ALTERNATIVES = (
     ("calibration", "centre_px"),
     ("anchor", "anchors"),
     ("png_scale", "png_normalize", "png_inverse"),
-)
-"""Parameters of which only one is given, because they state the same."""
+)  #: parameters of which only one is given, because they state the same
 _LARGEST_PX = 20_000
 _BOX_COMMAS = 3
 
@@ -44,11 +43,7 @@ _BOX_COMMAS = 3
 def session_loader(
     model: str | None, runtime: groups.RuntimeOptions, threads: int | None = None
 ) -> SessionLoader:
-    """The loader of a model; ``threads`` in place of those of the options.
-
-    Raises:
-        UsageError: a provider option is not ``KEY=VALUE``.
-    """
+    """The loader of a model; ``threads`` in place of those of the options."""
     pairs = [word.partition("=") for word in runtime.provider_option or ()]
     if not all(key and equals for key, equals, _ in pairs):
         raise UsageError("each is KEY=VALUE, for example device_id=1", option="provider_option")
@@ -57,25 +52,17 @@ def session_loader(
 
 
 def detail(options: groups.DetailOptions) -> UpsamplingOptions:
-    """Upsampling and tiles.
-
-    Raises:
-        UsageError: the tile is neither ``auto`` nor a width.
-    """
+    """Upsampling and tiles; UsageError if the tile is neither ``auto`` nor a width."""
     tile = options.tile
-    if tile is None or tile == "auto":
-        return UpsamplingOptions(options.upsample, None if tile is None else AUTO_TILE)
-    if not re.fullmatch(r"0*[1-9][0-9]{0,8}", tile):
+    if tile in {None, "auto"}:
+        return UpsamplingOptions(options.upsample, AUTO_TILE if tile else None)
+    if not re.fullmatch(r"0*[1-9][0-9]{0,8}", str(tile)):
         raise UsageError(f"{short_repr(tile)} is neither auto nor a width in pixels", option="tile")
-    return UpsamplingOptions(options.upsample, int(tile))
+    return UpsamplingOptions(options.upsample, int(str(tile)))
 
 
 def writer_options(options: groups.WritingOptions) -> WriterOptions:
-    """Options of the formats; those that are not given get their defaults.
-
-    Raises:
-        UsageError: they contradict each other.
-    """
+    """Options of the formats, by default theirs; UsageError if they contradict each other."""
     values = {
         field.name: getattr(group, field.name)
         for group in (getattr(options, part.name) for part in fields(options))
@@ -96,20 +83,12 @@ def _colours(options: groups.PreviewOptions) -> tuple[Colormap | None, Near | No
         return colormap, near
     if near is not Near.WARM and colormap in {None, Colormap.GRAY}:
         return Colormap.GRAY, near
-    raise UsageError(
-        f"{near} does not fit {colormap}",
-        "white and black are for gray, warm is for the other colormaps",
-        option="near",
-    )
+    advice = "white and black are for gray, warm is for the other colormaps"
+    raise UsageError(f"{near} does not fit {colormap}", advice, option="near")
 
 
 def camera(options: groups.PinholeOptions) -> Intrinsics:
-    """The camera of the options.
-
-    Raises:
-        UsageError: options contradict each other, one is invalid, or the file of the calibration
-            cannot be read.
-    """
+    """The camera of the options."""
     _refuse_alternatives({field.name: getattr(options, field.name) for field in fields(options)})
     if options.rectified and options.calibration is None:
         raise UsageError("", "{rectified} is for {calibration}: give both or neither")
@@ -138,49 +117,26 @@ def _kept(name: str, given: Intrinsics) -> Intrinsics:
 
 def reading(options: groups.ReadOptions) -> ReadOptions:
     """Options of reading images."""
-    return ReadOptions(
-        options.white_level,
-        options.exposure,
-        options.layer,
-        options.projection,
-        options.ignore_alpha,
-        options.black_level,
-    )
+    return ReadOptions(**{name: getattr(options, name) for name in ReadOptions._fields})
 
 
 def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> DepthReadOptions:
-    """Statements of the user about a depth file.
-
-    Raises:
-        UsageError: a baseline without disparity.
-    """
+    """Statements of the user about a depth file; UsageError if a baseline without disparity."""
     from depthcli.io.depth.read import DepthReadOptions
 
-    if options.baseline is not None and options.from_kind is not DepthEncoding.DISPARITY:
+    kind, baseline_m, layer = options.from_kind, options.baseline, options.from_layer
+    if baseline_m is not None and kind is not DepthEncoding.DISPARITY:
         raise UsageError("", "{baseline} is for {from_kind} disparity")
-    return DepthReadOptions(
-        options.from_scale,
-        options.from_kind,
-        camera=camera,
-        baseline_m=options.baseline,
-        layer=options.from_layer,
-        frame=options.frame,
-    )
+    found = DepthReadOptions(options.from_scale, kind, layer=layer, frame=options.frame)
+    return replace(found, camera=camera, baseline_m=baseline_m)
 
 
 def anchors(
     options: groups.AnchorOptions, camera: Intrinsics = UNKNOWN_CAMERA, *, is_folder: bool = False
 ) -> AnchorFiles | tuple[Anchor, ...]:
-    """The files of known depth, or its points.
+    """The points of known depth, or files of them for images of a camera.
 
-    Args:
-        options: the options.
-        camera: that of the images, as far as the user states it.
-        is_folder: whether a path has to be a folder with a file for each image.
-
-    Raises:
-        UsageError: the options contradict each other, one is invalid, or the path is a file in
-            place of a folder.
+    With ``is_folder``, a path has to be a folder with a file for each image.
     """
     path = options.anchors
     _refuse_alternatives({"anchor": options.anchor, "anchors": path})
@@ -227,16 +183,11 @@ def _is_index(value: float) -> bool:
 
 
 def pixel(word: str) -> tuple[int, int]:
-    """Parse ``X,Y``.
-
-    Raises:
-        UsageError: it is not two integers of at least 0.
-    """
+    """Parse ``X,Y``; UsageError if it is not two integers of at least 0."""
     x, y = _numbers(word, 2)
     if not (_is_index(x) and _is_index(y)):
-        raise UsageError(
-            f"{word!r} is not X,Y", "give a column and a row from 0, for example 320,240"
-        )
+        advice = "give a column and a row from 0, for example 320,240"
+        raise UsageError(f"{word!r} is not X,Y", advice)
     return int(x), int(y)
 
 
@@ -259,9 +210,8 @@ def area(word: str) -> tuple[int, ...] | str:
 def _centre(word: str) -> tuple[float, float]:
     x, y = _numbers(word, 2)
     if not (math.isfinite(x) and math.isfinite(y)):
-        raise UsageError(
-            f"{word!r} is not CX,CY in pixels, for example 319.5,239.5", option="centre_px"
-        )
+        problem = f"{word!r} is not CX,CY in pixels, for example 319.5,239.5"
+        raise UsageError(problem, option="centre_px")
     return x, y
 
 
@@ -277,61 +227,43 @@ def _anchor(word: str) -> Anchor:
 
 
 def size(word: str) -> tuple[int, int]:
-    """Parse a width and height such as ``640x480``.
-
-    Raises:
-        UsageError: it is not of this form, or too large.
-    """
+    """Parse a width and height such as ``640x480``; UsageError if it is no such, or too large."""
     sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", word)
     width, height = map(int, sides.groups()) if sides else (0, 0)
     if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
-        raise UsageError(
-            f"{short_repr(word)} is not WIDTHxHEIGHT of 1 to {_LARGEST_PX} pixels each",
-            option="size",
-        )
+        problem = f"{short_repr(word)} is not WIDTHxHEIGHT of 1 to {_LARGEST_PX} pixels each"
+        raise UsageError(problem, option="size")
     return width, height
 
 
 def hfov_range(word: str) -> tuple[float, float]:
-    """Parse a range of degrees such as ``30-110``, or one value such as ``63.3``.
-
-    Raises:
-        UsageError: it is not of this form, or out of range.
-    """
+    """Parse degrees such as ``30-110`` or ``63.3``; UsageError if not so, or out of range."""
     low, dash, high = word.partition("-")
     try:
         angles = float(low), float(high if dash else low)
     except ValueError:
         angles = math.nan, math.nan
     if not (angles[0] <= angles[1] and all(map(HFOV_DEG.holds, angles))):
-        raise UsageError(
-            f"{short_repr(word)} is not LOW-HIGH, each {HFOV_DEG.what}, for example 50-80",
-            option="hfov",
-        )
+        problem = f"{short_repr(word)} is not LOW-HIGH, each {HFOV_DEG.what}, for example 50-80"
+        raise UsageError(problem, option="hfov")
     return angles
-
-
-def names(text: str | None) -> tuple[str, ...]:
-    """Items of a comma-separated list, without duplicates."""
-    return tuple(dict.fromkeys(word.strip() for word in (text or "").split(",") if word.strip()))
 
 
 def listed(words: Sequence[str] | None) -> tuple[str, ...]:
     """Items of comma-separated lists, without duplicates."""
-    return names(",".join(words or ()))
+    items = (word.strip() for word in ",".join(words or ()).split(","))
+    return tuple(dict.fromkeys(filter(None, items)))
 
 
 FORMAT_OPTIONS: Mapping[str, Collection[str]] = {
     str(name): facts.parameters for name, facts in FORMATS.items()
-}
-"""The options that each format uses, by parameter name."""
+}  #: the options that each format uses, by parameter name
 INPUT_OPTIONS: Mapping[str, Collection[str]] = {
     "EXR": ("exposure", "layer"),
     "PNG and TIFF": ("white_level", "black_level"),
     "image sequences": ("fps",),
     "videos": ("stream", "eye"),
-}
-"""The options that each kind of input uses, by parameter name."""
+}  #: the options that each kind of input uses, by parameter name
 _STDIN = "-"
 
 

@@ -50,9 +50,7 @@ def graceful_shutdown(
 ) -> Iterator[Interrupt]:
     """Record a signal within the block, which has to end then; a second one ends the process.
 
-    Args:
-        grace_period_s: how long the block may take to end.
-        on_signal: called from another thread when the signal comes.
+    The signal calls ``on_signal`` in another thread.
     """
     with Interrupt(*ending_signals()) as interrupt:
         _shutdowns.append((grace_period_s, on_signal))

@@ -30,11 +30,7 @@ def profile_files() -> tuple[Path, ...]:
 
 
 def read_profiles(path: Path) -> dict[str, dict[str, Any]]:
-    """The profiles of a file by name; none if there is no such file.
-
-    Raises:
-        UsageError: it cannot be read, or is not TOML with a table for each profile.
-    """
+    """The profiles of a file by name; none if there is no such file."""
     try:
         found = tomllib.loads(read_regular(path, _MAX_BYTES).decode())
     except FileNotFoundError:
@@ -52,11 +48,7 @@ def profile_names() -> tuple[str, ...]:
 
 
 def apply(context: Any, name: str) -> None:  # noqa: ANN401 - typer's own
-    """Set a profile's options as the defaults of the current command.
-
-    Raises:
-        UsageError: there is no such profile, or it has an option that no command has.
-    """
+    """Set a profile's options as the defaults of the current command."""
     tables = (read_profiles(path).get(name) for path in profile_files())
     values = next((table for table in tables if table is not None), None)
     if values is None:
@@ -66,8 +58,13 @@ def apply(context: Any, name: str) -> None:  # noqa: ANN401 - typer's own
     for key, value in values.items():
         if key in own:
             listed = value if isinstance(value, list) or not own[key].multiple else [value]
-            defaults[str(own[key].name)] = _known_formats(own[key], listed)
-        elif key not in (known := _all_keys()):
+            if own[key].name == "formats":  # without those of other commands
+                of_any, of_own = {*Format, *VideoFormat}, own[key].type.choices
+                listed = [word for word in listed if word in of_own or word not in of_any] or None
+            defaults[str(own[key].name)] = listed
+            continue
+        known = {key for name in PROFILE_COMMANDS for key in _options_of(plain_command(name))}
+        if key not in known:
             meant = suggestion(key, known, f"{PROGRAM} {context.info_name}")
             raise UsageError(f"profile {name!r}: no option named {key!r}{meant}")
     context.default_map = _Defaults(context, defaults)
@@ -87,14 +84,10 @@ class _Defaults(dict[str, Any]):
         """The default of a parameter that is not on the command line."""
         given = Given.of(self._context)
         others = {other for names in _EXCLUDING if name in names for other in names} - {name}
-        if not others.isdisjoint(given) or (name == "formats" and self._names_format(given)):
-            return default
-        return super().get(name, default)
-
-    def _names_format(self, given: Given) -> bool:
-        """Whether the name of the output selects the format."""
-        out = str(self._context.params.get("out")) if "out" in given else ""
-        return format_of(out) is not None or video_format_of(out) is not None
+        if name == "formats" and "out" in given:  # whose name may select the format
+            out = str(self._context.params.get("out"))
+            others |= {"out"} if format_of(out) or video_format_of(out) else set()
+        return super().get(name, default) if others.isdisjoint(given) else default
 
 
 _EXCLUDING = (
@@ -102,8 +95,7 @@ _EXCLUDING = (
     ("rectified", "cameras", "focal_px", "hfov"),
     ("rectified", "centre_px"),
     ("colormap", "near"),
-)
-"""Parameters of which one on the command line overrides the others of a profile."""
+)  #: parameters of which one on the command line overrides the others of a profile
 
 
 def _options_of(command: Any) -> dict[str, Any]:  # noqa: ANN401 - typer's own types
@@ -111,16 +103,3 @@ def _options_of(command: Any) -> dict[str, Any]:  # noqa: ANN401 - typer's own t
     options = [p for p in command.params if p.param_type_name == "option"]
     named = {max(p.opts, key=len).removeprefix("--"): p for p in options}
     return {name: p for name, p in named.items() if name not in _NOT_IN_PROFILES}
-
-
-def _all_keys() -> set[str]:
-    """The options of every command that accepts profiles."""
-    return {key for name in PROFILE_COMMANDS for key in _options_of(plain_command(name))}
-
-
-def _known_formats(parameter: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types
-    """A value of a profile; of formats, without those of other commands."""
-    if parameter.name != "formats":
-        return value
-    own, of_any = parameter.type.choices, {*Format, *VideoFormat}
-    return [name for name in value if name in own or name not in of_any] or None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import traceback
+from collections.abc import Sequence
+from typing import Any
 
 import typer
 from typer.core import TyperGroup, TyperOption
@@ -11,34 +13,16 @@ from typer.models import TyperPath
 
 from depthcli._version import __version__
 from depthcli.cli import table
-from depthcli.cli.completion import starting_with
+from depthcli.cli.completion import profiles
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
 from depthcli.core.options import INSTALL_TRAIN
-from depthcli.errors import (
-    DepthcliError,
-    ExitCode,
-    UsageError,
-    is_out_of_memory,
-)
+from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-_TRAIN_EXTRA = {
-    *("torch", "lightning_fabric", "lightning_utilities", "onnx", "onnxscript", "h5py", "timm"),
-}
+_TRAIN_EXTRA = "torch lightning_fabric lightning_utilities onnx onnxscript h5py timm".split()  # noqa: SIM905
 # Metavars in help, instead of typer's type names, which depend on its version.
-_PLACEHOLDERS = {
-    "int": "N",
-    "integer": "N",
-    "float": "X",
-    "path": "PATH",
-    "str": "TEXT",
-    "text": "TEXT",
-}
-
-
+_PLACEHOLDERS = {"int": "N", "integer": "N", "float": "X", "path": "PATH"}
+_PLACEHOLDERS |= dict.fromkeys(("str", "text"), "TEXT")
 _DEVICE_NAMES = ("--device", "--gpu", "--cuda", "--cpu")
 """Names that other programs have for ``--provider``."""
 
@@ -101,11 +85,11 @@ def run(arguments: Sequence[str]) -> int:
     except SystemExit as stop:  # shell completion, a closed pipe, a signal
         return stop.code if isinstance(stop.code, int) else ExitCode.OK
     except Exception as error:  # noqa: BLE001 - any error is printed as one line
-        if _is_missing_subcommand(error):
+        if type(error).__name__ == "NoArgsIsHelpError":  # of "depthcli eval", for example
             console.out(error.ctx.get_help())  # type: ignore[attr-defined]
             return ExitCode.OK
         if state.debug:
-            console.print_traceback(error)
+            traceback.print_exception(error)
         message, code = _explain(error)
         console.error(message)
         return code
@@ -140,51 +124,30 @@ def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
     message = error.format_message().strip().rstrip(".")
     if context and getattr(error, "option_name", None) in _DEVICE_NAMES:
         known = {word for parameter in context.command.params for word in parameter.opts}
-        meant = next((name for name in ("--provider", "--accelerator") if name in known), None)
-        message = f"no such option: {error.option_name}" + (f"; give {meant}" if meant else "")
+        meant = [f"; give {name}" for name in ("--provider", "--accelerator") if name in known]
+        message = "".join([f"no such option: {error.option_name}", *meant[:1]])
     return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
-
-
-def _is_missing_subcommand(error: Exception) -> bool:
-    """Whether a group such as ``depthcli eval`` was named without one of its commands."""
-    return type(error).__name__ == "NoArgsIsHelpError"
 
 
 def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
     """Import one command, and add the options of the shell."""
     command = table.plain_command(name)
     if name in table.PROFILE_COMMANDS:
-        command.params.append(_profile_option())
+        command.params.append(
+            TyperOption(
+                param_decls=["--profile"],
+                metavar="NAME",
+                autocompletion=lambda _context, _words, word: profiles(word),
+                expose_value=False,
+                callback=_apply_profile,
+                is_eager=True,
+                help="Use the options in the table [NAME] of depthcli.toml; options on the command "
+                "line override them.",
+                rich_help_panel=USUAL,
+            )
+        )
     _add_debug(command)
     return command
-
-
-def _profile_option() -> TyperOption:
-    return TyperOption(
-        param_decls=["--profile"],
-        metavar="NAME",
-        autocompletion=lambda _context, _words, word: _profiles(word),
-        expose_value=False,
-        callback=_apply_profile,
-        is_eager=True,
-        help="Use the options in the table [NAME] of depthcli.toml; options on the command line "
-        "override them.",
-        rich_help_panel=USUAL,
-    )
-
-
-def _profiles(incomplete: str) -> list[str]:
-    """Names for ``--profile``."""
-    from depthcli.cli.profiles import profile_names
-
-    return starting_with(profile_names(), incomplete)
-
-
-def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
-    if name is not None and not ctx.resilient_parsing:
-        from depthcli.cli.profiles import apply
-
-        apply(ctx, name)
 
 
 def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
@@ -217,11 +180,18 @@ def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 
     """Refuse URIs for local paths, which would take ``s3:`` for a folder."""
     for word in value if isinstance(value, (list, tuple)) else (value,):
         if "://" in str(word):
-            named = parameter.opts[-1] if parameter.opts[-1].startswith("-") else "this"
             from depthcli.io.storage.paths import safe_name
 
+            named = parameter.opts[-1] if parameter.opts[-1].startswith("-") else "this"
             raise UsageError(f"{safe_name(str(word))} is a URI; {named} takes local paths only")
     return value
+
+
+def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
+    if name is not None and not ctx.resilient_parsing:
+        from depthcli.cli.profiles import apply
+
+        apply(ctx, name)
 
 
 def _set_debug(ctx: Any, _parameter: Any, value: bool) -> None:  # noqa: ANN401 - typer's own types

@@ -50,18 +50,15 @@ def open_streams() -> Stream:
     """Make closed streams raise on reading and writing, and the others store errors.
 
     If a stream were left closed, the next file that is opened would get its number, and C libraries
-    would write warnings into that file.
-
-    Returns:
-        Standard output.
+    would write warnings into that file. Returns standard output.
     """
-    for number, name, flags in (
-        (0, "stdin", os.O_WRONLY),
-        (1, "stdout", os.O_RDONLY),
-        (2, "stderr", os.O_RDONLY),
-    ):
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
-            _open_devnull(number, flags)
+            handle = os.open(os.devnull, os.O_RDONLY if number else os.O_WRONLY)
+            if handle != number:
+                os.dup2(handle, number)
+                os.close(handle)
+            os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
     sys.stderr = _wrap(sys.stderr)
     sys.stdout = stdout = _wrap(sys.stdout)
@@ -72,11 +69,3 @@ def open_streams() -> Stream:
 def _wrap(original: Any) -> Stream:  # noqa: ANN401 - TextIO has no detach
     settings = {name: getattr(original, name) for name in _SETTINGS}
     return Stream(original.detach(), **settings)
-
-
-def _open_devnull(number: int, flags: int) -> None:
-    handle = os.open(os.devnull, flags)
-    if handle != number:
-        os.dup2(handle, number)
-        os.close(handle)
-    os.set_inheritable(number, True)

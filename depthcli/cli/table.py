@@ -24,10 +24,8 @@ COMMANDS = {
     "bench": ("bench", "Benchmark a model: latency, throughput, memory."),
     "serve": ("serve", "Serve depth over HTTP with one loaded model."),
     "doctor": ("doctor", "Check the installation: provider, model, codecs."),
-}
-"""Name -> (module in ``commands/`` whose ``app`` is the command, one line of help)."""
-PROFILE_COMMANDS = ("predict", "batch", "video")
-"""Commands that accept ``--profile``."""
+}  #: name -> (module in ``commands/`` whose ``app`` is the command, one line of help)
+PROFILE_COMMANDS = ("predict", "batch", "video")  #: commands that accept ``--profile``
 
 _HELP = """\
 Usage: depthcli COMMAND [OPTIONS] [ARGUMENTS]...

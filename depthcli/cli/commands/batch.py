@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from contextlib import closing, contextmanager
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from enum import StrEnum
 from itertools import chain
@@ -23,14 +23,13 @@ if TYPE_CHECKING:
 
     from depthcli.core.progress import Progress
     from depthcli.jobs.batch.plan import BatchPlan
+    from depthcli.jobs.batch.ray import RayEngine
     from depthcli.jobs.batch.run import BatchRequest
     from depthcli.jobs.batch.tasks import BatchOptions
-    from depthcli.jobs.batch.workers import Engine
 
 app = typer.Typer(rich_markup_mode=None)
 
-_GRACE_PERIOD_S = 10.0
-"""Time to finish the current images after a signal."""
+_GRACE_PERIOD_S = 10.0  #: time to finish the current images after a signal
 _STDIO = "-"
 
 
@@ -172,7 +171,6 @@ def batch(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.parse import FORMAT_OPTIONS, without_effect
     from depthcli.cli.screen import console
     from depthcli.jobs.batch.tasks import BatchOptions
 
@@ -194,19 +192,19 @@ def batch(
     plan = _plan(folder, output.out, inputs, camera.cameras)
     request = _request(plan, options, engine, model)
     if not screen.quiet:
-        console.warn_all(without_effect(given, FORMAT_OPTIONS, formats))
-        console.warn_all(without_effect(given, ENGINE_OPTIONS, (engine.engine,)))
+        console.warn_all(parse.without_effect(given, parse.FORMAT_OPTIONS, formats))
+        console.warn_all(parse.without_effect(given, ENGINE_OPTIONS, (engine.engine,)))
     # The driver of a cluster need not have the workers' GPUs.
     here = replace(request.model, provider="cpu", provider_options={})
     loading = (here if engine.is_ray else request.model).start()
     from depthcli.cli.process import graceful_shutdown
-    from depthcli.cli.screen.results import StopOnSignal, print_dry_run, run_batch
+    from depthcli.cli.screen import results
 
     if output.dry_run:
         from depthcli.jobs.batch.run import dry_run
 
-        results = dry_run(request, loading.result())
-        would_fail = print_dry_run(results, plan, as_json=screen.as_json)
+        planned = dry_run(request, loading.result())
+        would_fail = results.print_dry_run(planned, plan, as_json=screen.as_json)
         return ExitCode.SOME_FAILED if would_fail else ExitCode.OK
     from depthcli.jobs.batch.run import Batch
 
@@ -218,11 +216,11 @@ def batch(
         stopped.set()
 
     with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as interrupt:
-        stop = StopOnSignal(interrupt)
-        with _open_engine(engine, stop) as cluster:
+        stop = results.StopOnSignal(interrupt)
+        with closing(_ray(engine, stop)) if engine.is_ray else nullcontext() as cluster:
             for each in chain([plan], changed(stopped)):
                 job = Batch(replace(request, plan=each), session, cluster, progress=stop)
-                run_batch(job, each, stop, as_json=screen.as_json, quiet=screen.quiet)
+                results.run_batch(job, each, stop, screen)
         stop.check()
     return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
 
@@ -284,32 +282,23 @@ def _request(
     )
 
 
-@contextmanager
-def _open_engine(options: EngineOptions, progress: Progress) -> Iterator[Engine | None]:
-    """The engine, closed after the block; None for threads.
-
-    ``progress`` is called with 0 while a cluster works, so that it can stop the work by raising.
-    """
-    if not options.is_ray:
-        yield None
-        return
+def _ray(options: EngineOptions, progress: Progress) -> RayEngine:
+    """The cluster; ``progress`` is called with 0 while it works, and can stop it by raising."""
     from depthcli.jobs.batch.ray import RayEngine
 
-    engine = RayEngine(
+    return RayEngine(
         options.ray_address,
         workers=options.workers,
         cpus=options.cpus_per_worker or 1,
         gpus=options.gpus_per_worker or 0,
         progress=progress,
     )
-    with closing(engine):
-        yield engine
 
 
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
     from depthcli.io.archives import holds_images
+    from depthcli.io.listing import path_list
     from depthcli.io.listing.folder import NameFilter
-    from depthcli.io.listing.path_list import parse_list, read_list
     from depthcli.io.manifest.files import WHOLE, Shard
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
@@ -326,16 +315,13 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
         return plan_files([archive], archive, root, out, wanted, shard, known)
     if column is not None and files in (None, _STDIO):
         raise UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
-    if files is not None:
-        words = parse_list(_stdin()) if files == _STDIO else read_list(files, column)
-        return plan_files(words, files, folder, out, wanted, shard, known)
-    if folder is None:
+    if files is None and folder is None:
         raise UsageError("", "name a folder, or give a list with {files}")
-    return plan_folder(folder, out, wanted, shard, known)
-
-
-def _stdin() -> bytes:
+    if files is None:
+        return plan_folder(folder or "", out, wanted, shard, known)
     try:
-        return sys.stdin.buffer.read()
+        stdin = sys.stdin.buffer.read() if files == _STDIO else b""
     except OSError as error:
         raise UsageError(f"cannot read the list from standard input: {error.strerror}") from error
+    words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)
+    return plan_files(words, files, folder, out, wanted, shard, known)

@@ -16,7 +16,6 @@ from depthcli.core.options import Upsampling
 from depthcli.errors import ExitCode
 
 if TYPE_CHECKING:
-    from depthcli.inference.measure import Latency
     from depthcli.jobs.bench import BenchResult
 
 app = typer.Typer(rich_markup_mode=None)
@@ -51,13 +50,12 @@ def bench(
     End-to-end is from the encoded file to a 16-bit PNG on disk.
     """
     from depthcli.cli import parse
-    from depthcli.jobs.bench import BenchRequest, run_bench
+    from depthcli.jobs.bench import run_bench
 
-    loader = parse.session_loader(model.model, model.runtime)
-    request = BenchRequest(loader, parse.size(size), seconds, image, upsample, workers)
+    loader, size_px = parse.session_loader(model.model, model.runtime), parse.size(size)
     if sys.stderr.isatty() and not as_json:
         console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
-    done = run_bench(request, console.warn)
+    done = run_bench(loader, size_px, seconds, image, upsample, workers, console.warn)
     if as_json:
         console.out_json(dataclasses.asdict(done))
     else:
@@ -67,15 +65,10 @@ def bench(
 
 def _print_bench(done: BenchResult) -> None:
     console.out(f"{done.model} on {done.provider}")
-    console.out(f"network        {_latency(done.network)}")
-    console.out(f"end-to-end     {_latency(done.end_to_end)}")
+    for name, time in (("network", done.network), ("end-to-end", done.end_to_end)):
+        spread = f"noise ±{time.noise:.0%}, {time.runs} runs"
+        times = f"{time.median_ms:8.2f} ms  (minimum {time.min_ms:.2f} ms, {spread})"
+        console.out(f"{name:<14} {times}")
     console.out(f"throughput     {done.pictures_per_s:8.1f} images/s, {done.workers} at a time")
     if done.peak_memory_mb is not None:
         console.out(f"peak memory    {done.peak_memory_mb:8.0f} MB")
-
-
-def _latency(latency: Latency) -> str:
-    return (
-        f"{latency.median_ms:8.2f} ms  (minimum {latency.min_ms:.2f} ms, "
-        f"noise ±{latency.noise:.0%}, {latency.runs} runs)"
-    )

@@ -44,8 +44,7 @@ SOURCE_OPTIONS = {
     "a folder": ("include", "exclude"),
     "one file": ("frame", "picture"),
     "--picture": ("white_level", "black_level", "exposure", "layer", "projection", "ignore_alpha"),
-}
-"""The options that each format, or each kind of source, uses, by parameter name."""
+}  #: the options that each format, or each kind of source, uses, by parameter name
 
 
 @app.command(cls=Command)
@@ -88,9 +87,8 @@ def convert(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.parse import without_effect
     from depthcli.cli.screen import console
-    from depthcli.cli.screen.results import ConversionScreen, print_conversion
+    from depthcli.cli.screen.results import print_conversion, print_conversions
     from depthcli.core.parallel import share_cores
     from depthcli.io.storage.paths import path_of, safe_name
     from depthcli.jobs import convert as job
@@ -102,11 +100,8 @@ def convert(
     if is_folder and form is None:
         raise UsageError("", "name the format of the outputs with {format}, for example exr")
     side_by_side = writing.preview.side_by_side
-    format_ = (
-        form
-        if is_folder and form
-        else job.target_destination(output, form, is_plain=True).formats[0]
-    )
+    format_ = form if is_folder else None
+    format_ = format_ or job.target_destination(output, form, is_plain=True).formats[0]
     if format_ is Format.PREVIEW and side_by_side != (inputs.picture is not None):
         raise UsageError("", "give both {side_by_side} and {picture}, or neither")
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
@@ -115,9 +110,8 @@ def convert(
         console.warn_all(seen_by.warnings)
         of_camera = _CAMERA if depth_file.needs_camera else ()
         written = {name: word for name, word in given.items() if name not in of_camera}
-        console.warn_all(without_effect(written, FORMAT_OPTIONS, (format_,)))
-        console.warn_all(without_effect(given, SOURCE_OPTIONS, kinds))
-    shown = ConversionScreen(as_json=screen.as_json, quiet=screen.quiet)
+        console.warn_all(parse.without_effect(written, FORMAT_OPTIONS, (format_,)))
+        console.warn_all(parse.without_effect(given, SOURCE_OPTIONS, kinds))
     count = share_cores(workers)[0]
     request = job.ConvertRequest(
         source=source,
@@ -134,10 +128,11 @@ def convert(
         from depthcli.io.listing.folder import NameFilter
 
         plan = job.plan_folder(request, NameFilter.of(inputs.include or (), inputs.exclude or ()))
-        failed = shown.run(job.convert_folder(request, plan, count), "files", plan)
+        converted = job.convert_folder(request, plan, count)
+        failed = print_conversions(converted, "files", screen, plan)
         return ExitCode.SOME_FAILED if failed else ExitCode.OK
     if job.is_sequence_name(output, source):
-        shown.run(job.convert_video(request, count), "frames")
+        print_conversions(job.convert_video(request, count), "frames", screen)
     else:
-        print_conversion(job.convert(request), as_json=screen.as_json, quiet=screen.quiet)
+        print_conversion(job.convert(request), screen)
     return ExitCode.OK

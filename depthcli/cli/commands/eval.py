@@ -122,11 +122,7 @@ class TableOptions:
 
     @property
     def shown_ids(self) -> tuple[str, ...] | None:
-        """Ids of images for the figures; empty for some of each scene type, None for no figures.
-
-        Raises:
-            UsageError: there are ids, but no figures are requested.
-        """
+        """Ids of images for the figures; empty for some of each scene type, None for no figures."""
         if not (self.figures or self.html):
             if self.ids:
                 raise UsageError("it needs figures", "give {figures} or {html}", option="ids")
@@ -236,14 +232,9 @@ def pairs(
     protocol = EvalProtocol(full_size_px=None, crop=crop, min_m=min_depth, max_m=max_depth)
     request = _request(data, models, table, protocol)
     options = replace(request.options, trivial=False, against=against)
-    request = replace(
-        request,
-        split=None,
-        truth=DepthReadOptions(png_scale, depth_kind, baseline_m=models.baseline),
-        patterns=names.patterns,
-        options=options,
-    )
-    return _run(request, table)
+    truth = DepthReadOptions(png_scale, depth_kind, baseline_m=models.baseline)
+    own = replace(request, split=None, truth=truth, patterns=names.patterns, options=options)
+    return _run(own, table)
 
 
 @app.command(cls=Command)
@@ -274,23 +265,17 @@ def runs(
     from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.jobs.evaluate import EvalRequest
 
-    request = EvalRequest(
-        data,
-        runs=folder,
-        weights=weights,
-        runner=parse.session_loader(None, table.runtime),
-        split=split,
-        limit=table.limit,
-        options=EvalOptions(
-            alignments=table.alignments,
-            trivial=trivial,
-            published=published,
-            against=against,
-            workers=usable_cores(),
-        ),
-        shown_ids=table.shown_ids,
+    options = EvalOptions(
+        alignments=table.alignments,
+        trivial=trivial,
+        published=published,
+        against=against,
+        workers=usable_cores(),
     )
-    return _run(request, table)
+    runner = parse.session_loader(None, table.runtime)
+    of_runs = EvalRequest(data, runs=folder, weights=weights, runner=runner, split=split)
+    shown = replace(of_runs, limit=table.limit, shown_ids=table.shown_ids, options=options)
+    return _run(shown, table)
 
 
 def _request(
@@ -379,9 +364,8 @@ def _run(request: "EvalRequest", table: TableOptions) -> int:
         except ImportError as error:
             if request.runs is None:
                 raise
-            raise DepthcliError(
-                f"reading checkpoints needs {error.name}: {choices.INSTALL_TRAIN}"
-            ) from error
+            told = f"reading checkpoints needs {error.name}: {choices.INSTALL_TRAIN}"
+            raise DepthcliError(told) from error
     page = report_page(done.report)
     console.out(done.report.to_json() if table.screen.as_json else page.to_text())
     for path in files.write(page, done.report.to_csv(), done.figures):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,9 +12,6 @@ from depthcli.cli.groups import Command, group, grouped
 from depthcli.cli.screen import console
 from depthcli.core.options import Weights
 from depthcli.errors import ExitCode, UsageError
-
-if TYPE_CHECKING:
-    from depthcli.export.onnx import ExportResult
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -108,29 +104,17 @@ def export_onnx(
     )
     if checkpoint.is_dir():
         checkpoint /= CHECKPOINT
-    done = export_checkpoint(checkpoint, _export_path(checkpoint, out), options)
+    path = checkpoint.with_suffix(".onnx") if out is None else out
+    path = path if path.suffix.lower() == ".onnx" else path / "model.onnx"
+    done = export_checkpoint(checkpoint, path, options)
+    made, parity, sizes = done.card, done.parity, len(done.parity.cases)
     if screen.as_json:
-        _print_export_json(done)
+        facts = {"path": str(done.path), "sha256": made.sha256, "bytes": made.size_bytes}
+        console.out_json(facts | dataclasses.asdict(parity))
     elif not screen.quiet:
-        _print_export(done)
+        console.report(
+            f"{done.path}  {(made.size_bytes or 0) / 1e6:.1f} MB  sha256 {made.sha256}\n"
+            f"parity at {sizes} size{'s' * (sizes != 1)}: max {parity.max_abs:.2g}, "
+            f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
+        )
     return ExitCode.OK
-
-
-def _export_path(checkpoint: Path, output: Path | None) -> Path:
-    if output is None:
-        return checkpoint.with_suffix(".onnx")
-    return output if output.suffix.lower() == ".onnx" else output / "model.onnx"
-
-
-def _print_export(done: ExportResult) -> None:
-    card, parity, sizes = done.card, done.parity, len(done.parity.cases)
-    console.report(
-        f"{done.path}  {(card.size_bytes or 0) / 1e6:.1f} MB  sha256 {card.sha256}\n"
-        f"parity at {sizes} size{'s' * (sizes != 1)}: max {parity.max_abs:.2g}, "
-        f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
-    )
-
-
-def _print_export_json(done: ExportResult) -> None:
-    facts = {"path": str(done.path), "sha256": done.card.sha256, "bytes": done.card.size_bytes}
-    console.out_json(facts | dataclasses.asdict(done.parity))

@@ -4,13 +4,7 @@ from typing import Any
 
 import typer
 
-from depthcli.cli.groups import Command, grouped
-from depthcli.cli.options import (
-    DepthFileOptions,
-    FileArgument,
-    JsonOption,
-    StatedCameraOptions,
-)
+from depthcli.cli import groups, options
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
@@ -23,14 +17,14 @@ _SCALE_SOURCES = {
 app = typer.Typer(rich_markup_mode=None)
 
 
-@app.command(cls=Command)
-@grouped
+@app.command(cls=groups.Command)
+@groups.grouped
 def info(
-    file: FileArgument,
+    file: options.FileArgument,
     *,
-    depth_file: DepthFileOptions,
-    camera: StatedCameraOptions,
-    as_json: JsonOption = False,
+    depth_file: options.DepthFileOptions,
+    camera: options.StatedCameraOptions,
+    as_json: options.JsonOption = False,
 ) -> int:
     """Show unit, scale, size, range and model of a depth file."""
     from depthcli.cli import parse
@@ -49,16 +43,12 @@ def info(
 
 def _show(facts: dict[str, Any]) -> None:
     source = facts.pop("scale_source")
-    if source is None:
-        facts.pop("scale")
-    else:
-        facts["scale"] = f"{facts['scale']:g} per metre ({_SCALE_SOURCES[source]})"
-    if facts.get("channel") is None:
-        facts.pop("channel", None)
+    facts["scale"] = source and f"{facts['scale']:g} per metre ({_SCALE_SOURCES[source]})"
+    for name in ("scale", "channel"):
+        if facts.get(name) is None:
+            facts.pop(name, None)
     facts |= {f"metadata {name}": value for name, value in facts.pop("metadata").items()}
     width = max(map(len, facts))
     for name, value in facts.items():
-        text = (
-            f"{value:.6g}" if isinstance(value, float) else str("none" if value is None else value)
-        )
-        console.out(one_line(f"{name:<{width}}  {text}"))
+        text = f"{value:.6g}" if isinstance(value, float) else value
+        console.out(one_line(f"{name:<{width}}  {'none' if text is None else text}"))

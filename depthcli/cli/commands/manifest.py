@@ -28,14 +28,14 @@ def show_summary(out: _Manifest, as_json: JsonOption = False) -> int:
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.manifests import read_rows, summarize
 
-    found = summarize(read_rows(path_of(out)))
+    sums = summarize(read_rows(path_of(out)))
     if as_json:
-        console.out_json(asdict(found))
+        console.out_json(asdict(sums))
         return ExitCode.OK
-    console.out(f"{found.inputs} inputs: {found.inputs - found.failed} ok, {found.failed} failed")
-    console.out(f"{found.outputs} outputs, {found.output_bytes / 1e6:.1f} MB")
-    console.out(f"{found.seconds:.1f} s of processing time")
-    for one in found.models:
+    console.out(f"{sums.inputs} inputs: {sums.inputs - sums.failed} ok, {sums.failed} failed")
+    console.out(f"{sums.outputs} outputs, {sums.output_bytes / 1e6:.1f} MB")
+    console.out(f"{sums.seconds:.1f} s of processing time")
+    for one in sums.models:
         by = f"model {one.model} ({one.model_sha256[:12]}), depthcli {one.version}"
         console.out(one_line(f"{one.inputs} by {by}"))
     return ExitCode.OK
@@ -47,8 +47,9 @@ def list_failed(out: _Manifest, as_json: JsonOption = False) -> int:
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.manifests import read_rows
 
-    failed = (row for row in read_rows(path_of(out)) if row.status == FAILED)
-    for row in failed:
+    for row in read_rows(path_of(out)):
+        if row.status != FAILED:
+            continue
         if as_json:
             console.out_json(row.as_json())
         else:

@@ -238,21 +238,21 @@ def list_models(as_json: JsonOption = False) -> int:
 
     code, rows = ExitCode.OK, []
     for name, place in list_locations():
-        shown: dict[str, object] = {"name": name, "path": str(place.path)}
+        path, facts = str(place.path), dict[str, object]()
         try:
             card = read_model(place).card
         except DepthcliError as error:
             code, reason = ExitCode.FAILURE, console.worded(error.message)
-            rows.append((name, "", "damaged", "", reason, str(place.path)))
-            shown |= {"status": "failed", "error": reason}
+            rows.append((name, "", "damaged", "", reason, path))
+            facts = {"status": "failed", "error": reason}
         else:
             kind, size = card.output.kind.value, card.size_bytes
             megabytes = "" if size is None else f"{size / 1e6:.1f} MB"
-            rows.append((name, card.version, kind, megabytes, card.summary, str(place.path)))
-            shown |= {"status": "ok", "version": card.version, "kind": kind, "bytes": size}
-            shown |= {"sha256": card.sha256, "summary": card.summary, "license": card.license}
+            rows.append((name, card.version, kind, megabytes, card.summary, path))
+            facts = {"status": "ok", "version": card.version, "kind": kind, "bytes": size}
+            facts |= {"sha256": card.sha256, "summary": card.summary, "license": card.license}
         if as_json:
-            console.out_json(shown)
+            console.out_json({"name": name, "path": path, **facts})
     if not as_json:
         console.print_table(("name", "version", "kind", "size", "summary", "path"), rows)
     return code
@@ -284,15 +284,15 @@ def verify(
 
     code = ExitCode.OK
     for name, found in verify_models(models or ()):
-        facts: dict[str, object]
+        facts: dict[str, object] = {"name": name}
         if isinstance(found, DepthcliError):
             code = ExitCode.FAILURE
-            facts = {"status": "failed", "error": console.worded(found.message)}
+            facts |= {"status": "failed", "error": console.worded(found.message)}
         else:
-            facts = {"status": "ok", "path": str(found.path), "sha256": found.sha256}
+            facts |= {"status": "ok", "path": str(found.path), "sha256": found.sha256}
             facts["bytes"] = found.size_bytes
         if as_json:
-            console.out_json({"name": name, **facts})
+            console.out_json(facts)
         elif isinstance(found, DepthcliError):
             console.error(found.message)
         else:

@@ -57,7 +57,6 @@ def predict(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.parse import FORMAT_OPTIONS, INPUT_OPTIONS, image_kinds, without_effect
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs import predict as job
     from depthcli.jobs.outputs import STDIO
@@ -85,15 +84,16 @@ def predict(
     results = job.predict(request)
     if not screen.quiet:
         console.warn_all(request.camera.warnings)
-        console.warn_all(without_effect(given, FORMAT_OPTIONS, destination.wanted))
-        console.warn_all(without_effect(given, INPUT_OPTIONS, image_kinds(pictures)))
+        kinds = parse.image_kinds(pictures)
+        console.warn_all(parse.without_effect(given, parse.FORMAT_OPTIONS, destination.wanted))
+        console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
         console.warn_all(f"{safe_name(name)} was written by depthcli; skipped" for name in own)
-    from depthcli.cli.screen.results import print_picture
+    from depthcli.cli.screen.results import print_result
     from depthcli.jobs.write import FailedInput
 
     failed = []
     for result in results:
-        print_picture(result, as_json=screen.as_json, quiet=screen.quiet, to_stderr=to_stdout)
+        print_result(result, screen, to_stderr=to_stdout)
         if isinstance(result, FailedInput):
             failed.append(one_line(result.name) or "''")
     if failed and len(pictures) > 1:

@@ -11,17 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from depthcli.cli import completion
-from depthcli.cli.groups import Command, group, grouped
-from depthcli.cli.options import (
-    MAX_THREADS,
-    PatternOptions,
-    ScreenOptions,
-    not_negative,
-    option,
-    usual,
-)
-from depthcli.cli.process import ending_signals
+from depthcli.cli import completion, groups, options, process
 from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.training.methods.table import METHODS
@@ -35,38 +25,38 @@ if TYPE_CHECKING:
 app = typer.Typer(rich_markup_mode=None)
 
 
-@group
+@groups.group
 class RunOptions:
     """Several runs."""
 
-    methods: list[str] | None = option(
+    methods: list[str] | None = options.option(
         "Train these methods one after another, each in the folder METHOD-seedK of --out "
         "(for example cut,proposed); repeatable.",
         metavar="A,B",
         autocompletion=completion.method_lists,
     )
-    seeds: list[str] | None = option(
+    seeds: list[str] | None = options.option(
         "One run of each method for each of these seeds, in the folder METHOD-seedK of "
         "--out (for example 0,1); repeatable.",
         metavar="K,L",
     )
 
 
-@group
+@groups.group
 class DataOptions:
     """Data and initial weights."""
 
-    data: Path | None = usual(
+    data: Path | None = options.usual(
         "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or another folder "
         "with rgb/ and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, 3DMatch or KITTI."
     )
-    names: PatternOptions
-    pseudo_labels: Path | None = option(
+    names: options.PatternOptions
+    pseudo_labels: Path | None = options.option(
         "Additional pairs with less reliable depth, such as predictions of another model: "
         "rgb/ and depth/ in millimetres.",
         metavar="DIR",
     )
-    init: list[Path] | None = option(
+    init: list[Path] | None = options.option(
         "Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
         "Repeatable: from the mean of their weights. A .pth file is a pretrained encoder, and "
         "hub that of timm.",
@@ -74,52 +64,52 @@ class DataOptions:
     )
 
 
-@group
+@groups.group
 class ConfigOptions:
     """Configuration."""
 
-    preset: str | None = usual(
+    preset: str | None = options.usual(
         "Configuration preset: "
         f"{', '.join(f'{name} (for {own})' if own else name for name, own in PRESETS.items())}.",
         metavar="NAME",
         autocompletion=completion.presets,
     )
-    config: list[Path] | None = option(
+    config: list[Path] | None = options.option(
         "TOML file that overrides the configuration; repeatable.", metavar="FILE"
     )
-    settings: list[str] | None = usual(
+    settings: list[str] | None = options.usual(
         "Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
         "repeatable.",
         "--set",
         metavar="NAME=VALUE",
     )
-    show_config: bool = usual("Print the full configuration and exit.", default=False)
+    show_config: bool = options.usual("Print the full configuration and exit.", default=False)
 
 
-@group
+@groups.group
 class DeviceOptions:
     """Time and device."""
 
-    max_minutes: float | None = usual(
+    max_minutes: float | None = options.usual(
         "Time limit in minutes, for all runs together; they can be resumed.",
         min=0.0,
-        callback=not_negative,
+        callback=options.not_negative,
     )
-    accelerator: str = option(
+    accelerator: str = options.option(
         "auto, cpu, cuda or mps.",
         default="auto",
         metavar="NAME",
         autocompletion=completion.accelerators,
     )
-    threads: int | None = option(
+    threads: int | None = options.option(
         "CPU threads. Default: those of the run that is resumed, or one per core.",
         min=1,
-        max=MAX_THREADS,
+        max=options.MAX_THREADS,
     )
 
 
-@app.command(cls=Command)
-@grouped
+@app.command(cls=groups.Command)
+@groups.grouped
 def train(
     method: str | None = typer.Argument(
         None,
@@ -142,7 +132,7 @@ def train(
     tensorboard: bool = typer.Option(
         False, "--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."
     ),
-    screen: ScreenOptions,
+    screen: options.ScreenOptions,
 ) -> int:
     """Train one or more methods. Run the same command again to resume."""
     from depthcli.cli.parse import listed
@@ -176,7 +166,7 @@ def _train_runs(
     planned: Mapping[Path, Callable[..., TrainConfig]],
     data: DataOptions,
     device: DeviceOptions,
-    screen: ScreenOptions,
+    screen: options.ScreenOptions,
     *,
     tensorboard: bool,
 ) -> int:
@@ -202,7 +192,7 @@ def _train_runs(
                 accelerator=device.accelerator,
                 threads=device.threads,
                 tensorboard=tensorboard,
-                signals=ending_signals(),
+                signals=process.ending_signals(),
             )
             run = folder.name if len(planned) > 1 else None
             with callback_for(as_json=screen.as_json, quiet=screen.quiet, run=run) as callback:

@@ -142,7 +142,6 @@ def video(
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.parse import INPUT_OPTIONS, without_effect
     from depthcli.cli.screen import console
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import safe_name
@@ -186,30 +185,26 @@ def video(
         stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
     if not screen.quiet:
-        of_images = set(INPUT_OPTIONS) - {"videos"}
+        of_images = {*parse.INPUT_OPTIONS} - {"videos"}
         kinds = of_images if is_sequence(file) else {"videos", "PNG and TIFF"}
         console.warn_all(settings.camera.warnings)
-        console.warn_all(without_effect(given, FORMAT_OPTIONS, destination.wanted))
-        console.warn_all(without_effect(given, INPUT_OPTIONS, kinds))
+        console.warn_all(parse.without_effect(given, FORMAT_OPTIONS, destination.wanted))
+        console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
     result: VideoResult | FailedInput
     try:
         with show_progress(silent=screen.quiet or screen.as_json) as progress:
             result = job.video(request, progress)
     except (InputError, OutputError) as error:
         result = FailedInput(safe_name(file), error)
-    from depthcli.cli.screen.results import print_video  # its imports are loaded by now
+    from depthcli.cli.screen.results import print_result  # its imports are loaded by now
 
-    print_video(result, as_json=screen.as_json, quiet=screen.quiet, to_stderr=to_stdout)
+    print_result(result, screen, to_stderr=to_stdout)
     is_whole = not isinstance(result, FailedInput) and result.problem is None
     return ExitCode.OK if is_whole else ExitCode.SOME_FAILED
 
 
 def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
-    """Parse the part of a video to process.
-
-    Raises:
-        UsageError: one is not a time or frame number, or the span is empty.
-    """
+    """Parse the part of a video to process."""
     from depthcli.video.frames import Span
 
     first = _point(start or "0", "start")
@@ -223,18 +218,13 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
 
 
 def parse_fps(word: str) -> Fraction:
-    """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``.
-
-    Raises:
-        UsageError: it is not of this form.
-    """
+    """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``; UsageError if it is no such."""
     from depthcli.video.frames import parse_rate
 
     found = parse_rate(word.strip())
     if found is None:
-        raise UsageError(
-            f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001", option="fps"
-        )
+        problem = f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001"
+        raise UsageError(problem, option="fps")
     return found
 
 
@@ -252,11 +242,9 @@ def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
     parts = [int(part) for part in (outer, inner) if part is not None]
     in_frames = letter == "f" or (not letter and not parts and bare_is_frames)
     if match is None or (in_frames and (parts or not number.isdecimal())):
-        raise UsageError(
-            f"{short_repr(word)} is not a time or frame number",
-            "give seconds (12.5s), minutes (1:02.5) or a frame number (300f)",
-            option=option,
-        )
+        advice = "give seconds (12.5s), minutes (1:02.5) or a frame number (300f)"
+        problem = f"{short_repr(word)} is not a time or frame number"
+        raise UsageError(problem, advice, option=option)
     value = Fraction(number.removesuffix("."))
     for power, part in enumerate(reversed(parts), start=1):
         value += part * _MINUTE**power

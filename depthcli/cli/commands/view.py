@@ -60,7 +60,7 @@ def view(
     if not screen.quiet:
         console.warn_all(seen_by.warnings)
     result = convert(request)
-    print_conversion(result, as_json=screen.as_json, quiet=screen.quiet)
+    print_conversion(result, screen)
     if is_opened:
         import webbrowser
 

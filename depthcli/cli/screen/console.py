@@ -43,12 +43,9 @@ _OPTIONS = {
     "max_depth_m": "max-depth",
     "eye_distance_m": "eye-distance",
     "convergence_m": "convergence",
-}
-"""Names of options that differ from those of their parameters."""
-_printed: set[str] = set()
-"""Kinds of lines printed to standard output: "results", "files"."""
-_bars: list[Progress] = []
-"""The active progress bar, if there is one."""
+}  #: names of options that differ from those of their parameters
+_printed: set[str] = set()  #: kinds of lines printed to standard output: "results", "files"
+_bars: list[Progress] = []  #: the active progress bar, if there is one
 
 
 @contextmanager
@@ -130,12 +127,7 @@ def error(text: str) -> None:
 def report_lost_output(problem: OSError, code: int) -> int:
     """Report that standard output could not be written; an error if results were lost.
 
-    Args:
-        problem: the reason.
-        code: the exit code of the command so far.
-
-    Returns:
-        The exit code.
+    Returns the exit code, by that of the command so far.
     """
     if code and not _printed:  # another error, which was printed
         return code
@@ -147,13 +139,6 @@ def report_lost_output(problem: OSError, code: int) -> int:
     if not is_closed:  # closed streams are intended
         warn(f"cannot write standard output: {reason}")
     return code
-
-
-def print_traceback(problem: BaseException) -> None:
-    """Print the traceback of an error to standard error."""
-    import traceback
-
-    traceback.print_exception(problem, file=sys.stderr)
 
 
 def _write_line(stream: TextIO, text: str) -> None:

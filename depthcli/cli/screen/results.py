@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import show_progress
@@ -15,17 +16,18 @@ from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, ModelError, UsageError, about
 from depthcli.io.depth.metadata import anchor_fields, camera_text, origin_fields
 from depthcli.io.listing.folder import skip_summary
+from depthcli.jobs.predict import PictureResult
 from depthcli.jobs.write import FailedInput
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable
 
+    from depthcli.cli.options import ScreenOptions
     from depthcli.core.progress import Interrupt
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.run import Batch, DryRunResult
     from depthcli.jobs.batch.tasks import BatchResult
     from depthcli.jobs.convert import ConvertResult, FolderPlan
-    from depthcli.jobs.predict import PictureResult
     from depthcli.jobs.video.plan import VideoResult
 
 
@@ -46,13 +48,12 @@ class StopOnSignal:
             raise SystemExit(SIGNAL_BASE + self.interrupt.number)
 
 
-def run_batch(
-    batch: Batch, plan: BatchPlan, stop: StopOnSignal, *, as_json: bool, quiet: bool
-) -> None:
+def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenOptions) -> None:
     """Run a batch; print its results, as JSON objects or as warnings and failures, and a summary.
 
-    With ``quiet``, only errors are printed.
+    With ``--quiet``, only errors are printed.
     """
+    quiet, as_json, resumes, tally = screen.quiet, screen.as_json, True, batch.tally
 
     def show(result: BatchResult) -> None:
         if as_json:
@@ -61,14 +62,12 @@ def run_batch(
             console.warn_all(result.row.warnings, name=result.row.input)
 
     console.warn_all(() if quiet else batch.warnings)
-    resumes = True
     try:
         with show_progress(silent=quiet or as_json) as progress, closing(batch):
-            stage = progress.begin("", batch.tally.total, "inputs")
+            stage = progress.begin("", tally.total, "inputs")
             for result in batch:
                 show(result)
-                failed = len(batch.tally.failures)
-                stage.note = f"{failed} failed" if failed else ""
+                stage.note = f"{len(tally.failures)} failed" if tally.failures else ""
                 (stage.skip if result.is_kept else stage)(1)
                 stop.check()
     except ModelError:
@@ -83,31 +82,35 @@ def run_batch(
         _print_failures(batch, quiet=quiet)
         if not quiet:
             _print_counts(plan, batch, console.note if as_json else console.report)
-            if resumes and batch.tally.completed < batch.tally.total and not batch.stopped:
+            if resumes and tally.completed < tally.total and not batch.stopped:
                 console.note("stopped early; run the same command again to resume")
 
 
 def _print_failures(batch: Batch, *, quiet: bool) -> None:
-    tally = batch.tally
-    for name, reason in tally.failures:
+    failures = batch.tally.failures
+    for name, reason in failures:
         console.error(about(name, reason))
     if batch.stopped:
         console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
-    if tally.failures and quiet:
-        console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
+    if failures and quiet:
+        console.note(f"{len(failures)} of {batch.tally.total} inputs failed")
 
 
 def _print_counts(plan: BatchPlan, batch: Batch, say: Callable[[str], None]) -> None:
-    tally = batch.tally
-    for loop in plan.loops:
-        console.warn(f"{loop} is a link to a folder above it; skipped")
+    tally, elapsed_s = batch.tally, time.monotonic() - batch.tally.start_s
+    _warn_of_loops(plan.loops)
     parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
     parts += [f"{tally.kept} already done"] if tally.kept else []
     parts += [f"{len(tally.failures)} failed"] if tally.failures else []
     parts += [skip_summary(plan.skipped)] if plan.skipped else []
-    say(f"{', '.join(parts)}; {tally.elapsed_s:.1f} s, {tally.rate:.1f} inputs/s")
+    rate = tally.done / max(elapsed_s, 1e-9)
+    say(f"{', '.join(parts)}; {elapsed_s:.1f} s, {rate:.1f} inputs/s")
     if batch.manifest.exists():  # the disk may have been too full for it
         say(one_line(f"manifest: {batch.manifest}"))
+
+
+def _warn_of_loops(loops: Iterable[str]) -> None:
+    console.warn_all(f"{loop} is a link to a folder above it; skipped" for loop in loops)
 
 
 def print_dry_run(results: Iterable[DryRunResult], plan: BatchPlan, *, as_json: bool) -> int:
@@ -132,22 +135,6 @@ def print_dry_run(results: Iterable[DryRunResult], plan: BatchPlan, *, as_json: 
     return counts["fail"]
 
 
-def print_picture(
-    result: PictureResult | FailedInput, *, as_json: bool, quiet: bool, to_stderr: bool
-) -> None:
-    """Print the result of an input as one JSON object or as text; with ``quiet``, only errors.
-
-    Text goes to standard error if standard output carries a depth map.
-    """
-    if isinstance(result, FailedInput):
-        print_failed(result, as_json=as_json)
-    elif as_json:
-        console.out_json(picture_json(result))
-    elif not quiet:
-        (console.note if to_stderr else console.report)(picture_text(result))
-        console.warn_all(result.warnings, name=result.name)
-
-
 def print_failed(failed: FailedInput, *, as_json: bool) -> None:
     """Print that an input failed, and why."""
     reason = failed.error.message
@@ -155,6 +142,28 @@ def print_failed(failed: FailedInput, *, as_json: bool) -> None:
         error = console.worded(reason)
         console.out_json({"input": failed.name, "status": "failed", "error": error})
     console.error(about(failed.name, reason))
+
+
+def print_result(
+    result: PictureResult | VideoResult | FailedInput, screen: ScreenOptions, *, to_stderr: bool
+) -> None:
+    """Print the result of an input as one JSON object or as text; with ``--quiet``, only errors.
+
+    Text goes to standard error if standard output carries depth.
+    """
+    if isinstance(result, FailedInput):
+        print_failed(result, as_json=screen.as_json)
+        return
+    known: Any = result
+    is_picture = isinstance(result, PictureResult)
+    if screen.as_json:
+        console.out_json(picture_json(known) if is_picture else video_json(known))
+    elif not screen.quiet:
+        text = picture_text(known) if is_picture else video_text(known)
+        (console.note if to_stderr else console.report)(text)
+        console.warn_all(result.warnings, name=result.name)
+    if not isinstance(result, PictureResult) and result.problem:
+        console.error(about(result.name, f"{result.problem}; frames written: {result.frames}"))
 
 
 def picture_json(done: PictureResult) -> dict[str, object]:
@@ -188,25 +197,6 @@ def picture_text(done: PictureResult) -> str:
     return f"{files}  {numbers}" + (f"  camera: {camera}" if camera else "")
 
 
-def print_video(
-    result: VideoResult | FailedInput, *, as_json: bool, quiet: bool, to_stderr: bool
-) -> None:
-    """Print the result of a video as one JSON object or as text; with ``quiet``, only errors.
-
-    Text goes to standard error if standard output carries a video.
-    """
-    if isinstance(result, FailedInput):
-        print_failed(result, as_json=as_json)
-        return
-    if as_json:
-        console.out_json(video_json(result))
-    elif not quiet:
-        (console.note if to_stderr else console.report)(video_text(result))
-        console.warn_all(result.warnings, name=result.name)
-    if result.problem:
-        console.error(about(result.name, f"{result.problem}; frames written: {result.frames}"))
-
-
 def video_json(done: VideoResult) -> dict[str, object]:
     """The object of ``--json``."""
     return {
@@ -238,99 +228,75 @@ def video_text(done: VideoResult) -> str:
 _NOT_READ_BACK = {"max_error": None, "mean_error": None, "lost": None}
 
 
-def print_conversion(done: ConvertResult, *, as_json: bool, quiet: bool) -> None:
+def print_conversion(done: ConvertResult, screen: ScreenOptions) -> None:
     """Print the conversion of one file: a JSON object, or a line and the warnings."""
-    if as_json:
+    if screen.as_json:
         console.out_json({"input": done.source, **_outcome(done)})
-    elif not quiet:
-        console.report(one_line(_conversion_text(done)))
+    elif not screen.quiet:
+        line, trip, unit = f"{done.source} -> {done.target}", done.round_trip, _metres(done)
+        if trip is not None:
+            line += (
+                f"  round trip: max error {trip.max_error:.3g}{unit}, "
+                f"mean {trip.mean_error:.3g}{unit}, {trip.lost} pixels lost"
+            )
+        console.report(one_line(line))
         console.warn_all(done.warnings)
 
 
-@dataclass(frozen=True, slots=True)
-class ConversionScreen:
-    """Prints many conversions: a JSON object each, or failures and a summary."""
+def print_conversions(
+    results: Generator[ConvertResult | FailedInput, None, None],
+    unit: str,
+    screen: ScreenOptions,
+    plan: FolderPlan | None = None,
+) -> int:
+    """Print many conversions while they are made: a JSON object each, or failures and a summary.
 
-    as_json: bool  #: print one JSON object per input
-    quiet: bool  #: print errors only
-
-    def run(
-        self,
-        results: Generator[ConvertResult | FailedInput, None, None],
-        unit: str,
-        plan: FolderPlan | None = None,
-    ) -> int:
-        """Print the results while they are made; return how many inputs failed.
-
-        Args:
-            results: of the files of a folder, or of the frames of a video.
-            unit: what is counted, ``files`` for example.
-            plan: of a folder; None for a video.
-        """
-        failures: list[FailedInput] = []
-        totals, of_frames = _Totals(), list[str]()  # the first warning of each frame of a video
-        if plan and not self.quiet:
-            console.warn_all(
-                f"{loop} is a link to a folder above it; skipped" for loop in plan.loops
-            )
-        with show_progress(silent=self.quiet or self.as_json) as progress, closing(results):
-            stage = progress.begin("", len(plan.inputs) if plan else None, unit)
-            for result in results:
-                if isinstance(result, FailedInput):
-                    failures.append(result)
-                    stage.note = f"{len(failures)} failed"
-                    if self.as_json:
-                        print_failed(result, as_json=True)
-                else:
-                    totals.add(result)
-                    of_frames += result.warnings[:1] if plan is None else ()
-                    self._print(result, warns=plan is not None)
-                stage(1)
-        if not self.as_json:
-            for failed in failures:
-                print_failed(failed, as_json=False)
-        if not self.quiet:
-            rest = [f"{len(failures)} failed"] if failures else []
-            rest += [skip_summary(plan.skipped)] if plan and plan.skipped else []
-            of = f" of {len(plan.inputs)}" if plan else ""
-            counts = ", ".join([f"{totals.converted}{of} {unit} converted", *rest])
-            (console.note if self.as_json else console.report)(f"{counts}{totals.text()}")
-        if of_frames and not (self.quiet or self.as_json):
-            first = console.worded(of_frames[0])
-            console.warn(f"{len(of_frames)} {unit} have warnings, the first: {first}")
-        return len(failures)
-
-    def _print(self, result: ConvertResult, *, warns: bool) -> None:
-        if self.as_json:
-            console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
-        elif warns and not self.quiet:
-            console.warn_all(result.warnings, name=result.source)
+    They are those of the files of a folder, which has a plan, or of the frames of a video. Returns
+    how many inputs failed.
+    """
+    failures, warned = list[FailedInput](), list[str]()  # the first warning of each frame
+    converted, lost, max_error, in_metres = 0, 0, -1.0, " m"
+    _warn_of_loops(plan.loops if plan and not screen.quiet else ())
+    with (
+        show_progress(silent=screen.quiet or screen.as_json) as progress,
+        closing(results),
+    ):
+        stage = progress.begin("", len(plan.inputs) if plan else None, unit)
+        for result in results:
+            if isinstance(result, FailedInput):
+                failures.append(result)
+                stage.note = f"{len(failures)} failed"
+                if screen.as_json:
+                    print_failed(result, as_json=True)
+            else:
+                converted += 1
+                if (trip := result.round_trip) is not None:
+                    max_error, lost = max(max_error, trip.max_error), lost + trip.lost
+                    in_metres = in_metres and _metres(result)
+                warned += result.warnings[:1] if plan is None else ()
+                if screen.as_json:
+                    console.out_json({"input": result.source, "status": "ok", **_outcome(result)})
+                elif plan and not screen.quiet:
+                    console.warn_all(result.warnings, name=result.source)
+            stage(1)
+    for failed in () if screen.as_json else failures:
+        print_failed(failed, as_json=False)
+    if not screen.quiet:
+        of = f" of {len(plan.inputs)}" if plan else ""
+        parts = [f"{converted}{of} {unit} converted"]
+        parts += [f"{len(failures)} failed"] if failures else []
+        parts += [skip_summary(plan.skipped)] if plan and plan.skipped else []
+        trips = f"; round trip: max error {max_error:.3g}{in_metres}, {lost} pixels lost"
+        text = ", ".join(parts) + (trips if max_error >= 0 else "")
+        (console.note if screen.as_json else console.report)(text)
+    if warned and not (screen.quiet or screen.as_json):
+        first = console.worded(warned[0])
+        console.warn(f"{len(warned)} {unit} have warnings, the first: {first}")
+    return len(failures)
 
 
-@dataclass(slots=True)
-class _Totals:
-    """Counts and errors of all conversions."""
-
-    converted: int = 0
-    read_back: int = 0
-    max_error: float = 0.0
-    lost: int = 0
-    is_metric: bool = True
-
-    def add(self, done: ConvertResult) -> None:
-        self.converted += 1
-        if done.round_trip is not None:
-            self.read_back += 1
-            self.max_error = max(self.max_error, done.round_trip.max_error)
-            self.lost += done.round_trip.lost
-            self.is_metric &= done.depth.is_metric
-
-    def text(self) -> str:
-        """The largest round-trip error, if outputs were read back."""
-        if not self.read_back:
-            return ""
-        unit = " m" if self.is_metric else ""
-        return f"; round trip: max error {self.max_error:.3g}{unit}, {self.lost} pixels lost"
+def _metres(done: ConvertResult) -> str:
+    return " m" if done.depth.is_metric else ""
 
 
 def _outcome(done: ConvertResult) -> dict[str, object]:
@@ -340,14 +306,3 @@ def _outcome(done: ConvertResult) -> dict[str, object]:
         **(asdict(done.round_trip) if done.round_trip else _NOT_READ_BACK),
         "warnings": [console.worded(warning) for warning in done.warnings],
     }
-
-
-def _conversion_text(done: ConvertResult) -> str:
-    line, trip = f"{done.source} -> {done.target}", done.round_trip
-    if trip is not None:
-        unit = " m" if done.depth.is_metric else ""
-        line += (
-            f"  round trip: max error {trip.max_error:.3g}{unit}, "
-            f"mean {trip.mean_error:.3g}{unit}, {trip.lost} pixels lost"
-        )
-    return line

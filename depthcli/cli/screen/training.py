@@ -28,13 +28,11 @@ _SHOWN = ("abs_rel", "rmse", "d1")
 @contextmanager
 def callback_for(*, as_json: bool, quiet: bool, run: str | None) -> Iterator[Callback]:
     """The callback for the options and the terminal; ``run`` is a name of one of several runs."""
+    if run and not (quiet or as_json):
+        console.note(f"training {run}")
     with ExitStack() as stack:
-        if as_json:
-            yield JsonCallback(run)
-        else:
-            if run and not quiet:
-                console.note(f"training {run}")
-            yield Callback() if quiet else TextCallback(stack)
+        text = Callback() if quiet else TextCallback(stack)
+        yield JsonCallback(run) if as_json else text
 
 
 def show_config(config: TrainConfig) -> None:
@@ -73,10 +71,8 @@ class _Reporter(Callback):
         if lacks_scenes:
             console.warn("too few scenes to hold one out, so nothing is validated")
         if seen_held_out:
-            console.warn(
-                f"the init weights were trained on {seen_held_out} of the held-out pairs, so the "
-                "scores are not those of new images"
-            )
+            seen = f"the init weights were trained on {seen_held_out} of the held-out pairs"
+            console.warn(f"{seen}, so the scores are not those of new images")
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Store the losses for the end of the epoch."""
@@ -103,12 +99,10 @@ class TextCallback(_Reporter):
 
     def __init__(self, stack: ExitStack) -> None:
         super().__init__()
-        self._stack = stack
+        self._stack, self._steps = stack, 0
         self._display: ProgressDisplay | None = None
         self._stage: Stage | None = None
-        self._started_s = time.monotonic()
-        self._first_step: int | None = None
-        self._steps = 0
+        self._first: tuple[int, float] | None = None
 
     def on_train_start(
         self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
@@ -122,9 +116,8 @@ class TextCallback(_Reporter):
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Advance the bar."""
-        if self._first_step is None:
-            self._first_step = state.step  # its own time is not measured
-            self._started_s = time.monotonic()
+        if self._first is None:  # whose own time is not measured
+            self._first = state.step, time.monotonic()
             if self._display:
                 self._stage = self._display.begin("training", steps, "steps")
                 self._stage.skip(state.step - 1)
@@ -135,8 +128,8 @@ class TextCallback(_Reporter):
 
     def on_epoch_end(self, state: TrainState) -> None:
         """Print losses, scores, rate and remaining time."""
-        elapsed_s = time.monotonic() - self._started_s
-        done = state.step - (self._first_step or 0)
+        first, start_s = self._first or (state.step, 0.0)
+        done, elapsed_s = state.step - first, time.monotonic() - start_s
         speed = ""
         if done and elapsed_s > 0:
             rate = done / elapsed_s
@@ -145,6 +138,5 @@ class TextCallback(_Reporter):
         losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
         scores = " ".join(f"{name} {state.scores[name]:.4f}" for name in _SHOWN if state.scores)
         held_out = f"  held out: {scores}" if scores else ""
-        console.note(
-            f"epoch {state.epoch}  step {state.step}/{self._steps}  {losses}{held_out}{speed}"
-        )
+        progress = f"epoch {state.epoch}  step {state.step}/{self._steps}"
+        console.note(f"{progress}  {losses}{held_out}{speed}")
