@@ -1,6 +1,6 @@
 """The table of the commands, and the text of the root help; imports nothing by itself."""
 
-TYPE_CHECKING = False  # as in depthcli/__init__.py
+TYPE_CHECKING = False  # as in depthcli/cli/app.py
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import Any

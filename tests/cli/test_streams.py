@@ -62,7 +62,7 @@ def test_results_that_standard_output_does_not_take_are_an_error(
 
 
 def test_no_file_takes_the_place_of_a_closed_stream(cli: Cli) -> None:
-    script = "import os, sys; from depthcli.cli.streams import open_streams; open_streams()\n"
+    script = "import os, sys; from depthcli.cli.app import open_streams; open_streams()\n"
     script += "assert os.open(sys.argv[1], os.O_RDONLY) > 2; print('heard')"
     done = subprocess.run(
         ["bash", "-c", f"{shlex.join([sys.executable, '-c', script, __file__])} <&- >&- 2>&-"],

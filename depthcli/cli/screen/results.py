@@ -10,7 +10,6 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from depthcli.cli.screen import console
-from depthcli.cli.screen.progress import show_progress
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, ModelError, UsageError, about
@@ -53,6 +52,8 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
 
     With ``--quiet``, only errors are printed.
     """
+    from depthcli.cli.screen.progress import show_progress
+
     quiet, as_json, resumes, tally = screen.quiet, screen.as_json, True, batch.tally
 
     def show(result: BatchResult) -> None:
@@ -254,6 +255,8 @@ def print_conversions(
     They are those of the files of a folder, which has a plan, or of the frames of a video. Returns
     how many inputs failed.
     """
+    from depthcli.cli.screen.progress import show_progress
+
     failures, warned = list[FailedInput](), list[str]()  # the first warning of each frame
     converted, lost, max_error, in_metres = 0, 0, -1.0, " m"
     _warn_of_loops(plan.loops if plan and not screen.quiet else ())
