@@ -125,7 +125,8 @@ def video_stem_of(path: str | PurePath) -> str:
     What selects no format is part of the name: ``shot.v003`` is its own stem.
     """
     files = [which.facts for which in VideoFormat if not which.facts.is_sequence]
-    return stem_of(path, (*(f.suffix for f in files), *(f.file_suffix or "" for f in files)))
+    chosen = (facts.file_suffix for facts in files if facts.file_suffix)
+    return stem_of(path, (*(facts.suffix for facts in files), *chosen))
 
 
 DEPTH_PIXELS = "gray16le"  #: FFmpeg's name of the pixels of depth

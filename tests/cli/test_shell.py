@@ -167,7 +167,7 @@ def test_shells_can_complete(cli: Cli, shell: str) -> None:
         ("models verify o", ["other"]),
         ("doctor --provider cp", ["cpu"]),
         ("train cyc", ["cyclegan"]),
-        ("train --methods cut,p", ["cut,proposed"]),
+        ("train --methods cut,propo", ["cut,proposed"]),
         ("train cut --preset b", ["bundled"]),
         ("train cut --accelerator m", ["mps"]),
     ],

@@ -204,7 +204,7 @@ def test_outputs_of_standard_input_are_named_so(
     assert files(tmp_path / "out") == {f"stdin.{suffix}" for suffix in suffixes}
 
 
-@pytest.mark.parametrize("which", [f for f in VideoFormat if f.facts.file_suffix != ".json"])
+@pytest.mark.parametrize("which", sorted({*VideoFormat} - {VideoFormat.JSON, VideoFormat.STEREO}))
 def test_standard_output_takes_the_frames_of_a_file(
     clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat
 ) -> None:

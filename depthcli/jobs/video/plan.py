@@ -142,7 +142,7 @@ class VideoPlan:
         """The output path of a format, or standard output."""
         if self.stdout is None:
             return self.path(which)
-        return container.OutputPipe(self.stdout, which.facts.file_suffix or "")
+        return container.OutputPipe(self.stdout, PurePath(which.facts.suffix).suffix)
 
 
 @dataclass(frozen=True, slots=True)
