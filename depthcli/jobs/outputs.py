@@ -154,16 +154,19 @@ def _format_of_pattern(
         what = "is a pattern for numbered files of a video"
         raise _out_error(path, what, "name one file, or a folder")
     found = rules.of_pattern(path.name)
+    if found and len(asked) == 1 and "%" in asked[0].facts.suffix:  # of two with this suffix
+        _check_suffix(path, asked[0], is_numbered=True)
+        return asked[0]
     if found is None or set(asked) - {found}:
         what = "is a pattern for numbered files, which end in .png, .exr or .npy"
         raise _out_error(path, what, "give such a name, and no other {format}")
     return found
 
 
-def _check_suffix(path: Path, which: FormatT) -> None:
+def _check_suffix(path: Path, which: FormatT, *, is_numbered: bool = False) -> None:
     """Check that the suffix of a file, which is that of a format, fits."""
     suffix = Path(f"a{which.facts.suffix}").suffix
-    if "%" in which.facts.suffix:
+    if "%" in which.facts.suffix and not is_numbered:
         advice = f"name a folder, or a pattern such as {path.stem}.%04d{suffix}"
         raise _out_error(path, f"is one file, and {which} writes one per frame", advice)
     if suffix_of(path) != suffix:

@@ -215,9 +215,9 @@ def test_standard_output_takes_the_frames_of_a_file(
             video(request)
         return
     assert video(request).outputs == ("-",)
-    (tmp_path / f"a.{which}").write_bytes(stream.getvalue())
-    run(clip, tmp_path / f"b.{which}", loader)
-    piped, whole = (tmp_path / f"{name}.{which}" for name in "ab")
+    piped, whole = (tmp_path / f"{name}{which.facts.suffix}" for name in "ab")
+    piped.write_bytes(stream.getvalue())
+    run(clip, whole, loader)
     assert times_ms(piped) == times_ms(whole)
     np.testing.assert_array_equal(colours(piped), colours(whole))
     assert files(tmp_path) == {"model", "clip.mp4", piped.name, whole.name}
@@ -446,6 +446,9 @@ def test_names_of_outputs(tmp_path: Path) -> None:
         ("d.depth.mkv", "mkv mp4", "d.depth.mkv d.preview.mp4"),
         ("d.preview.png", "mkv mp4", "d.depth.mkv d.preview.mp4"),
         ("vid", "mkv", "a.depth.mkv"),  # a folder
+        ("n.%04d.png", "normals", "n.%04d.png"),
+        ("n.%04d.png", "png16", "n.%04d.png"),
+        ("vid.v003.mp4", "stereo", "vid.v003.mp4"),
     ],
 )
 def test_only_the_suffix_of_a_format_is_one(output: str, formats: str, names: str) -> None:

@@ -45,8 +45,8 @@ class OutputOptions:
     )
     formats: list[VideoFormat] | None = groups.usual(
         "Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
-        "(previews), png16, exr, npy (one file per frame), json. Default: from the suffix of "
-        "OUT, else mkv and mp4, or mkv alone to stdout.",
+        "(previews), stereo (mp4), png16, exr, npy, normals (one file per frame), json. Default: "
+        "from the suffix of OUT, else mkv and mp4, or mkv alone to stdout.",
         "--format",
     )
     sidecar: groups.SidecarOption = False

@@ -323,7 +323,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
 
 def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[VideoFormat, str]:
     if len(wanted) > 1 or wanted[0] in SEQUENCES:
-        problem = f"'-' takes one of mkv, mp4, webm and mov, not {' and '.join(wanted)}"
+        problem = f"'-' takes one of mkv, mp4, webm, mov and stereo, not {' and '.join(wanted)}"
         raise UsageError(problem, "name a folder", option="out")
     if stdout is None:
         raise UsageError("the output is '-' but there is no stdout; name a file or a folder")
