@@ -205,9 +205,9 @@ def test_pictures_of_one_network_size_run_together(
     pipeline = load(write_model(tmp_path, input__fit="keep-aspect"))
     run, shapes = pipeline.session.run, []
 
-    def noted(batch: np.ndarray) -> np.ndarray:
+    def noted(batch: np.ndarray, *known: np.ndarray | None) -> np.ndarray:
         shapes.append(batch.shape)
-        return run(batch)
+        return run(batch, *known)
 
     monkeypatch.setattr(pipeline.session, "run", noted)
     maps = predicted(pipeline, [gray(0), gray(51, 30, 54), gray(255), gray(0, 60, 80)])
