@@ -19,6 +19,7 @@ from depthcli.models.catalog import Model
 
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _NAMES = frozenset({"depth", "disparity", "predicted_depth", "metric_depth"})
+_INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 _IMAGE_RANK = 4
 
 
@@ -87,6 +88,7 @@ class Session:
         )
         self._output = _map_output(self._session, model)
         self._input, shape = _image_input(self._session, model)
+        self._input_type = _INPUT_TYPES[self._session.get_inputs()[0].type]
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
     def run(self, batch: Float32Array, prompts: Float32Array | None = None) -> Float32Array:
@@ -115,6 +117,7 @@ class Session:
             feed |= {name: prompts[:, i : i + 1] for i, name in enumerate(PROMPT_INPUTS)}
         if self.model.card.input.layout is TensorLayout.NHWC:
             feed[self._input] = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
+        feed = {name: values.astype(self._input_type, copy=False) for name, values in feed.items()}
         try:
             with self._run_lock:
                 raw = self._session.run([self._output], feed, self._run_options)[0]
@@ -194,12 +197,12 @@ def _load_error(model: Model, wanted: tuple[str, ...], error: Exception) -> Mode
 
 
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
-    """Name and (N, C, H, W) of the image's float32 input; None where a length is dynamic."""
+    """Name and (N, C, H, W) of the image's float input; None where a length is dynamic."""
     inputs: list[Any] = session.get_inputs()
     names = PROMPT_INPUTS if model.card.input.prompt else ()
     kinds = [(len(one.shape), one.type) for one in inputs]
-    is_usual = kinds == [(_IMAGE_RANK, "tensor(float)")] * (1 + len(names))
-    if not is_usual or tuple(one.name for one in inputs[1:]) != names:
+    usual = ([(_IMAGE_RANK, kind)] * (1 + len(names)) for kind in _INPUT_TYPES)
+    if kinds not in usual or tuple(one.name for one in inputs[1:]) != names:
         listed = one_line(", ".join(f"{one.name} {one.shape} {one.type}" for one in inputs))
         told = f"{model.path} has the inputs {listed or 'none'}"
         raise ModelError(

@@ -49,7 +49,8 @@ def test_model_is_downloaded_added_and_runs(cli: Cli, server: FileServer) -> Non
     card = write_published(cli, server.url, **pinned(server.data))
     added = cli("models", "add", card)
     assert added.returncode == 0, added.stderr
-    assert all(fact in added.stderr.decode() for fact in (server.url, "0.0 MB", "MIT"))
+    assert all(fact in added.stderr.decode() for fact in (server.url, "0.0 MB", "licence MIT"))
+    assert "metres need no focal length" in added.stderr.decode()
     write_picture(cli.folder / "a.png")
     used = json.loads(cli("predict", "a.png", "-o", "a.npy", "--model", "far", "--json").stdout)
     assert used["model_sha256"] == hashlib.sha256(server.data).hexdigest()

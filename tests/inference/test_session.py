@@ -168,3 +168,48 @@ def test_loading_prints_nothing_and_only_switches_telemetry_off(model_folder: Pa
     command = [sys.executable, "-c", code, str(model_folder)]
     done = subprocess.run(command, capture_output=True, check=True, env=environment)
     assert (done.stdout, done.stderr) == (b"", b"")
+
+
+def random_network(kind: int) -> onnx.ModelProto:
+    """Two convolutions of random weights, RGB to depth, with numbers of a type of onnx."""
+    random = np.random.default_rng(0)
+    numbers = onnx.helper.tensor_dtype_to_np_dtype(kind)
+    weights = [
+        onnx.numpy_helper.from_array(random.normal(0, 0.3, shape).astype(numbers), name)
+        for name, shape in (("first", (8, 3, 3, 3)), ("second", (1, 8, 3, 3)))
+    ]
+    shape = ["n", 3, "height", "width"]
+    graph = onnx.helper.make_graph(
+        [
+            onnx.helper.make_node("Conv", ["image", "first"], ["a"], pads=[1, 1, 1, 1]),
+            onnx.helper.make_node("Relu", ["a"], ["b"]),
+            onnx.helper.make_node("Conv", ["b", "second"], ["depth"], pads=[1, 1, 1, 1]),
+        ],
+        "random",
+        [onnx.helper.make_tensor_value_info("image", kind, shape)],
+        [onnx.helper.make_tensor_value_info("depth", kind, None)],
+        weights,
+    )
+    opset = [onnx.helper.make_opsetid("", 17)]
+    return onnx.helper.make_model(graph, opset_imports=opset, ir_version=8)
+
+
+def test_networks_in_half_floats_and_int8_give_the_depth_of_floats(tmp_path: Path) -> None:
+    from onnxruntime.quantization import QuantType, quantize_dynamic  # noqa: PLC0415 - slow
+
+    plain, small = tmp_path / "plain.onnx", tmp_path / "small.onnx"
+    onnx.save(random_network(onnx.TensorProto.FLOAT), plain)
+    quantize_dynamic(plain, small, weight_type=QuantType.QUInt8)
+    assert {node.op_type for node in onnx.load(small).graph.node} >= {"ConvInteger"}
+    half = random_network(onnx.TensorProto.FLOAT16).SerializeToString()
+    files = {"float": plain.read_bytes(), "half": half, "int8": small.read_bytes()}
+    batch = np.random.default_rng(1).normal(size=(2, 3, 12, 16)).astype(np.float32)
+    found = {}
+    for name, data in files.items():
+        colours = {"input__colour": "rgb", "input__mean": [0], "input__std": [1]}
+        folder = write_model(tmp_path / name, data, **colours)
+        found[name] = Session(find_model(folder), provider="cpu").run(batch)
+        assert (found[name].dtype, found[name].shape) == (np.float32, (2, 12, 16))
+    spread = found["float"].std()
+    assert np.abs(found["half"] - found["float"]).max() < 0.01 * spread
+    assert np.abs(found["int8"] - found["float"]).max() < 0.2 * spread

@@ -95,7 +95,9 @@ def add_model_file(
     if quiet:
         return ExitCode.OK
     console.report(one_line(f"{name}: {output_text(model.card)}, in {folder}"))
-    console.note(one_line(f"{metres_text(model.card)}; licence {model.card.license}"))
+    verified = "not verified" if check is None else f"verified: {check.verified}"
+    facts = f"{metres_text(model.card)}; licence {model.card.license}; {verified}"
+    console.note(one_line(facts))
     if beside and beside.card:
         console.note(one_line(f"with the card {beside.card}"))
     if sha256 is None and (is_remote(file) or (published and published.weights.sha256 is None)):
@@ -103,7 +105,7 @@ def add_model_file(
     if check is not None and not check.run_with_weights:
         console.warn(
             "this card was never run with the real weights, so its preprocessing may be wrong. "
-            f"{check.verified} Check it on a few images: {check_command(model.card)}"
+            f"Check it on a few images: {check_command(model.card)}"
         )
     return ExitCode.OK
 
