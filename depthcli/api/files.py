@@ -10,7 +10,7 @@ import numpy as np
 from depthcli.api.depth_map import DepthMap
 from depthcli.core import types
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOptions
+from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, Eye, ReadOptions
 from depthcli.core.types import Frame
 from depthcli.errors import DepthcliWarning, InputError, UsageError
 from depthcli.io.depth import read as depth_files
@@ -18,7 +18,6 @@ from depthcli.io.storage.paths import path_of
 from depthcli.video import depth_video as depth_videos
 from depthcli.video import source as video_frames
 from depthcli.video.container import InputPipe
-from depthcli.video.facts import Eye
 from depthcli.video.frames import WHOLE, Span
 
 

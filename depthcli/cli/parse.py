@@ -116,8 +116,9 @@ def _kept(name: str, given: Intrinsics) -> Intrinsics:
 
 
 def reading(options: groups.ReadOptions) -> ReadOptions:
-    """Options of reading images."""
-    return ReadOptions(**{name: getattr(options, name) for name in ReadOptions._fields})
+    """Options of reading images, without the eye, which only some commands choose."""
+    names = [name for name in ReadOptions._fields if name != "eye"]
+    return ReadOptions(**{name: getattr(options, name) for name in names})
 
 
 def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> DepthReadOptions:
@@ -263,6 +264,7 @@ INPUT_OPTIONS: Mapping[str, Collection[str]] = {
     "PNG and TIFF": ("white_level", "black_level"),
     "image sequences": ("fps",),
     "videos": ("stream", "eye"),
+    "JPEG": ("eye",),
 }  #: the options that each kind of input uses, by parameter name
 _STDIN = "-"
 
@@ -286,5 +288,9 @@ def image_kinds(names: Iterable[str]) -> set[str]:
     """The kinds of images, for :data:`INPUT_OPTIONS`."""
     kinds = set()
     for name in names:
-        kinds |= {*INPUT_OPTIONS} if name == _STDIN else {"EXR" if is_exr(name) else "PNG and TIFF"}
+        kinds |= (
+            {*INPUT_OPTIONS}
+            if name == _STDIN
+            else ({"EXR"} if is_exr(name) else {"PNG and TIFF", "JPEG"})
+        )
     return kinds

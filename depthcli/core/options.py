@@ -65,6 +65,13 @@ class Near(StrEnum):
     BLACK = "black"
 
 
+class Eye(StrEnum):
+    """A view of a stereo image or video."""
+
+    LEFT = "left"
+    RIGHT = "right"
+
+
 class DepthEncoding(StrEnum):
     """Meaning of the numbers in a depth file."""
 
@@ -175,6 +182,7 @@ class ReadOptions(NamedTuple):
     projection: Projection | None = None  #: None for a pinhole camera
     ignore_alpha: bool = False  #: whether transparent pixels are as good as others
     black_level: int = 0  #: value of black in 16-bit integers
+    eye: Eye | None = None  #: of a stereo JPEG; None for its first image
 
 
 AS_STATED = ReadOptions()  #: what the files state, or the default

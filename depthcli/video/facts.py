@@ -7,10 +7,9 @@ import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from depthcli.core.options import Projection
+from depthcli.core.options import Eye, Projection
 from depthcli.errors import Message, UsageError
 
 if TYPE_CHECKING:
@@ -24,13 +23,6 @@ _LENS = re.compile(r"focal|lens", re.IGNORECASE)
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?(?:mm)?", re.ASCII)
 _LENS_LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?mm", re.ASCII)  # as in "back camera 6.765mm f/1.78"
 _TEXT, _FLOAT32, _FLOAT64 = 1, 23, 24  # well-known types of QuickTime's metadata
-
-
-class Eye(StrEnum):
-    """A view of a stereo video."""
-
-    LEFT = "left"
-    RIGHT = "right"
 
 
 _SIDE_BY_SIDE, _TOP_BOTTOM = 1, 2

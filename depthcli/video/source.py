@@ -17,14 +17,21 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 from av.video.stream import VideoStream
 
-from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
+from depthcli.core.options import (
+    AS_STATED,
+    MAX_PIXELS,
+    Eye,
+    Projection,
+    ReadOptions,
+    check_pixel_count,
+)
 from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.pixels import full_range, upright
 from depthcli.video.container import InputPipe, open_video, pipe_advice, video_streams
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
-from depthcli.video.facts import Eye, camera_warnings, focal_lengths, side_data, view_of
+from depthcli.video.facts import camera_warnings, focal_lengths, side_data, view_of
 from depthcli.video.frames import (
     FALLBACK_RATE,
     WHOLE,

@@ -20,6 +20,7 @@ from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
 from depthcli.core.camera import focal_px_of_35mm
+from depthcli.core.options import Eye
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
@@ -89,7 +90,9 @@ def test_opaque_alpha_is_dropped() -> None:
 
 def test_not_a_number_in_a_float_picture_becomes_black() -> None:
     values = np.array([[0.25, np.nan], [np.inf, 2.0]], np.float32)
-    assert (read_image(None, encoded(".tiff", values)).pixels == [[0.25, 0], [0, 1]]).all()
+    frame = read_image(None, encoded(".tiff", values))
+    assert (frame.pixels == [[0.25, 0], [0, 1]]).all()
+    assert len(frame.warnings) == 1  # about light, which the file does not state
     with pytest.raises(InputError):
         read_image(None, encoded(".tiff", np.full((4, 4), np.nan, np.float32)))
 
@@ -182,7 +185,7 @@ def test_focal_length_of_a_canon_camera_is_that_of_its_sensor() -> None:
     "xmp",
     [
         b"<GPano:ProjectionType>equirectangular</GPano:ProjectionType>",
-        b"<rdf:Description GPano:ProjectionType='equirectangular'/>",
+        b"<rdf:Description GPano:ProjectionType='cylindrical'/>",
     ],
 )
 @pytest.mark.parametrize("kind", ["JPEG", "TIFF", "WEBP", "PNG"])
@@ -290,6 +293,15 @@ def test_image_for_each_eye_is_told() -> None:
     entries = data.index(b"MPF\0") + 4 + 50
     stereo = data[:entries] + b"\x02\x00\x02\x00" + data[entries + 4 :]
     assert len(read_image(None, stereo).warnings) == 1
+    left, right = (read_image(None, stereo, eye=eye) for eye in Eye)
+    assert (left.warnings, right.warnings) == ((), ())
+    assert (left.pixels == read_image(None, data).pixels).all()
+    second = data[data.index(b"\xff\xd8\xff", 4) :]
+    assert (right.pixels == read_image(None, second).pixels).all()
+    assert (left.pixels != right.pixels).any()
+    for other in (data, second, encoded(".png")):
+        with pytest.raises(InputError):
+            read_image(None, other, eye=Eye.RIGHT)
 
 
 @pytest.mark.parametrize(("width", "height"), [(63, 48), (64, 47), (63, 47)])

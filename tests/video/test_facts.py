@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from helpers.videos import NTSC, box, encode, flat_frames, with_box, with_track_tag, write_mp4
 
-from depthcli.core.options import Projection, ReadOptions
+from depthcli.core.options import Eye, Projection, ReadOptions
 from depthcli.errors import UsageError
-from depthcli.video.facts import Eye
 from depthcli.video.source import VideoSource
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import typer
 from depthcli.cli import options
 from depthcli.cli.groups import Command, Given, group, grouped
 from depthcli.cli.screen import console
-from depthcli.core.options import one_line
+from depthcli.core.options import Eye, one_line
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
 
@@ -45,6 +45,12 @@ def predict(
     camera: options.CameraOptions,
     anchors: options.AnchorOptions,
     read: options.ImageOptions,
+    eye: Eye | None = typer.Option(
+        None,
+        rich_help_panel="Reading images",
+        help="Image to use of a JPEG with one for each eye (MPO of stereo cameras). "
+        "Default: the first.",
+    ),
     detail: options.DetailOptions,
     writing: options.WritingOptions,
     screen: options.ScreenOptions,
@@ -76,7 +82,7 @@ def predict(
         camera=seen_by,
         anchors=parse.anchors(anchors, seen_by),
         anchors_fit=anchors.anchors_fit,
-        reading=parse.reading(read),
+        reading=parse.reading(read)._replace(eye=eye),
         writing=parse.writer_options(writing),
         detail=parse.detail(detail),
         max_pixels=read.max_pixels,

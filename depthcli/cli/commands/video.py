@@ -10,9 +10,8 @@ import typer
 
 from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, Given, group, grouped
-from depthcli.core.options import short_repr
+from depthcli.core.options import Eye, short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
-from depthcli.video.facts import Eye
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:

@@ -4,13 +4,13 @@ import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Literal
 
 import numpy as np
 import simplejpeg
 
 from depthcli.core.arrays import UInt8Array
-from depthcli.errors import InputError
+from depthcli.core.options import Eye
+from depthcli.errors import InputError, Message
 from depthcli.io.images.exif import read_tags
 from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
 
@@ -20,7 +20,7 @@ _SCAN, _APP1, _EXIF = 0xDA, 0xE1, b"Exif\0\0"
 _STANDALONE = frozenset(b"\x01\xd0\xd1\xd2\xd3\xd4\xd5\xd6\xd7")
 _FILLED_MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)  # fill, however long, and the marker
 _MULTI_PICTURE, _MP_ENTRIES, _MP_ENTRY_BYTES, _DISPARITY = b"MPF\0", 0xB002, 16, 0x020002
-_OTHER_EYE = "holds an image for each eye; only the first is used"
+_OTHER_EYE = Message("holds an image for each eye, and the first is used", "{eye} chooses one")
 _COLOURS = {1: "GRAY", 4: "CMYK"}  # by the number of components; others are decoded to RGB
 # After such messages of libjpeg pixels are made up. Other warnings are harmless, above all that of
 # extraneous bytes before the end (0xd9), which some cameras write.
@@ -35,18 +35,35 @@ def jpeg_header(data: bytes) -> Header:
     """Size of a JPEG."""
     width, height, _ = _frame(data)
     indexes = (body[4:] for _, body in segments(data) if body.startswith(_MULTI_PICTURE))
-    return Header(width, height, _OTHER_EYE if any(map(_is_stereo, indexes)) else None)
+    return Header(width, height, _OTHER_EYE if any(map(_stereo_offsets, indexes)) else None)
 
 
-def _is_stereo(index: bytes) -> bool:
-    """Whether an index of several images (CIPA DC-007) names one for another eye."""
-    with suppress(struct.error, KeyError):
+def _stereo_offsets(index: bytes) -> list[int]:
+    """Where the image of each eye begins after an index of several (CIPA DC-007); left first.
+
+    The first image of the file is at 0.
+    """
+    with suppress(struct.error, KeyError, ValueError):
         ((_, entries),) = read_tags(index, (_MP_ENTRIES,))
-        order: Literal["little", "big"] = "little" if index.startswith(b"I") else "big"
-        starts = range(0, len(entries), _MP_ENTRY_BYTES)
-        kinds = (int.from_bytes(entries[at : at + 4], order) for at in starts)
-        return any(kind & 0xFFFFFF == _DISPARITY for kind in kinds)
-    return False
+        order = "<" if index.startswith(b"I") else ">"
+        found = list(struct.iter_unpack(order + "IIII", bytes(entries)))
+        if any(kind & 0xFFFFFF == _DISPARITY for kind, *_ in found):
+            return [offset for _, _, offset, _ in found]
+    return []
+
+
+def image_of_eye(data: bytes, eye: Eye) -> bytes:
+    """The image of an eye in a JPEG of a stereo camera (MPO), as a file.
+
+    Raises:
+        InputError: it has no such image.
+    """
+    index_at = data.find(_MULTI_PICTURE) + len(_MULTI_PICTURE)
+    offsets = _stereo_offsets(data[index_at:])
+    at = index_at + offsets[1] if len(offsets) == len(Eye) else 0
+    if not data.startswith(JPEG_START) or not data.startswith(JPEG_START, at) or not at:
+        raise InputError("holds no image for each eye", "leave {eye} out, or separate them first")
+    return data[at:] if eye is Eye.RIGHT else data
 
 
 def decode_jpeg(data: bytes) -> Decoded:

@@ -18,7 +18,14 @@ import numpy as np
 
 from depthcli.core.arrays import AnyArray
 from depthcli.core.imageops import transfer_warning
-from depthcli.core.options import EXPOSURE, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
+from depthcli.core.options import (
+    EXPOSURE,
+    MAX_PIXELS,
+    Eye,
+    Projection,
+    ReadOptions,
+    check_pixel_count,
+)
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
 from depthcli.io.images.exif import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
@@ -40,6 +47,10 @@ _MAX_SIDE = 1_000_000  # libpng and OpenCV decode no longer ones
 
 
 _XMP_BYTES = 2**20  # at both ends of a file, in which its XMP is looked for
+_LIGHT = Message(
+    "its floats are taken as encoded for display, as in sRGB",
+    "if they are linear light, save them as EXR",
+)
 _GPANO = re.compile(rb"GPano:(\w+)\W{1,4}(\w+)")
 
 
@@ -185,6 +196,7 @@ def read_image(
     projection: Projection | None = None,
     ignore_alpha: bool = False,
     black_level: int = 0,
+    eye: Eye | None = None,
 ) -> Frame:
     """Decode an image at its own bit depth and undo its EXIF rotation.
 
@@ -206,6 +218,7 @@ def read_image(
         projection: how directions became its pixels; None for a pinhole camera.
         ignore_alpha: whether transparent pixels are as good as others.
         black_level: value of black in a 16-bit image, which becomes 0.
+        eye: of a JPEG with an image for each (MPO); None for the first.
 
     Returns:
         Gray (H, W) or RGB (H, W, 3); uint8, uint16 or float32.
@@ -227,6 +240,11 @@ def read_image(
         if path is None:
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
+    if eye is not None:
+        from depthcli.io.images.jpeg import image_of_eye  # noqa: PLC0415 - rare
+
+        with _errors_about(name):
+            data = image_of_eye(data, eye)
     if data.startswith(EXR_MAGIC):
         # Other images need not wait for it.
         from depthcli.io.exr.image import read_exr_image  # noqa: PLC0415
@@ -247,7 +265,7 @@ def read_image(
         pixels = upright(pixels, orientation)
     facts = _GPANO.findall(data[:_XMP_BYTES]) or _GPANO.findall(data[-_XMP_BYTES:])
     xmp: dict[bytes, bytes] = dict(reversed(facts))  # an element's end follows its value
-    is_panorama = xmp.get(b"ProjectionType") == b"equirectangular"
+    is_panorama = b"ProjectionType" in xmp  # equirectangular, or cylindrical
     whole = xmp.get(b"FullPanoWidthPixels", b"")
     shown = xmp.get(b"CroppedAreaImageWidthPixels", whole)
     if projection == Projection.EQUIRECTANGULAR and shown != whole:
@@ -255,13 +273,14 @@ def read_image(
         raise InputError(told, "give a whole one")
     panorama = PANORAMA if is_panorama and projection is None else None
     profile = profile_warning(header.profile or data)
+    told = header.warning if eye is None else None
     frame = Frame(
         np.ascontiguousarray(pixels),
         path,
         orientation=orientation,
         focal_35mm=exif.focal_35mm,
         focal_mm=exif.focal_mm,
-        warnings=tuple(filter(None, (header.warning, *warnings, panorama, profile))),
+        warnings=tuple(filter(None, (told, *warnings, panorama, profile))),
         projection=projection or Projection.PINHOLE,
     )
     if decoded.alpha is None or ignore_alpha:
@@ -296,7 +315,8 @@ def _frame_pixels(
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
     pixels, warnings = full_range(pixels, header.white, *levels)
     hdr = transfer_warning(header.transfer, "image", "sRGB")
-    return as_frame_dtype(pixels, image.name), (*warnings, hdr)
+    light = _LIGHT if pixels.dtype.kind == "f" and b"acsp" not in image.data else None
+    return as_frame_dtype(pixels, image.name), (*warnings, hdr, light)
 
 
 _ALPHA_MODES = ("La", "PA", "RGBa")

@@ -15,6 +15,7 @@ from depthcli.core.options import (
     AS_STATED,
     DEFAULT_UPSAMPLING,
     MAX_PIXELS,
+    Eye,
     ReadOptions,
     UpsamplingOptions,
 )
@@ -25,7 +26,7 @@ from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage import atomic, paths
 from depthcli.jobs.output_names import comparable, names_near, output_bases
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
-from depthcli.video import container, facts, numbering
+from depthcli.video import container, numbering
 from depthcli.video.formats import (
     SEQUENCES,
     Codec,
@@ -57,7 +58,7 @@ class VideoSettings:
     reading: ReadOptions = AS_STATED  #: how the images of a sequence are read
     detail: UpsamplingOptions = DEFAULT_UPSAMPLING  #: how depth becomes that of a full-size frame
     stream: int | None = None  #: number of the video stream; None for the one with most frames
-    eye: facts.Eye | None = None  #: view of a stereo video; None for whole frames
+    eye: Eye | None = None  #: view of a stereo video; None for whole frames
     max_pixels: int = MAX_PIXELS  #: videos with larger frames are refused
     fps: Fraction | None = None  #: frames per second of an image sequence; None for what it states
     start_number: int | None = None  #: of the first frame in file names; None for the input's
