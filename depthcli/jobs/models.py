@@ -188,13 +188,13 @@ def add_published(
         except ModelError:
             file.truncate(0)
             raise
-    part.unlink()
+        file.truncate(0)
     return added
 
 
 @contextmanager
 def _locked_file(path: Path) -> Iterator[BinaryIO]:
-    """A file that only this process appends to."""
+    """A file that only this process appends to, removed after the block if it is empty."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = open_locked(path)
@@ -202,8 +202,12 @@ def _locked_file(path: Path) -> Iterator[BinaryIO]:
         raise OutputError(f"{path} cannot be written: {error.strerror}") from error
     if handle is None:
         raise UsageError(f"another process writes {path}; wait for its end")
-    with os.fdopen(handle, "r+b") as file:
-        yield file
+    try:
+        with os.fdopen(handle, "r+b") as file:
+            yield file
+    finally:
+        if path.stat().st_size == 0:
+            path.unlink()
 
 
 def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None:

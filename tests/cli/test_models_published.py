@@ -120,6 +120,7 @@ def test_without_network_the_address_is_said(inside: Cli, server: FileServer) ->
     (line,) = failed.stderr.splitlines()[1:]
     assert server.url.encode() in line
     assert b"--card far.json" in line
+    assert not part(inside).exists()
 
 
 def test_two_processes_do_not_write_one_download(inside: Cli, server: FileServer) -> None:
