@@ -161,3 +161,11 @@ def test_every_ready_card_states_where_its_weights_are(inside: Cli) -> None:
         weights = json.loads(line)["weights"]
         assert weights["page"]
         assert "source" in weights or "url" not in weights
+
+
+def test_download_has_a_bar_on_a_terminal(cli: Cli, server: FileServer) -> None:
+    card = write_published(cli, server.url, **pinned(server.data))
+    code, shown = cli.on_a_terminal("models", "add", card)
+    assert code == 0
+    assert "1/1" in shown
+    assert "MB/s" in shown
