@@ -6,7 +6,7 @@ is the peak resident memory of ``depthcli predict``, ``batch`` and ``video``, di
 process that only loads the file with onnxruntime and runs it as many times at once (at most 1.15).
 All get memory of over 1 MB from the system, without which glibc's own rule makes the peak of one
 and the same process either 1.7 or 2.4 GB.
-Run: ``python benchmarks/large_model.py [--model FILE] [--images 4]``
+Run: ``python benchmarks/large_model.py [--model FILE] [--images 4] [--command predict ...]``
 """
 
 from __future__ import annotations
@@ -156,6 +156,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", type=Path)
     parser.add_argument("--images", type=int, default=4)
+    parser.add_argument("--command", nargs="+", choices=("predict", "batch", "video"))
     options = parser.parse_args()
     os.environ["MALLOC_MMAP_THRESHOLD_"] = str(1 << 20)
     with tempfile.TemporaryDirectory() as name:
@@ -173,7 +174,8 @@ def main() -> None:
             "batch": (cores, ("batch", str(folder / "in"))),
             "video": (cores, ("video", str(video))),
         }
-        for command, (at_once, words) in commands.items():
+        for command in options.command or commands:
+            at_once, words = commands[command]
             alone = own(model, at_once)
             (folder / "out").mkdir()
             start = time.perf_counter()
