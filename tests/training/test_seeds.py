@@ -42,8 +42,12 @@ SHOWN = {
     "originals": DataConfig(width=32, height=32, paired=False, crop_286=True, colour="luma"),
     "extra": replace(LIGHT, pseudo_label_share=0.25, turn=1.0),
 }
+TINY = {name: tiny(name) for name in PAPER_METHODS}
 LEARNED = {
-    **{name: tiny(name) for name in PAPER_METHODS},
+    **TINY,
+    "proposed": replace(  # as it was stored, before the weights of the pilot
+        TINY["proposed"], loss=replace(TINY["proposed"].loss, l1=10.0, l1_backward=False)
+    ),
     "efficient": EFFICIENT,
     "averaged": replace(PAPER, optim=replace(PAPER.optim, ema=0.9, clip_norm=0.5)),
 }
