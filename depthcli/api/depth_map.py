@@ -133,8 +133,11 @@ class DepthMap(types.DepthMap):
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         centre_px: tuple[float, float] | None = None,
+        stride: int = 1,
+        max_depth_m: float | None = None,
+        keep_edges: bool = True,
     ) -> PointCloud:
-        """Every pixel with depth as a point in space, with the picture's colours.
+        """Pixels with depth as points in space, with the picture's colours.
 
         Where predict had to assume the camera, so does this, with a ``DepthcliWarning``.
 
@@ -143,6 +146,9 @@ class DepthMap(types.DepthMap):
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
             centre_px: (cx, cy), the principal point, where (0, 0) is the middle of the first pixel;
                 None for the one that the file of the map stated, else the middle of the map.
+            stride: every n-th pixel of every n-th row.
+            max_depth_m: leave out what is farther.
+            keep_edges: whether pixels between near and far, where an edge is smeared, have a point.
 
         Raises:
             UsageError: the map has no metres, no focal length is known, or one is not valid.
@@ -150,15 +156,22 @@ class DepthMap(types.DepthMap):
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
         source = depth.provenance
         if source is not None and source.projection.is_other:
-            return point_cloud(depth, 1.0, self.frame)
-        if source is None or source.focal_px is None:
+            focal_px = 1.0  # of no meaning
+        elif source is None or source.focal_px is None:
             raise UsageError("no focal length is known; give focal_px or hfov_deg")
-        if source.camera_source is CameraSource.CARD:
-            message = (
-                "no focal length is known; the point cloud assumes the camera the model learned"
-            )
-            warnings.warn(message, DepthcliWarning, stacklevel=2)
-        return point_cloud(depth, source.focal_px, self.frame)
+        else:
+            focal_px = source.focal_px
+            if source.camera_source is CameraSource.CARD:
+                message = "no focal length is known; the points assume the camera the model learned"
+                warnings.warn(message, DepthcliWarning, stacklevel=2)
+        return point_cloud(
+            depth,
+            focal_px,
+            self.frame,
+            stride=stride,
+            max_depth_m=max_depth_m,
+            keep_edges=keep_edges,
+        )
 
     def colorize(
         self,

@@ -31,8 +31,16 @@ class PointCloud:
         return f"<PointCloud {len(self)} points, {colours}>"
 
 
-def point_cloud(depth: DepthMap, focal_px: float, frame: Frame | None = None) -> PointCloud:
-    """Every pixel with depth as a point, by the pinhole camera, or along the rays of a panorama.
+def point_cloud(
+    depth: DepthMap,
+    focal_px: float,
+    frame: Frame | None = None,
+    *,
+    stride: int = 1,
+    max_depth_m: float | None = None,
+    keep_edges: bool = True,
+) -> PointCloud:
+    """Pixels with depth as points, by the pinhole camera, or along the rays of a panorama.
 
     The focal length is in widths of the map's pixels, the principal point the one that the map
     states, else its middle. The frame gives the colours.
@@ -41,6 +49,8 @@ def point_cloud(depth: DepthMap, focal_px: float, frame: Frame | None = None) ->
         raise UsageError(
             f"a point cloud needs metres, and {depth.kind} depth has none; fit it to anchors"
         )
-    surface = surface_of(depth, focal_px)
-    rgb = None if frame is None else frame.pixels_8bit()[surface.valid]
+    surface = surface_of(
+        depth, focal_px, stride=stride, max_depth_m=max_depth_m, keep_edges=keep_edges
+    )
+    rgb = None if frame is None else frame.pixels_8bit()[::stride, ::stride][surface.valid]
     return PointCloud(surface.xyz_m[surface.valid], rgb)

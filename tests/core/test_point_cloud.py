@@ -32,6 +32,18 @@ def test_points_have_the_colours_of_their_pixels() -> None:
     assert repr(cloud) == "<PointCloud 3 points, colours>"
 
 
+def test_points_are_thinned_and_far_ones_left_out() -> None:
+    values = np.arange(1, 31, dtype=np.float32).reshape(5, 6)
+    pixels = np.arange(90, dtype=np.uint8).reshape(5, 6, 3)
+    cloud = point_cloud(DepthMap(values), 10.0, Frame(pixels), stride=2, max_depth_m=15)
+    np.testing.assert_array_equal(cloud.xyz_m[:, 2], [1, 3, 5, 13, 15])
+    assert cloud.rgb is not None
+    np.testing.assert_array_equal(cloud.rgb, pixels[::2, ::2].reshape(-1, 3)[:5])
+    ramp = np.broadcast_to(np.float32([1] * 9 + [2, 3] + [4] * 9), (9, 20)).copy()
+    edged = point_cloud(DepthMap(ramp), 100.0, keep_edges=False)
+    assert set(edged.xyz_m[:, 2]) == {1, 4}
+
+
 def test_map_without_metres_has_no_points() -> None:
     with pytest.raises(UsageError):
         point_cloud(DepthMap(DEPTH.values, DepthKind.RELATIVE), 10.0)
