@@ -273,14 +273,14 @@ def read_image(
         raise InputError(told, "give a whole one")
     panorama = PANORAMA if is_panorama and projection is None else None
     profile = profile_warning(header.profile or data)
-    told = header.warning if eye is None else None
+    of_eyes = header.warning if eye is None else None
     frame = Frame(
         np.ascontiguousarray(pixels),
         path,
         orientation=orientation,
         focal_35mm=exif.focal_35mm,
         focal_mm=exif.focal_mm,
-        warnings=tuple(filter(None, (told, *warnings, panorama, profile))),
+        warnings=tuple(filter(None, (of_eyes, *warnings, panorama, profile))),
         projection=projection or Projection.PINHOLE,
     )
     if decoded.alpha is None or ignore_alpha:
@@ -315,8 +315,8 @@ def _frame_pixels(
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
     pixels, warnings = full_range(pixels, header.white, *levels)
     hdr = transfer_warning(header.transfer, "image", "sRGB")
-    light = _LIGHT if pixels.dtype.kind == "f" and b"acsp" not in image.data else None
-    return as_frame_dtype(pixels, image.name), (*warnings, hdr, light)
+    linear = _LIGHT if pixels.dtype.kind == "f" and b"acsp" not in image.data else None
+    return as_frame_dtype(pixels, image.name), (*warnings, hdr, linear)
 
 
 _ALPHA_MODES = ("La", "PA", "RGBa")
