@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError
@@ -12,6 +13,7 @@ from depthcli.io.storage.paths import regular_size
 from depthcli.video.numbering import SINGLE_IMAGE_ADVICE, is_single_image
 
 if TYPE_CHECKING:
+    from fractions import Fraction
     from pathlib import Path
 
     from av.container import InputContainer
@@ -44,11 +46,33 @@ class _Pipe:
             raise reason
 
 
+@dataclass(frozen=True, slots=True)
+class RawVideo:
+    """Frames that follow each other without any header, as programs pipe them."""
+
+    width: int  #: columns of each
+    height: int  #: rows of each
+    pixel_format: str  #: FFmpeg's name, such as ``bgr24``
+    rate: Fraction  #: frames a second
+
+    @property
+    def options(self) -> dict[str, str]:
+        """Options of FFmpeg's reader."""
+        size = f"{self.width}x{self.height}"
+        return {
+            "video_size": size,
+            "pixel_format": self.pixel_format,
+            "framerate": f"{self.rate}",
+        }
+
+
 class InputPipe(_Pipe):
     """A stream that FFmpeg reads; seekable if the wrapped stream is."""
 
-    def __init__(self, stream: BinaryIO) -> None:
+    def __init__(self, stream: BinaryIO, raw: RawVideo | None = None) -> None:
+        """Wrap a stream, of a container or of frames as ``raw`` states."""
         super().__init__(stream)
+        self.raw = raw
         # Read what is available, so that live video is not delayed.
         self._read = getattr(stream, "read1", stream.read)
         self.seekable, self.seek, self.tell = stream.seekable, stream.seek, stream.tell
@@ -99,15 +123,18 @@ def open_video(
     import av  # noqa: PLC0415 - naming outputs does not need it
 
     file: InputPipe | str
+    name, options = None, _OPTIONS
     if isinstance(source, InputPipe):
         file = source
+        if source.raw is not None:
+            name, options = "rawvideo", source.raw.options
     else:
         _check_file(source)
         # FFmpeg does not take an absolute path for a protocol.
         file = os.path.abspath(source)  # noqa: PTH100 - links stay as named
     container = None
     try:
-        container = av.open(file, "r", options=_OPTIONS, metadata_errors="replace")
+        container = av.open(file, "r", format=name, options=options, metadata_errors="replace")
         streams = video_streams(container)
         if stream_number is not None and stream_number >= len(streams):
             raise UsageError(f"{source} has {len(streams)} video streams", option="stream")
@@ -160,6 +187,8 @@ def pipe_advice(source: Path | InputPipe) -> str:
     """Advice for a pipe that cannot be read; empty for a file."""
     if not isinstance(source, InputPipe):
         return ""
+    if source.raw is not None:
+        return "size or pixel format of {raw} are others than those of the frames that came"
     return "through a pipe, send Matroska, MPEG-TS, NUT or Y4M: most MP4 files have to be files"
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from depthcli.jobs.video.plan import VideoResult
+    from depthcli.video.container import RawVideo
     from depthcli.video.frames import Point, Span
 
 app = typer.Typer(rich_markup_mode=None)
@@ -74,6 +75,11 @@ class FrameOptions:
         "Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
         "its EXR headers state, else 25.",
         metavar="RATE",
+    )
+    raw: str | None = groups.option(
+        "Size, pixel format and rate of frames without a container on stdin, as ffmpeg -f "
+        "rawvideo pipes them: 640x480:bgr24@30.",
+        metavar="SIZE:FORMAT@RATE",
     )
     stream: int | None = groups.option(
         "Number of the video stream, from 0. Default: the one with most frames.", min=0
@@ -180,6 +186,7 @@ def video(
         model=parse.session_loader(model.model, model.runtime),
         settings=settings,
         workers=workers,
+        raw=None if frames.raw is None else parse_raw(frames.raw),
         stdin=sys.stdin.buffer if file == STDIO and sys.stdin else None,
         stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
@@ -216,15 +223,34 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     return Span(first, last, step)
 
 
-def parse_fps(word: str) -> Fraction:
+def parse_fps(word: str, option: str = "fps") -> Fraction:
     """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``; UsageError if it is no such."""
     from depthcli.video.frames import parse_rate
 
     found = parse_rate(word.strip())
     if found is None:
         problem = f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001"
-        raise UsageError(problem, option="fps")
+        raise UsageError(problem, option=option)
     return found
+
+
+def parse_raw(word: str) -> RawVideo:
+    """Parse ``640x480:bgr24@30``; UsageError if it is no such, or FFmpeg lacks the format."""
+    from av.video.format import VideoFormat as PixelFormat
+
+    from depthcli.video.container import RawVideo
+
+    size, _, rest = word.partition(":")
+    name, _, rate = rest.partition("@")
+    sides = re.fullmatch(r"(?a)([1-9]\d{0,5})x([1-9]\d{0,5})", size)
+    try:
+        pixel_format = PixelFormat(name).name
+    except ValueError:
+        sides = None
+    if sides is None:
+        problem = f"{short_repr(word)} is not a size, pixel format and rate"
+        raise UsageError(problem, "write, for example, 640x480:bgr24@30", option="raw")
+    return RawVideo(int(sides[1]), int(sides[2]), pixel_format, parse_fps(rate, "raw"))
 
 
 def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:

@@ -118,6 +118,7 @@ class VideoRequest:
     workers: int | None = None  #: threads besides the one that writes; None for one per core
     overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read
+    raw: container.RawVideo | None = None  #: frames without a container in ``-``; None for others
     stdout: BinaryIO | None = None  #: where ``-`` is written
 
 
@@ -293,6 +294,8 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         raise InputError("the input's name is empty; is a variable of the command not set?")
     if name == STDIO and request.stdin is None:
         raise UsageError("the input is '-' but there is no stdin; name a file")
+    if name != STDIO and request.raw is not None:
+        raise UsageError("frames without a container are read from '-'", option="raw")
     file = None if name == STDIO else paths.path_of(name)
     if destination.kind is Kind.STDOUT:
         folder, names = Path(), _stdout_name(destination.wanted, request.stdout)
@@ -305,7 +308,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     previews = [which for which in names if which.facts.is_preview]
     plan = VideoPlan(
         name=paths.safe_name(name),
-        source=file or container.InputPipe(cast("BinaryIO", request.stdin)),
+        source=file or container.InputPipe(cast("BinaryIO", request.stdin), request.raw),
         folder=folder,
         names=names,
         codecs={
