@@ -12,13 +12,13 @@ arXiv:1505.00996. The gain and the clamping to the local range are our own.
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import Float32Array
+from depthcli.core.arrays import Float32Array, Float64Array
 from depthcli.core.types import Frame
 
 
@@ -69,6 +69,105 @@ def resize_cubic(values: Float32Array, width: int, height: int) -> Float32Array:
     Shapes and types as of :func:`resize_bilinear`.
     """
     return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_CUBIC))
+
+
+def resize_area_or_cubic(values: Float32Array, width: int, height: int) -> Float32Array:
+    """OpenCV's INTER_AREA if both sides shrink, else its INTER_CUBIC.
+
+    Shapes and types as of :func:`resize_bilinear`.
+    """
+    rows, columns = values.shape[:2]
+    is_smaller = width <= columns and height <= rows
+    return (resize_area if is_smaller else resize_cubic)(values, width, height)
+
+
+def resize_corners(values: Float32Array, width: int, height: int) -> Float32Array:
+    """Bilinear, in which the corner pixels keep their place: torch's ``align_corners``.
+
+    Shapes and types as of :func:`resize_bilinear`.
+    """
+    rows, columns = values.shape[:2]
+    x = np.linspace(0, columns - 1, width, dtype=np.float32)
+    y = np.linspace(0, rows - 1, height, dtype=np.float32)
+    return np.asarray(_between(_between(values, y).swapaxes(0, 1), x).swapaxes(0, 1))
+
+
+def _between(values: Float32Array, place: Float32Array) -> Any:  # noqa: ANN401
+    """Rows at fractional places, interpolated."""
+    above = np.minimum(place.astype(np.intp), max(values.shape[0] - 2, 0))
+    share = (place - above).astype(np.float32).reshape(-1, *[1] * (values.ndim - 1))
+    upper = values[above]
+    return upper + share * (values[np.minimum(above + 1, values.shape[0] - 1)] - upper)
+
+
+_ANTIALIAS_ROWS = 32
+_FIXED_POINT = 2**22
+
+
+def resize_antialiased(
+    values: Float32Array,
+    width: int,
+    height: int,
+    *,
+    cubic: bool,
+    eight_bit: bool = False,
+) -> Float32Array:
+    """Bilinear or bicubic (a = -0.5) with a kernel that is as wide as an output pixel: Pillow's.
+
+    Shapes and types as of :func:`resize_bilinear`. With ``eight_bit``, colours in [0, 1] are
+    rounded to 8 bits after each axis. Source: Pillow's ``Resample.c``, which torch's
+    ``antialias=True`` follows.
+    """
+    for size in (width, height):
+        rows = np.ascontiguousarray(np.swapaxes(values, 0, 1))
+        values = _antialiased_rows(rows, size, cubic=cubic, eight_bit=eight_bit)
+    return values
+
+
+def _eight_bits(values: Float32Array) -> Float32Array:
+    """Colours in [0, 1], rounded to those of 8-bit pictures; halves up, as libraries do."""
+    levels = np.floor(values * 255 + 0.5).clip(0, 255)
+    return np.asarray(levels / np.float32(255), np.float32)
+
+
+def _antialiased_rows(
+    values: Float32Array, size: int, *, cubic: bool, eight_bit: bool
+) -> Float32Array:
+    rows = values.shape[0]
+    if size == rows:
+        return values
+    step = rows / size
+    wide = max(step, 1.0)
+    reach = (2 if cubic else 1) * wide
+    flat = np.ascontiguousarray(values).reshape(rows, -1)
+    made = np.empty((size, flat.shape[1]), np.float32)
+    for start in range(0, size, _ANTIALIAS_ROWS):
+        centres = (np.arange(start, min(start + _ANTIALIAS_ROWS, size)) + 0.5) * step
+        first = max(0, int(centres[0] - reach))
+        last = min(rows, int(centres[-1] + reach) + 1)
+        # Pillow cuts the kernel at whole pixels
+        low = np.maximum((centres - reach + 0.5).astype(np.intp), 0)[:, None]
+        high = np.minimum((centres + reach + 0.5).astype(np.intp), rows)[:, None]
+        places = np.arange(first, last)
+        weights = _kernel(np.abs(places + 0.5 - centres[:, None]) / wide, cubic=cubic)
+        weights *= (places >= low) & (places < high)
+        weights /= weights.sum(axis=1, keepdims=True)
+        if eight_bit:  # whole levels and fixed-point weights, as Pillow has them
+            weights = np.rint(weights * _FIXED_POINT) / _FIXED_POINT
+            band = _eight_bits(weights @ np.rint(flat[first:last] * 255.0) / 255)
+        else:
+            band = weights.astype(np.float32) @ flat[first:last]
+        made[start : start + len(centres)] = band
+    return made.reshape(size, *values.shape[1:])
+
+
+def _kernel(distance: Float64Array, *, cubic: bool) -> Float64Array:
+    """Triangle, or Keys' cubic with a = -0.5, at distances in output pixels."""
+    if not cubic:
+        return np.maximum(1 - distance, 0)
+    inner = (1.5 * distance - 2.5) * distance**2 + 1
+    outer = ((-0.5 * distance + 2.5) * distance - 4) * distance + 2
+    return np.where(distance < 1, inner, np.where(distance < 2, outer, 0))  # noqa: PLR2004
 
 
 BAND_PIXELS = 100_000  #: pixels of a band: its few float arrays fit a processor's L2 cache
