@@ -39,6 +39,7 @@ class CameraSource(StrEnum):
     OPTION = "option"  #: it was given
     EXIF = "exif"  #: the image's file states it
     CARD = "card"  #: assumed: that of the camera that the model was trained for
+    MODEL = "model"  #: the network estimates it from the image
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,14 @@ class Upsampling(StrEnum):
 
     GUIDED = "guided"  #: edges follow those of the picture
     BILINEAR = "bilinear"  #: bilinear interpolation; the picture is not used
+    MODEL = "model"  #: as the model's authors do, if its card says; else bilinear
+
+
+class DepthMask(StrEnum):
+    """Which pixels get no depth."""
+
+    NONE = "none"  #: none that the network gives one
+    MODEL = "model"  #: those that the network's own mask excludes, such as sky
 
 
 class Weights(StrEnum):
@@ -124,12 +132,16 @@ class UpsamplingOptions:
     upsampling: Upsampling = Upsampling.GUIDED  #: how depth gets the picture's size
     #: width of tiles in pixels of the picture; None for no tiles, 0 for 3/4 of its width
     tile_px: int | None = None
+    mask: DepthMask = DepthMask.NONE  #: which pixels get no depth
 
     def __post_init__(self) -> None:
         if self.upsampling not in tuple(Upsampling):
             names = " or ".join(Upsampling)
             raise UsageError(f"upsampling is {names}, not {self.upsampling!r}")
         object.__setattr__(self, "upsampling", Upsampling(self.upsampling))
+        if self.mask not in tuple(DepthMask):
+            raise UsageError(f"mask is {' or '.join(DepthMask)}, not {self.mask!r}")
+        object.__setattr__(self, "mask", DepthMask(self.mask))
         if self.tile_px is not None and self.tile_px < 0:
             raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
 

@@ -7,12 +7,19 @@ resizing stretches, the focal length is the geometric mean over both axes.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
-from depthcli.core.camera import CameraSource, Intrinsics, focal_px_of_35mm, focal_px_of_hfov
+from depthcli.core.camera import (
+    HFOV_DEG,
+    CameraSource,
+    Intrinsics,
+    focal_px_of_35mm,
+    focal_px_of_hfov,
+)
 from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import Message
 from depthcli.inference.transforms import Layout
-from depthcli.models.card import CameraSpec, InputSpec, ModelCard
+from depthcli.models.card import CameraSpec, FocalAxis, InputSpec, ModelCard
 
 
 def metric_camera(card: ModelCard) -> CameraSpec | None:
@@ -62,6 +69,18 @@ def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsic
     )
 
 
+def with_own_view(camera: Intrinsics, hfov_deg: float | None, width: int) -> Intrinsics:
+    """A camera of an image with the network's own field of view, if its own is not known.
+
+    Estimates out of the range of fields of view are not used.
+    """
+    if hfov_deg is None or camera.source not in {None, CameraSource.CARD}:
+        return camera
+    if not HFOV_DEG.holds(hfov_deg):
+        return camera
+    return replace(camera, focal_px=focal_px_of_hfov(hfov_deg, width), source=CameraSource.MODEL)
+
+
 def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsics) -> float:
     """The factor from the network's metres to those of an image's camera; 1 for other depth.
 
@@ -77,7 +96,9 @@ def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsi
         # One axis is filled. On the other, rounding to whole pixels matters for a narrow strip.
         root = math.sqrt(card.input.pixel_aspect)
         factor = min(across * root, down / root)
-    learned_px = focal_px_of_hfov(learned.hfov_deg, card.input.width)
+    if learned.along is FocalAxis.WIDTH:
+        factor = across * math.sqrt(card.input.pixel_aspect)
+    learned_px = learned.focal_px_at(card.input.width)
     return camera.focal_px * factor / (learned_px * math.sqrt(card.input.pixel_aspect))
 
 
@@ -91,4 +112,4 @@ def _assumed_focal_px(spec: InputSpec, camera: CameraSpec, width: float, height:
     short, long = sorted((width, height))
     long_px = max(long, short * max(aspect, 1 / aspect))
     width_px = long_px if aspect >= 1 else long_px * aspect
-    return width_px * focal_px_of_hfov(camera.hfov_deg, 1)
+    return width_px * camera.focal_px_at(spec.width) / spec.width

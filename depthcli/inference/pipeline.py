@@ -9,19 +9,43 @@ import numpy as np
 
 from depthcli.core.anchors import ROBUST_FROM, AnchorPoints, fitted
 from depthcli.core.arrays import Float32Array
-from depthcli.core.camera import DEPTH_M_RANGE, UNKNOWN_CAMERA, CameraScale, Intrinsics
+from depthcli.core.camera import (
+    DEPTH_M_RANGE,
+    UNKNOWN_CAMERA,
+    CameraScale,
+    CameraSource,
+    Intrinsics,
+    hfov_deg,
+)
 from depthcli.core.options import (
     AUTO_TILE,
     DEFAULT_UPSAMPLING,
     AnchorsFit,
+    DepthMask,
     Projection,
+    Upsampling,
     UpsamplingOptions,
 )
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
 from depthcli.errors import InputError, Message, ModelError, UsageError
-from depthcli.inference.camera import frame_warnings, intrinsics_of, metric_camera, metric_scale
-from depthcli.inference.session import Session
-from depthcli.inference.transforms import Layout, coarse_depth, full_size, prepare, prompt_input
+from depthcli.inference.camera import (
+    frame_warnings,
+    intrinsics_of,
+    metric_camera,
+    metric_scale,
+    with_own_view,
+)
+from depthcli.inference.session import RawOutputs, Session
+from depthcli.inference.transforms import (
+    Layout,
+    coarse_depth,
+    enlarged,
+    full_size,
+    lacks_depth,
+    prepare,
+    prompt_input,
+    without_depth,
+)
 from depthcli.models.card import InputSpec, ModelCard, OutputSpec
 
 _STEP = 4  # pixels between those that are counted
@@ -116,6 +140,9 @@ class Pipeline:
             for frame, camera in zip(frames, own, strict=True)
         ]
         prepared = [prepare(self.card.input, frame) for frame in frames]
+        if self.detail.mask is DepthMask.MODEL and self.card.output.mask is None:
+            told = f"model {self.card.name!r} tells no mask of its own"
+            raise InputError(told, "leave {mask} out, or give another {model}")
         layouts = [layout for _, layout in prepared]
         known = [self._prompt(*one) for one in zip(frames, layouts, anchors, strict=True)]
         raws = self._run([single for single, _ in prepared], known)
@@ -154,7 +181,7 @@ class Pipeline:
     def _model_depth(
         self,
         frame: Frame,
-        raw: Float32Array,
+        raw: RawOutputs,
         layout: Layout,
         camera: Intrinsics,
         *,
@@ -164,7 +191,11 @@ class Pipeline:
         spec = self.card.output
         if is_prompted:  # metres are those of the points, whatever the range and the camera
             spec = replace(spec, min_m=DEPTH_M_RANGE[0], max_m=DEPTH_M_RANGE[1])
-        coarse = coarse_depth(spec, raw, layout)
+        if spec.points:
+            raw = _of_points(spec, raw, camera, frame)
+        own_deg = None if raw.hfov_deg is None else float(raw.hfov_deg)
+        camera = with_own_view(camera, own_deg, frame.width)
+        coarse = coarse_depth(spec, raw.maps, layout)
         if not np.isfinite(coarse).any():
             where = frame.path or "an image"
             told = f"{self.session.model.path} gives no depth for {where}, no finite number"
@@ -176,12 +207,17 @@ class Pipeline:
             columns = coarse.shape[1]
             coarse = refine(spec, coarse, frame, tile_px, self._coarse)
             radius = math.ceil(coarse.shape[1] / columns)
-        values = full_size(spec, coarse, frame, self.detail.upsampling, radius)
+        if tile_px is None and self.detail.upsampling is Upsampling.MODEL:
+            values = enlarged(spec, raw.maps, layout, frame)
+        else:
+            values = full_size(spec, coarse, frame, self.detail.upsampling, radius)
         scale = 1.0 if is_prompted else metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
         if camera.scale is not None:
             values = self._calibrated(values, camera.scale)
+        if self.detail.mask is DepthMask.MODEL and spec.mask and raw.mask is not None:
+            values[without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
         source = self._provenance(frame, (layout.width, layout.height), camera)
         depth = DepthMap(values, self.card.output.kind, source)
         warnings = flat_warnings(depth) or _range_warnings(spec, depth, scale)
@@ -226,15 +262,15 @@ class Pipeline:
 
     def _run(
         self, inputs: Sequence[Float32Array], known: Sequence[Float32Array | None]
-    ) -> list[Float32Array]:
-        """The network's (h, w) output for each (1, C, H, W) input, batched by size.
+    ) -> list[RawOutputs]:
+        """The network's output for each (1, C, H, W) input, batched by size.
 
         ``known`` is known depth and its mask, (2, H, W), for each; None for none.
         """
         sizes: dict[tuple[int, ...], list[int]] = {}
         for i, single in enumerate(inputs):
             sizes.setdefault(single.shape, []).append(i)
-        outputs: dict[int, Float32Array] = {}
+        outputs: dict[int, RawOutputs] = {}
         for members in sizes.values():
             together = [inputs[i] for i in members]
             batch = together[0] if len(together) == 1 else np.concatenate(together)
@@ -242,7 +278,8 @@ class Pipeline:
             if any(known[i] is not None for i in members):
                 nothing = np.zeros((2, *batch.shape[2:]), np.float32)
                 prompts = np.stack([nothing if (k := known[i]) is None else k for i in members])
-            outputs |= zip(members, self.session.run(batch, prompts), strict=True)
+            raw = self.session.outputs(batch, prompts)
+            outputs |= {member: raw.picture(i) for i, member in enumerate(members)}
         return [outputs[i] for i in range(len(inputs))]
 
     def _provenance(
@@ -261,6 +298,21 @@ class Pipeline:
             projection=frame.projection,
             camera_scale=camera.scale,
         )
+
+
+def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Frame) -> RawOutputs:
+    """Outputs with depth and a field of view in place of points."""
+    from depthcli.inference.points import depth_of_points  # noqa: PLC0415 - few models need it
+
+    has_depth = None
+    if spec.mask is not None and raw.mask is not None:
+        has_depth = ~lacks_depth(spec.mask, raw.mask)
+    is_known = camera.focal_px is not None and camera.source is not CameraSource.CARD
+    known = hfov_deg(camera.focal_px, frame.width) if is_known and camera.focal_px else None
+    found = depth_of_points(raw.maps, has_depth, known)
+    scale = 1 if raw.scale is None else raw.scale
+    hfov = np.asarray(found.hfov_deg, np.float32)
+    return raw._replace(maps=np.asarray(found.depth * scale, np.float32), hfov_deg=hfov)
 
 
 def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[str, ...]:

@@ -2,9 +2,9 @@
 
 import re
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _NAMES = frozenset({"depth", "disparity", "predicted_depth", "metric_depth"})
 _INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 _IMAGE_RANK = 4
+_POINT = 3  # numbers
 
 
 def _map_output(session: ort.InferenceSession, model: Model) -> str:
@@ -40,6 +41,29 @@ def _map_output(session: ort.InferenceSession, model: Model) -> str:
     if not _NUMBERS.fullmatch(found[0].type):
         raise ModelError(f"{model.path} gives {found[0].type}, not numbers; use a depth model")
     return str(found[0].name)
+
+
+def _check_outputs(session: ort.InferenceSession, model: Model, wanted: Iterable[str]) -> None:
+    """Check that the graph has the outputs that its card names."""
+    names = {one.name for one in session.get_outputs()}
+    for name in wanted:
+        if name not in names:
+            listed = one_line(", ".join(sorted(names)))
+            raise ModelError(f"{model.path} has no output {name!r}, but {listed}; correct the card")
+
+
+class RawOutputs(NamedTuple):
+    """The outputs of a network for some pictures."""
+
+    maps: Float32Array  #: (N, h, w), of the card's codec; (N, h, w, 3) of points
+    mask: Float32Array | None = None  #: (N, h, w), of the card's mask; None without one
+    hfov_deg: Float32Array | None = None  #: (N,); None if the network tells none
+    scale: Float32Array | None = None  #: (N,) factor of points; None for 1
+
+    def picture(self, i: int) -> "RawOutputs":
+        """The outputs of one picture, without the first axis."""
+        more = (None if one is None else one[i] for one in self[1:])
+        return RawOutputs(self.maps[i], *more)
 
 
 _FATAL_ONLY = 4
@@ -86,12 +110,29 @@ class Session:
         self._run_lock: AbstractContextManager[Any] = (
             threading.Lock() if self.provider == DIRECTML else nullcontext()
         )
-        self._output = _map_output(self._session, model)
+        self._outputs = [_map_output(self._session, model)]
+        camera, output = model.card.camera, model.card.output
+        named = {
+            "mask": output.mask and output.mask.output,
+            "hfov_deg": camera and camera.hfov_output,
+            "scale": output.points and output.points.scale_output,
+        }
+        self._more = {field: name for field, name in named.items() if name}
+        _check_outputs(self._session, model, self._more.values())
+        self._outputs += self._more.values()
         self._input, shape = _image_input(self._session, model)
         self._input_type = _INPUT_TYPES[self._session.get_inputs()[0].type]
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
     def run(self, batch: Float32Array, prompts: Float32Array | None = None) -> Float32Array:
+        """The maps of :meth:`outputs`, (N, h, w) float32.
+
+        Raises:
+            ModelError: as there.
+        """
+        return self.outputs(batch, prompts).maps
+
+    def outputs(self, batch: Float32Array, prompts: Float32Array | None = None) -> RawOutputs:
         """Run the network.
 
         Args:
@@ -99,17 +140,17 @@ class Session:
             prompts: (N, 2, H, W) float32, known depth and its mask, for a network that takes them;
                 None where nothing is known.
 
-        Returns:
-            (N, h, w) float32, the raw output of the card's codec.
-
         Raises:
             ModelError: onnxruntime failed, or the output is not one map for each picture.
         """
         if self._batch_size == 1 and len(batch) > 1:  # exported without a dynamic batch
             rows = [slice(i, i + 1) for i in range(len(batch))]
-            return np.concatenate(
-                [self.run(batch[i], None if prompts is None else prompts[i]) for i in rows]
+            maps, *more = zip(
+                *(self.outputs(batch[i], None if prompts is None else prompts[i]) for i in rows),
+                strict=True,
             )
+            joined = (None if one[0] is None else np.concatenate(one) for one in more)
+            return RawOutputs(np.concatenate(maps), *joined)
         feed = {self._input: batch}
         if self.model.card.input.prompt:
             if prompts is None:
@@ -120,19 +161,33 @@ class Session:
         feed = {name: values.astype(self._input_type, copy=False) for name, values in feed.items()}
         try:
             with self._run_lock:
-                raw = self._session.run([self._output], feed, self._run_options)[0]
+                raw = self._session.run([*self._outputs], feed, self._run_options)
         except Exception as error:
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
             ) from error
-        return self._maps(raw, len(batch))
+        found = dict(zip(("maps", *self._more), raw, strict=True))
+        for name in {"maps", "mask"} & found.keys():
+            found[name] = self._maps(found[name], len(batch))
+        for name in {"hfov_deg", "scale"} & found.keys():
+            found[name] = np.asarray(found[name], np.float32).reshape(len(batch))
+        return RawOutputs(**found)
 
     def stop(self) -> None:
         """Terminate all runs, current and later ones, which fail then; from any thread."""
         self._run_options.terminate = True
 
     def _maps(self, raw: AnyArray, count: int) -> Float32Array:
-        """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32."""
+        """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32.
+
+        One of points, (N, h, w, 3), stays as it is.
+        """
+        if (
+            self.model.card.output.points
+            and raw.shape[::3] == (count, _POINT)
+            and raw.ndim == _IMAGE_RANK
+        ):
+            return np.asarray(raw, np.float32)
         maps = raw
         if raw.ndim == _IMAGE_RANK:
             maps = raw[:, 0] if raw.shape[1] == 1 else raw[..., 0] if raw.shape[3] == 1 else raw

@@ -1,26 +1,51 @@
 """Making the network's input tensor from a picture, as the model's card states."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from depthcli.core import imageops as colour
 from depthcli.core.anchors import AnchorPoints, pixels_of
-from depthcli.core.arrays import Float32Array
+from depthcli.core.arrays import BoolArray, Float32Array
 from depthcli.core.imageops import (
+    resize_antialiased,
     resize_area,
+    resize_area_or_cubic,
     resize_bilinear,
+    resize_corners,
     resize_cubic,
     shrink_bands,
     upsample_guided,
 )
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
-from depthcli.models.card import MAX_INPUT_PIXELS, Colour, Fit, InputSpec, OutputSpec, Resize
+from depthcli.models.card import (
+    MAX_INPUT_PIXELS,
+    Colour,
+    Enlarging,
+    Fit,
+    InputSpec,
+    MaskSpec,
+    OutputSpec,
+    Resize,
+    Side,
+)
 
 _PLANES = {Colour.VALUE: colour.value_channel, Colour.LUMA: colour.luma, Colour.RGB: colour.rgb}
-_RESIZES = {Resize.AREA: resize_area, Resize.LINEAR: resize_bilinear, Resize.CUBIC: resize_cubic}
+_RESIZES = {
+    Resize.AREA: resize_area,
+    Resize.LINEAR: resize_bilinear,
+    Resize.CUBIC: resize_cubic,
+    Resize.AREA_CUBIC: resize_area_or_cubic,
+    Resize.LINEAR_CORNERS: resize_corners,
+}
+_ANTIALIASED = frozenset({Resize.LINEAR_ANTIALIAS, Resize.CUBIC_ANTIALIAS})
+_ENLARGINGS = {
+    Enlarging.LINEAR: resize_bilinear,
+    Enlarging.LINEAR_CORNERS: resize_corners,
+    Enlarging.CUBIC: resize_cubic,
+}
 _LARGE_PIXELS = 4_000_000  # larger pictures are converted to float in bands
 # Times the shorter side; longer pictures are padded to that. Chosen on held-out pairs, on which a
 # longer input of the same area is worse: docs/accuracy.md.
@@ -51,6 +76,9 @@ def input_layout(spec: InputSpec, width: float, height: float) -> Layout:
         return _without_padding(spec.width, spec.height)
     if spec.fit is Fit.LOWER_BOUND or spec.fit is Fit.UPPER_BOUND:
         return _bounded(spec, width, height)
+    if spec.fit in _SIZES:
+        sides = _SIZES[spec.fit](spec, width, height)
+        return _without_padding(*(_multiple(side, spec.multiple_of) for side in sides))
     if spec.dynamic:
         return _same_area(spec, width, height)
     return _letterboxed(spec, spec.width, spec.height, width, height)
@@ -63,7 +91,11 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[Float32Array, Layout]:
     if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
         small = shrink_bands(frame.pixels, planes, *size)
     else:
-        small = _RESIZES[spec.resize](planes(frame.pixels), *size)
+        small = planes(frame.pixels)
+        if spec.fit is Fit.LONGEST_SIDE:
+            whole = _longest_side(spec, frame.width * frame.pixel_aspect, frame.height)
+            small = _resized(spec, small, *whole)
+        small = _resized(spec, small, *size)
     small = small.reshape(layout.inner_height, layout.inner_width, spec.colour.channels)
     if layout.is_padded:  # by repeating the edges: a dark border would be taken for a surface
         bottom = layout.height - layout.top - layout.inner_height
@@ -97,6 +129,18 @@ def prompt_input(
     coded = (np.log(depth_m) - spec.shift) / spec.scale
     mean = np.bincount(cells, coded, size) / np.maximum(count, 1)
     return np.stack([mean, count > 0]).reshape(2, layout.height, layout.width).astype(np.float32)
+
+
+def _resized(spec: InputSpec, values: Float32Array, width: int, height: int) -> Float32Array:
+    """Colours at another size, as the card says."""
+    if spec.resize in _ANTIALIASED:
+        is_cubic = spec.resize is Resize.CUBIC_ANTIALIAS
+        return resize_antialiased(values, width, height, cubic=is_cubic, eight_bit=spec.eight_bit)
+    resize = _RESIZES[spec.resize]
+    if not spec.eight_bit:
+        return resize(values, width, height)
+    levels: Any = np.rint(values * 255).astype(np.uint8)  # OpenCV rounds weights of these, too
+    return np.asarray(resize(levels, width, height) / np.float32(255), np.float32)
 
 
 def _same_area(spec: InputSpec, width: float, height: float) -> Layout:
@@ -154,6 +198,47 @@ def _bounded(spec: InputSpec, width: float, height: float) -> Layout:
     return _without_padding(bound(scale * width, spec.width), bound(scale * height, spec.height))
 
 
+def _minimal(spec: InputSpec, width: float, height: float) -> tuple[float, float]:
+    """The sides of a picture that is scaled to one of the nominal ones, as little as possible.
+
+    Source: ``Resize.get_size`` with "minimal" of https://github.com/isl-org/MiDaS.
+    """
+    across, down = spec.width / width, spec.height / height
+    scale = across if abs(1 - across) < abs(1 - down) else down
+    return scale * width, scale * height
+
+
+def _longest_side(spec: InputSpec, width: float, height: float) -> tuple[int, int]:
+    """The sides of a picture whose longest is the nominal width, in whole pixels.
+
+    Source: ``InputProcessor`` of https://github.com/ByteDance-Seed/Depth-Anything-3.
+    """
+    scale = spec.width / max(width, height)
+    return max(1, round(scale * width)), max(1, round(scale * height))
+
+
+def _longest_side_multiples(spec: InputSpec, width: float, height: float) -> tuple[float, float]:
+    """These sides, each to the nearest multiple, a tie to the larger one."""
+    step = spec.multiple_of
+    across, down = (
+        (side + step // 2) // step * step for side in _longest_side(spec, width, height)
+    )
+    return across, down
+
+
+def _own_size(spec: InputSpec, width: float, height: float) -> tuple[float, float]:
+    """The sides of a picture without the rest of its last multiple."""
+    scale, step = min(1.0, math.sqrt(MAX_INPUT_PIXELS / (width * height))), spec.multiple_of
+    return scale * width // step * step, scale * height // step * step
+
+
+_SIZES = {
+    Fit.MINIMAL: _minimal,
+    Fit.LONGEST_SIDE: _longest_side_multiples,
+    Fit.OWN_SIZE: _own_size,
+}
+
+
 def _layout_of_strip(spec: InputSpec, width: float, height: float, most: int) -> Layout:
     """Layout of an extreme aspect, whose lower bound would take 100 GB for 1 x 5000 pixels."""
     scale = math.sqrt(most / (width * height))
@@ -191,7 +276,7 @@ def full_size(
 
     ``coarse`` is (h, w) float32 of the whole picture, ``radius`` that of the guided filter in it.
     """
-    if upsampling is Upsampling.BILINEAR:
+    if upsampling is not Upsampling.GUIDED:
         depth = in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
     else:
         coarse, in_log = in_range(spec, coarse), blends_in_log(spec)
@@ -199,6 +284,25 @@ def full_size(
     if spec.kind is DepthKind.METRIC and not blends_in_log(spec):
         depth[depth == 0] = np.nan
     return depth
+
+
+def enlarged(spec: OutputSpec, raw: Float32Array, layout: Layout, frame: Frame) -> Float32Array:
+    """Depth at the picture's size, (H, W) float32, by the authors' enlarging of raw output."""
+    inner = _crop(raw, layout) if layout.is_padded else raw
+    depth = spec.codec.decode(_ENLARGINGS[spec.enlarging](inner, frame.width, frame.height))
+    return in_range(spec, depth)
+
+
+def without_depth(spec: MaskSpec, mask: Float32Array, layout: Layout, frame: Frame) -> BoolArray:
+    """Pixels of a picture, (H, W), to which the network's mask (h, w) gives no depth."""
+    inner = _crop(mask, layout) if layout.is_padded else mask
+    full = resize_bilinear(inner, frame.width, frame.height)
+    return lacks_depth(spec, full)
+
+
+def lacks_depth(spec: MaskSpec, mask: Float32Array) -> BoolArray:
+    """Pixels without depth of a mask of any size."""
+    return mask <= spec.threshold if spec.depth_is is Side.ABOVE else mask >= spec.threshold
 
 
 def blends_in_log(spec: OutputSpec) -> bool:

@@ -3,12 +3,12 @@
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
-from depthcli.core.camera import HFOV_DEG
+from depthcli.core.camera import HFOV_DEG, focal_px_of_hfov
 from depthcli.core.options import Rule, short_repr
 from depthcli.core.types import DepthCodec, DepthKind, Transform
 from depthcli.core.validation import FieldError, parsed_json, validated
@@ -57,6 +57,12 @@ class Fit(StrEnum):
     """Dynamic only: the aspect is kept, and neither side is below the nominal size."""
     UPPER_BOUND = "upper-bound"
     """Dynamic only: the aspect is kept, and neither side is above the nominal size."""
+    MINIMAL = "minimal"
+    """Dynamic only: the aspect is kept, and of the nominal sides the one that scales less fits."""
+    LONGEST_SIDE = "longest-side"
+    """Dynamic only: the longest side is ``width``; each is then resized to a multiple again."""
+    OWN_SIZE = "own-size"
+    """Dynamic only: the picture's own, down to a multiple."""
 
 
 class Resize(StrEnum):
@@ -68,6 +74,25 @@ class Resize(StrEnum):
     """Bilinear, half-pixel centres, no antialiasing."""
     CUBIC = "cubic"
     """Bicubic (a = -0.75), half-pixel centres, no antialiasing: OpenCV's INTER_CUBIC."""
+    AREA_CUBIC = "area-cubic"
+    """OpenCV's INTER_AREA if both sides shrink, else its INTER_CUBIC."""
+    LINEAR_CORNERS = "linear-corners"
+    """Bilinear, from corner pixel to corner pixel: torch's align_corners."""
+    LINEAR_ANTIALIAS = "linear-antialias"
+    """Bilinear, antialiased: Pillow's BILINEAR."""
+    CUBIC_ANTIALIAS = "cubic-antialias"
+    """Bicubic (a = -0.5), antialiased: Pillow's BICUBIC."""
+
+
+class Enlarging(StrEnum):
+    """Enlarging of a network's output, with ``--upsampling model``."""
+
+    LINEAR = "linear"
+    """Bilinear, half-pixel centres."""
+    LINEAR_CORNERS = "linear-corners"
+    """Bilinear, from corner pixel to corner pixel: torch's align_corners."""
+    CUBIC = "cubic"
+    """Bicubic (a = -0.75), half-pixel centres."""
 
 
 class TensorLayout(StrEnum):
@@ -92,6 +117,8 @@ class InputSpec:
     mean: tuple[float, ...]  #: one number a channel, or one for all
     std: tuple[_Ratio, ...]  #: one number a channel, or one for all
     resize: Resize = Resize.AREA  #: how the picture is resized
+    #: whether each resizing rounds colours to 8 bits, as that of an 8-bit picture does
+    eight_bit: bool = False
     layout: TensorLayout = TensorLayout.NCHW  #: order of the axes
     #: width over height of the network's pixels as it learned them, in pixels of the picture: 4/3
     #: if it learned pictures of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
@@ -105,6 +132,37 @@ PROMPT_INPUTS = "prompt", "mask"
 """Names of the inputs for known depth and for its mask, 1 where it is known and 0 elsewhere."""
 
 
+class Side(StrEnum):
+    """The side of a threshold."""
+
+    ABOVE = "above"
+    BELOW = "below"
+
+
+@dataclass(frozen=True, slots=True)
+class MaskSpec:
+    """A second output of the network, of its map's size: which pixels have a depth."""
+
+    output: Text  #: name of the output
+    threshold: float  #: between pixels with depth and those without
+    depth_is: Side  #: the side of pixels with depth
+
+
+@dataclass(frozen=True, slots=True)
+class PointsSpec:
+    """A map of points, from which depth and the field of view follow by least squares."""
+
+    scale_output: Text | None = None  #: name of the output that points are multiplied by, (N,)
+
+
+class FocalAxis(StrEnum):
+    """The axis along which a focal length is measured in a network's input."""
+
+    BOTH = "both"
+    """The geometric mean of both."""
+    WIDTH = "width"
+
+
 @dataclass(frozen=True, slots=True)
 class OutputSpec:
     """The meaning of the network's raw output; see :class:`DepthCodec`."""
@@ -115,6 +173,11 @@ class OutputSpec:
     shift: float  #: added after the factor
     min_m: float | None = None  #: least depth in metres; None if the kind is not metric
     max_m: _Ratio | None = None  #: largest depth in metres; None if the kind is not metric
+    #: how the authors enlarge the raw output to the picture's size
+    enlarging: Enlarging = Enlarging.LINEAR
+    #: the map is (N, h, w, 3), x, y and z up to a shift of z; None for a map of depth
+    points: PointsSpec | None = None
+    mask: MaskSpec | None = None  #: the pixels that have a depth; None if the network tells none
 
     @property
     def codec(self) -> DepthCodec:
@@ -124,10 +187,20 @@ class OutputSpec:
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """The camera that the model was trained on."""
+    """The camera that a model's metres are for: a field of view or a focal length."""
 
     #: horizontal field of view over the full picture width, in degrees
-    hfov_deg: Annotated[float, HFOV_DEG]
+    hfov_deg: Annotated[float, HFOV_DEG] | None = None
+    focal_px: _Ratio | None = None  #: focal length in pixels of the network's input
+    along: FocalAxis = FocalAxis.BOTH  #: where resizing stretches, the axis that counts
+    #: name of the output that is the picture's horizontal field of view in degrees, (N,)
+    hfov_output: Text | None = None
+
+    def focal_px_at(self, width: int) -> float:
+        """Focal length in pixels of an input of this nominal width."""
+        if self.hfov_deg is None:
+            return self.focal_px or 1.0
+        return focal_px_of_hfov(self.hfov_deg, width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,17 +231,28 @@ class WeightsSpec:
     export: Text | None = None  #: command that makes an ONNX file of the authors' weights
 
 
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """Comparison of the card with the authors' code, on a network of random weights.
+
+    Differences are the largest of several pictures: mean absolute difference by standard deviation
+    of the authors' values.
+    """
+
+    package: Text | None = None  #: their code, with its version; None if it was not compared
+    why_none: Text | None = None  #: why it was not compared
+    date: Text | None = None  #: day of the comparison
+    pictures: Count | None = None  #: number of pictures
+    difference: float | None = None  #: at the network's size
+    full_size: float | None = None  #: at the picture's size, with ``--upsampling model``
+    note: Text | None = None  #: what of their code was compared, if not all
+
+
 SCHEMA = 1
 METADATA_KEY = "depthcli.card"
 """Key of the ONNX metadata under which a model carries its own card."""
-_OPTIONAL_INPUT = {
-    "resize": Resize.AREA,
-    "layout": TensorLayout.NCHW,
-    "pixel_aspect": 1.0,
-    "prompt": False,
-}
 _UNPRINTABLE = "[\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-_BOUNDS = frozenset({Fit.LOWER_BOUND, Fit.UPPER_BOUND})
+_DYNAMIC_ONLY = frozenset(Fit) - {Fit.STRETCH, Fit.KEEP_ASPECT}
 _FileName: TypeAlias = Annotated[
     str,  # a card never points outside its own folder
     Rule(
@@ -201,6 +285,8 @@ class ModelCard:
         float_model: the same network in floats, which replaces this one on other providers than
             the CPU; None if there is none.
         weights: where the weights are published; None if the card does not say.
+        verification: how the card was compared with the authors' code; None if the card does not
+            say.
         training: how it was trained; any JSON object.
         scores: its scores by protocol; any JSON object.
         latency: its latency by machine; any JSON object.
@@ -219,6 +305,7 @@ class ModelCard:
     size_bytes: Count | None = None
     float_model: _ModelName | None = None
     weights: WeightsSpec | None = None
+    verification: Verification | None = None
     training: Mapping[str, Any] = field(default_factory=dict)
     scores: Mapping[str, Any] = field(default_factory=dict)
     latency: Mapping[str, Any] = field(default_factory=dict)
@@ -244,33 +331,42 @@ class ModelCard:
             _check_input(card.input)
             _check_output(card.output)
             _check_prompt(card)
+            _check_camera(card.camera)
         except FieldError as refused:
             raise ModelError(f"{where}: {refused}; correct the card or restore the model") from None
         return card
 
     def to_json(self) -> str:
         """The card as JSON text, readable by :meth:`from_json`."""
-        values = asdict(self)
-        for group in filter(None, (values, values["weights"])):
-            group["bytes"] = group.pop("size_bytes")
-        for name in ("file", "sha256", "bytes", "float_model", "weights"):
-            if values[name] is None:
-                del values[name]
-        if self.weights is not None:
-            stated = values["weights"].items()
-            values["weights"] = {name: value for name, value in stated if value is not None}
-        if self.onnx.output is None:
-            del values["onnx"]["output"]
-        for name in ("mean", "std"):
-            values["input"][name] = list(values["input"][name])
-        for name, default in _OPTIONAL_INPUT.items():
-            if values["input"][name] == default:  # cards without it stay readable everywhere
-                del values["input"][name]
+        values = _stated(self)
         text = json.dumps(
             {"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False
         )
         # JSON escapes only the first 32 control characters; terminals interpret others, too.
         return re.sub(_UNPRINTABLE, lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
+
+
+_ALWAYS_STATED = frozenset({"min_m", "max_m", "training", "scores", "latency"})
+
+
+def _stated(record: Any) -> dict[str, Any]:  # noqa: ANN401 - any of the dataclasses above
+    """The fields of a record as JSON values, without optional ones that have their default.
+
+    So cards without newer fields stay readable everywhere.
+    """
+    values = {
+        one.name: getattr(record, one.name)
+        for one in fields(record)
+        if one.name in _ALWAYS_STATED or getattr(record, one.name) != one.default
+    }
+    return {
+        "bytes" if name == "size_bytes" else name: _stated(value)
+        if is_dataclass(value)
+        else list(value)
+        if isinstance(value, tuple)
+        else value
+        for name, value in values.items()
+    }
 
 
 def _read_file_facts(values: object) -> None:
@@ -294,9 +390,9 @@ def _check_input(spec: InputSpec) -> None:
         raise FieldError("is more than input.width or input.height", "input.multiple_of")
     if spec.prompt and spec.layout is not TensorLayout.NCHW:
         raise FieldError(f"has to be {TensorLayout.NCHW} with a prompt", "input.layout")
-    if spec.fit in _BOUNDS and not spec.dynamic:
+    if spec.fit in _DYNAMIC_ONLY and not spec.dynamic:
         raise FieldError(f"is {spec.fit}, which needs a dynamic size", "input.fit")
-    if spec.fit in _BOUNDS and spec.pixel_aspect != 1:
+    if spec.fit in _DYNAMIC_ONLY and spec.pixel_aspect != 1:
         raise FieldError(f"has to be 1 with a fit of {spec.fit}", "input.pixel_aspect")
 
 
@@ -313,6 +409,12 @@ def _check_output(spec: OutputSpec) -> None:
             raise FieldError("has to be a number, as the kind is metric", f"output.{name}")
     if spec.min_m is not None and spec.max_m is not None and not 0 <= spec.min_m < spec.max_m:
         raise FieldError("has to be at least 0 and below max_m", "output.min_m")
+
+
+def _check_camera(spec: CameraSpec | None) -> None:
+    """Check that one form of the camera is stated."""
+    if spec is not None and (spec.hfov_deg is None) == (spec.focal_px is None):
+        raise FieldError("or focal_px has to be stated, and one alone", "camera.hfov_deg")
 
 
 _ALIGN = {
@@ -337,6 +439,17 @@ def preprocessing_check(card: ModelCard) -> PreprocessingCheck | None:
         return validated(PreprocessingCheck, card.training.get("preprocessing"))
     except FieldError:
         return None
+
+
+def verification_text(card: ModelCard) -> str:
+    """How a card was compared with its authors' code, for people."""
+    found = card.verification
+    if found is None or found.difference is None:
+        return f"no: {found.why_none}" if found and found.why_none else "no"
+    sizes = f"{found.difference:.0e}"
+    if found.full_size is not None:
+        sizes += f", full size {found.full_size:.0e}"
+    return f"{found.package}, {found.date}: {sizes}"
 
 
 def check_command(card: ModelCard) -> str:
@@ -378,7 +491,7 @@ def fit_to_graph(
             width=width,
             height=height,
             dynamic=False,
-            fit=Fit.STRETCH if spec.fit in _BOUNDS else spec.fit,
+            fit=Fit.STRETCH if spec.fit in _DYNAMIC_ONLY else spec.fit,
             pixel_aspect=pixel_aspect,
         ),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.tiny import load, write_model
+from helpers.tiny import card_with, load, write_model
 
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.point_cloud import point_cloud
 from depthcli.core.types import Frame, Provenance
-from depthcli.inference.camera import focal_warnings
+from depthcli.inference.camera import focal_warnings, intrinsics_of, with_own_view
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import input_layout
 from depthcli.io.formats.ply import PlyWriter
@@ -240,3 +241,33 @@ def test_focal_length_without_the_size_of_the_sensor_is_told(
 ) -> None:
     prediction = model(tmp_path).predict(black(40, 30, **facts), given)
     assert any("36 mm" in warning for warning in prediction.warnings) is is_told
+
+
+def test_a_focal_length_of_the_input_scales_metres(tmp_path: Path) -> None:
+    pipeline = model(tmp_path, camera={"focal_px": 20.0}, input__fit="lower-bound")
+    depth = pipeline.predict(black(160, 120), Intrinsics(focal_px=100)).depth
+    assert depth.values[0, 0] == pytest.approx(100 / 10 / 20)  # of 16 columns from 160
+
+
+def test_a_focal_length_along_the_width_ignores_stretched_rows(tmp_path: Path) -> None:
+    pipeline = model(tmp_path, camera={"focal_px": 16.0, "along": "width"}, input__dynamic=False)
+    depth = pipeline.predict(black(160, 40), Intrinsics(focal_px=80)).depth
+    assert depth.values[0, 0] == pytest.approx(80 / 160)
+
+
+@pytest.mark.parametrize(
+    ("own", "given", "source", "focal_px"),
+    [
+        (90.0, {}, CameraSource.MODEL, 20),
+        (90.0, {"focal_px": 30.0}, CameraSource.OPTION, 30),
+        (200.0, {}, CameraSource.CARD, 40 / 2 / math.tan(math.radians(30))),
+        (None, {}, CameraSource.CARD, 40 / 2 / math.tan(math.radians(30))),
+    ],
+)
+def test_own_view_counts_where_the_camera_is_unknown(
+    own: float | None, given: dict[str, float], source: CameraSource, focal_px: float
+) -> None:
+    card = ModelCard.from_json(json.dumps(card_with({"camera": {"hfov_deg": 60.0}})))
+    camera = intrinsics_of(card, black(40, 30), Intrinsics(**given))
+    found = with_own_view(camera, own, 40)
+    assert (found.source, found.focal_px) == (source, pytest.approx(focal_px))

@@ -16,7 +16,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.measure import try_session
 from depthcli.inference.pipeline import Pipeline, Prediction
-from depthcli.inference.session import Session
+from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import coarse_depth, input_layout
 from depthcli.models.catalog import find_model
 
@@ -203,13 +203,13 @@ def test_pictures_of_one_network_size_run_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pipeline = load(write_model(tmp_path, input__fit="keep-aspect"))
-    run, shapes = pipeline.session.run, []
+    run, shapes = pipeline.session.outputs, []
 
-    def noted(batch: np.ndarray, *known: np.ndarray | None) -> np.ndarray:
+    def noted(batch: np.ndarray, prompts: np.ndarray | None = None) -> RawOutputs:
         shapes.append(batch.shape)
-        return run(batch, *known)
+        return run(batch, prompts)
 
-    monkeypatch.setattr(pipeline.session, "run", noted)
+    monkeypatch.setattr(pipeline.session, "outputs", noted)
     maps = predicted(pipeline, [gray(0), gray(51, 30, 54), gray(255), gray(0, 60, 80)])
     assert shapes == [(3, 1, 12, 16), (1, 1, 10, 19)]
     assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 2.6, 9, 1])

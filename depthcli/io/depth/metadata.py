@@ -20,6 +20,7 @@ _SOURCE_TEXTS = {
     CameraSource.OPTION: "given",
     CameraSource.EXIF: "from EXIF",
     CameraSource.CARD: "assumed, from the model's card",
+    CameraSource.MODEL: "estimated by the model",
 }
 _LEAST, _MOST = 1e-9, 1e12
 _ORIENTATIONS = frozenset("12345678")
