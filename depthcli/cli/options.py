@@ -16,6 +16,7 @@ from depthcli.core.options import (
     AnchorsFit,
     Colormap,
     DepthEncoding,
+    DepthMask,
     Near,
     Projection,
     Rule,
@@ -70,7 +71,10 @@ def usual(text: str, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as 
 
 UpsampleOption = Annotated[
     Upsampling,
-    typer.Option(help="Upsampling to the image's size: guided by the image's edges, or bilinear."),
+    typer.Option(
+        help="Upsampling to the image's size: guided by the image's edges, bilinear, or as the "
+        "model's authors do."
+    ),
 ]
 
 
@@ -310,6 +314,16 @@ class DetailOptions:
     tile: str | None = option(
         "Refine the depth in tiles of this width; auto is 3/4 of the image's width.",
         metavar="auto|PIXELS",
+    )
+
+
+@group
+class MapOptions(DetailOptions):
+    """Detail."""
+
+    mask: DepthMask = option(
+        "Pixels without depth: none, or those that the model's own mask excludes, such as sky.",
+        default=DepthMask.NONE,
     )
 
 

@@ -14,6 +14,7 @@ from depthcli.core.options import (
     AUTO_TILE,
     Colormap,
     DepthEncoding,
+    DepthMask,
     Near,
     ReadOptions,
     UpsamplingOptions,
@@ -52,13 +53,14 @@ def session_loader(
 
 
 def detail(options: groups.DetailOptions) -> UpsamplingOptions:
-    """Upsampling and tiles; UsageError if the tile is neither ``auto`` nor a width."""
+    """Upsampling, tiles and mask; UsageError if the tile is neither ``auto`` nor a width."""
     tile = options.tile
+    mask = options.mask if isinstance(options, groups.MapOptions) else DepthMask.NONE
     if tile in {None, "auto"}:
-        return UpsamplingOptions(options.upsample, AUTO_TILE if tile else None)
+        return UpsamplingOptions(options.upsample, AUTO_TILE if tile else None, mask)
     if not re.fullmatch(r"0*[1-9][0-9]{0,8}", str(tile)):
         raise UsageError(f"{short_repr(tile)} is neither auto nor a width in pixels", option="tile")
-    return UpsamplingOptions(options.upsample, int(str(tile)))
+    return UpsamplingOptions(options.upsample, int(str(tile)), mask)
 
 
 def writer_options(options: groups.WritingOptions) -> WriterOptions:

@@ -159,7 +159,7 @@ def batch(
     camera: CamerasOptions,
     anchors: groups.AnchorOptions,
     read: groups.ImageOptions,
-    detail: groups.DetailOptions,
+    detail: groups.MapOptions,
     writing: groups.WritingOptions,
     screen: groups.ScreenOptions,
     given: Given,

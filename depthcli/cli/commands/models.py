@@ -11,6 +11,7 @@ import typer
 from depthcli.cli import completion
 from depthcli.cli.options import JsonOption, QuietOption
 from depthcli.cli.screen import console
+from depthcli.core.camera import hfov_deg
 from depthcli.core.options import one_line
 from depthcli.errors import DepthcliError, ExitCode
 
@@ -70,7 +71,7 @@ def add_model_file(
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import is_remote, path_of
     from depthcli.jobs.models import add_model, add_published, published_model
-    from depthcli.models.card import check_command, preprocessing_check
+    from depthcli.models.card import check_command, preprocessing_check, verification_text
     from depthcli.models.catalog import location_at
 
     published = published_model(file) if card is None else None
@@ -102,7 +103,9 @@ def add_model_file(
         console.note(one_line(f"with the card {beside.card}"))
     if sha256 is None and (is_remote(file) or (published and published.weights.sha256 is None)):
         console.note(f"to get exactly this file again: --sha256 {model.sha256}")
-    if check is not None and not check.run_with_weights:
+    if model.card.verification and model.card.verification.difference is not None:
+        console.note(f"compared with the authors' code: {verification_text(model.card)}")
+    elif check is not None and not check.run_with_weights:
         console.warn(
             "this card was never run with the real weights, so its preprocessing may be wrong. "
             f"Check it on a few images: {check_command(model.card)}"
@@ -140,7 +143,7 @@ def list_cards(
     as_json: JsonOption = False,
 ) -> int:
     """List ready cards for well-known models, and where their weights are."""
-    from depthcli.models.card import preprocessing_check
+    from depthcli.models.card import preprocessing_check, verification_text
     from depthcli.models.catalog import ready_card, ready_names
 
     rows = []
@@ -148,15 +151,16 @@ def list_cards(
         check = preprocessing_check(card)
         was_run = "yes" if check and check.run_with_weights else "no"
         page = card.weights.page if card.weights else ""
-        rows.append((name, output_text(card), card.license, was_run, page, card.summary))
+        facts = (output_text(card), card.license, was_run, verification_text(card))
+        rows.append((name, *facts, page, card.summary))
         if as_json:
             console.out_json(card_facts(card))
         elif names:
             console.out(card_text(card))
     if as_json or names:
         return ExitCode.OK
-    headings = ("card", "output", "license", "run with real weights", "weights", "summary")
-    console.print_table(headings, rows)
+    headings = ("output", "license", "run with real weights", "verified", "weights", "summary")
+    console.print_table(("card", *headings), rows)
     console.note("what a card says about its weights: depthcli models cards CARD")
     console.note(
         "a card that was never run with real weights may preprocess images incorrectly; check it "
@@ -175,7 +179,7 @@ def card_facts(card: ModelCard) -> dict[str, object]:
 
 def card_text(card: ModelCard) -> str:
     """Everything about a ready card that somebody needs who adds its weights."""
-    from depthcli.models.card import preprocessing_check
+    from depthcli.models.card import preprocessing_check, verification_text
 
     weights, check = card.weights, preprocessing_check(card)
     lines = [card.name, card.summary, f"{output_text(card)}; {metres_text(card)}"]
@@ -190,6 +194,7 @@ def card_text(card: ModelCard) -> str:
         lines.append(f"to export it: {weights.export}")
     if check:
         lines.append(f"verified: {check.verified}")
+    lines.append(f"compared with the authors' code: {verification_text(card)}")
     return "\n  ".join(one_line(line) for line in lines)
 
 
@@ -209,10 +214,13 @@ def metres_text(card: ModelCard) -> str:
     """The facts that a model needs for metres, as text."""
     if card.output.kind != "metric":
         return "metres need known points (--anchor, --anchors)"
+    follow = "metres follow the focal length (--focal-px, --hfov, EXIF), without one"
+    if card.output.points or (card.camera and card.camera.hfov_output):
+        return f"{follow} that which the model estimates"
     if card.camera is None:
         return "metres need no focal length"
-    hfov = f"{card.camera.hfov_deg:g}°"
-    return f"metres follow the focal length (--focal-px, --hfov, EXIF), without one that of {hfov}"
+    width = card.input.width
+    return f"{follow} that of {hfov_deg(card.camera.focal_px_at(width), width):.3g}°"
 
 
 def output_text(card: ModelCard) -> str:

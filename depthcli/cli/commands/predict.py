@@ -51,7 +51,7 @@ def predict(
         help="Image to use of a JPEG with one for each eye (MPO of stereo cameras). "
         "Default: the first.",
     ),
-    detail: options.DetailOptions,
+    detail: options.MapOptions,
     writing: options.WritingOptions,
     screen: options.ScreenOptions,
     given: Given,

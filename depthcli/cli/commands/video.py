@@ -107,7 +107,7 @@ class PreviewVideoOptions:
 
 
 @group
-class SmoothOptions(groups.DetailOptions):
+class SmoothOptions(groups.MapOptions):
     """Detail."""
 
     smooth: float = groups.option(
