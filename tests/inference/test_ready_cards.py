@@ -63,6 +63,7 @@ SIGNATURES = {
 CASES = [
     (name, signature)
     for name in ready_names()
+    if name in SIGNATURES or name.startswith("depth-anything-v2")  # others: test_kept_cards.py
     for signature in SIGNATURES.get(name, [ANYTHING, ANYTHING_FIXED, HUB])
 ]
 INPUTS = {(signature, ready_card(name).input): (name, signature) for name, signature in CASES}
@@ -131,7 +132,7 @@ def test_several_pictures_at_once_are_the_same(
     np.testing.assert_array_equal(together, np.concatenate([session.run(b) for b in batches]))
 
 
-@pytest.mark.parametrize("name", ready_names())
+@pytest.mark.parametrize("name", dict(CASES))
 def test_a_card_states_its_sources_and_licence(name: str) -> None:
     card = ready_card(name)
     assert card.name == name
@@ -140,7 +141,7 @@ def test_a_card_states_its_sources_and_licence(name: str) -> None:
     assert card.training["notes"]
 
 
-@pytest.mark.parametrize("name", ready_names())
+@pytest.mark.parametrize("name", dict(CASES))
 def test_only_metric_models_have_metres(name: str) -> None:
     output = ready_card(name).output
     is_metric = "metric" in name or name in {"meter-nyu", "fastdepth"}
@@ -158,7 +159,7 @@ def test_meter_gets_imagenet_s_mean_and_its_centimetres_become_metres(tmp_path: 
     )
 
 
-@pytest.mark.parametrize("name", ready_names())
+@pytest.mark.parametrize("name", dict(CASES))
 def test_a_card_says_how_its_preprocessing_was_verified(tmp_path: Path, name: str) -> None:
     check = preprocessing_check(ready_card(name))
     assert check is not None

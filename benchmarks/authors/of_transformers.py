@@ -1,0 +1,204 @@
+"""Networks of Hugging Face's transformers, from configurations without downloads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import torch
+import transformers as hf
+from run import Authors, Tiny, randomize, sample, spread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
+DINO = {
+    "model_type": "dinov2",
+    "hidden_size": 48,
+    "num_hidden_layers": 4,
+    "num_attention_heads": 2,
+    "image_size": 518,
+    "patch_size": 14,
+    "reshape_hidden_states": False,
+    "out_indices": [1, 2, 3, 4],
+}
+
+
+class Chosen(torch.nn.Module):
+    """A network whose named outputs are a tuple."""
+
+    def __init__(self, model: torch.nn.Module, *names: str) -> None:
+        super().__init__()
+        self.model, self.names = model, names
+
+    def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """The outputs for (1, 3, H, W)."""
+        found = self.model(pixel_values=image)
+        return tuple(getattr(found, name) for name in self.names)
+
+
+def build(card: str) -> Authors:
+    """The network of a card."""
+    family = next(name for name in FAMILIES if card.startswith(name))
+    return FAMILIES[family](card)
+
+
+def anything(max_m: float | None = None) -> Chosen:
+    """Depth Anything, for metres up to some or relative."""
+    config = hf.DepthAnythingConfig(
+        backbone_config=DINO,
+        reassemble_hidden_size=48,
+        neck_hidden_sizes=[16, 16, 24, 24],
+        fusion_hidden_size=16,
+        depth_estimation_type="relative" if max_m is None else "metric",
+        max_depth=max_m or 1,
+    )
+    return Chosen(randomize(hf.DepthAnythingForDepthEstimation(config)), "predicted_depth")
+
+
+def of_anything(card: str) -> Authors:
+    """Depth Anything V1."""
+    del card
+    processor = hf.DPTImageProcessorPil(
+        size={"height": 518, "width": 518},
+        keep_aspect_ratio=True,
+        ensure_multiple_of=14,
+        image_mean=[0.485, 0.456, 0.406],
+        image_std=[0.229, 0.224, 0.225],
+    )
+    model = anything().model
+    return of_hub(model, processor, model.head.conv3)
+
+
+def of_glpn(card: str) -> Authors:
+    """GLPN."""
+    config = hf.GLPNConfig(
+        hidden_sizes=[16, 16, 32, 32],
+        num_attention_heads=[1, 1, 2, 2],
+        depths=[1, 1, 1, 1],
+        decoder_hidden_size=16,
+        max_depth=10 if card.endswith("nyu") else 80,
+    )
+    model = randomize(hf.GLPNForDepthEstimation(config))
+    return of_hub(model, hf.GLPNImageProcessorPil(), model.head.head[2], mean=0)
+
+
+def of_zoe(card: str) -> Authors:
+    """ZoeDepth."""
+    beit = {
+        "model_type": "beit",
+        "image_size": 384,
+        "num_hidden_layers": 4,
+        "hidden_size": 48,
+        "intermediate_size": 96,
+        "num_attention_heads": 2,
+        "use_relative_position_bias": True,
+        "reshape_hidden_states": False,
+        "out_features": ["stage1", "stage2", "stage3", "stage4"],
+    }
+    indoors = card.endswith("nyu")
+    bins = {
+        "n_bins": 64,
+        "min_depth": 1e-3,
+        "max_depth": 10.0 if indoors else 80.0,
+        "name": "nyu" if indoors else "kitti",
+    }
+    config = hf.ZoeDepthConfig(
+        backbone_config=beit,
+        neck_hidden_sizes=[16, 16, 24, 24],
+        fusion_hidden_size=32,
+        bottleneck_features=32,
+        bin_configurations=[bins],
+        bin_embedding_dim=32,
+        bin_centers_type="softplus" if indoors else "normed",
+    )
+    processor = hf.ZoeDepthImageProcessor(do_pad=False, ensure_multiple_of=32)
+    model = randomize(hf.ZoeDepthForDepthEstimation(config))
+    return of_hub(model, processor, None, sizes="source_sizes")
+
+
+def of_depth_pro(card: str) -> Authors:
+    """Depth Pro; its picture is 1536 a side, cut into 35 of 384."""
+    del card
+    dino = {
+        "model_type": "dinov2",
+        "hidden_size": 24,
+        "num_hidden_layers": 2,
+        "num_attention_heads": 2,
+        "image_size": 384,
+        "patch_size": 16,
+    }
+    config = hf.DepthProConfig(
+        fusion_hidden_size=16,
+        intermediate_hook_ids=[1, 0],
+        intermediate_feature_dims=[16, 16],
+        scaled_images_feature_dims=[16, 16, 16],
+        use_fov_model=True,
+        image_model_config=dino,
+        patch_model_config=dino,
+        fov_model_config=dino,
+    )
+    model = randomize(hf.DepthProForDepthEstimation(config))
+    processor = hf.DepthProImageProcessor()
+
+    def prepare(rgb: np.ndarray) -> torch.Tensor:
+        return processor(images=rgb, return_tensors="pt")["pixel_values"]
+
+    image = prepare(sample())
+    last = [one for one in model.head.modules() if isinstance(one, torch.nn.Conv2d)][-1]
+    spread(last, lambda: model(image), 0.5, 0.1)
+    fov = [one for one in model.fov_model.head.modules() if isinstance(one, torch.nn.Conv2d)][-1]
+    fov.weight *= 0.1
+    fov.bias.fill_(60.0)
+
+    def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
+        found = hf.models.depth_pro.modeling_depth_pro.DepthProDepthEstimatorOutput(
+            predicted_depth=outputs[0], field_of_view=outputs[1]
+        )
+        (made,) = processor.post_process_depth_estimation(found, [rgb.shape[:2]])
+        return {"full": made["predicted_depth"]}
+
+    outputs = ("predicted_depth", "field_of_view")
+    return Authors(Chosen(model, *outputs), outputs, prepare, finish, TinyView(2))
+
+
+class TinyView(Tiny):
+    """A map and a field of view in degrees."""
+
+    def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """(1, H, W) and (1,)."""
+        depth, other = super().forward(image)
+        return depth, 50 + 10 * other.mean(dim=(1, 2))
+
+
+def of_hub(
+    model: torch.nn.Module,
+    processor: Any,  # noqa: ANN401 - theirs
+    last: torch.nn.Module | None,
+    *,
+    mean: float = 4,
+    sizes: str = "target_sizes",
+) -> Authors:
+    """A network with its processor."""
+
+    def prepare(rgb: np.ndarray) -> torch.Tensor:
+        return processor(images=rgb, return_tensors="pt")["pixel_values"]
+
+    def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
+        found = hf.modeling_outputs.DepthEstimatorOutput(predicted_depth=outputs[0])
+        (made,) = processor.post_process_depth_estimation(found, **{sizes: [rgb.shape[:2]]})
+        return {"full": made["predicted_depth"]}
+
+    if last is not None:
+        image = prepare(sample())
+        spread(last, lambda: model(image), mean, 1)
+    return Authors(Chosen(model, "predicted_depth"), ("predicted_depth",), prepare, finish)
+
+
+FAMILIES: dict[str, Callable[[str], Authors]] = {
+    "depth-anything-v1": of_anything,
+    "glpn": of_glpn,
+    "zoedepth": of_zoe,
+    "depth-pro": of_depth_pro,
+}

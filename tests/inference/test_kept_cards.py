@@ -1,0 +1,92 @@
+"""Ready cards against depth of the authors' code, of a small picture and a network of few weights.
+
+``benchmarks/verify_cards.py --write`` makes the files: the authors' packages are not needed here.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from depthcli.core.camera import CameraSource, Intrinsics
+from depthcli.core.options import DepthMask, Upsampling, UpsamplingOptions
+from depthcli.core.types import Frame
+from depthcli.inference.camera import metric_scale
+from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.session import Session
+from depthcli.inference.transforms import coarse_depth, prepare
+from depthcli.models.card import ModelCard
+from depthcli.models.catalog import Model, ready_fields, ready_names
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy.typing as npt
+
+KEPT = Path(__file__).parents[1] / "corpus" / "cards"
+NAMES = sorted(path.stem for path in KEPT.glob("*.npz"))
+STEP = 24  # of the pixels that are kept at the network's size
+MOST = 1e-3  # mean difference by standard deviation, as in the benchmark
+
+
+def opened(name: str) -> tuple[Session, Frame, Mapping[str, npt.NDArray[np.float32]]]:
+    kept = np.load(KEPT / f"{name}.npz")
+    fields = ready_fields(name)
+    fields |= {"onnx": {"opset": 18, "ir": 8} | fields.get("onnx", {})}
+    card = ModelCard.from_json(json.dumps(fields))
+    data = kept["onnx"].tobytes()
+    path = Path(f"{name}.onnx")
+    model = Model(path=path, card=card, sha256="", size_bytes=len(data), data=data)
+    return Session(model, provider="cpu"), Frame(kept["picture"]), kept
+
+
+def assert_same(ours: npt.NDArray[np.float32], theirs: npt.NDArray[np.float32]) -> None:
+    has = np.isfinite(theirs)
+    assert ours.shape == theirs.shape
+    assert has.any()
+    assert np.abs(ours[has] - theirs[has]).mean() <= MOST * theirs[has].std()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_output_at_the_size_of_the_network_is_that_of_the_authors(name: str) -> None:
+    session, frame, kept = opened(name)
+    batch, layout = prepare(session.model.card.input, frame)
+    assert batch.shape[2:] == tuple(kept["size"])
+    ours = session.run(batch)[0]
+    z = ours[..., 2] if ours.ndim > kept["raw"].ndim else ours
+    assert_same(z[::STEP, ::STEP], kept["raw"].reshape(kept["raw"].shape[-2:]))
+    if "metres" in kept:
+        camera = Intrinsics(float(kept["focal_px"]))
+        scale = metric_scale(session.model.card, frame, layout, camera)
+        metres = coarse_depth(session.model.card.output, ours, layout) * scale
+        assert_same(metres[::STEP, ::STEP], kept["metres"])
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in NAMES if "full" in np.load(KEPT / f"{name}.npz")]
+)
+def test_depth_of_a_picture_is_that_of_the_authors(name: str) -> None:
+    session, frame, kept = opened(name)
+    focal_px = float(kept["focal_px"]) if "focal_px" in kept else None
+    mask = DepthMask.MODEL if "has" in kept else DepthMask.NONE
+    pipeline = Pipeline(session, UpsamplingOptions(Upsampling.MODEL, mask=mask))
+    depth = pipeline.predict(frame, Intrinsics(focal_px)).depth
+    everywhere = np.ones(depth.values.shape, bool)
+    has = next((kept[name] for name in ("has", "at") if name in kept), everywhere)
+    assert_same(np.where(has, depth.values, np.nan), np.where(has, kept["full"], np.nan))
+    if "has" in kept:
+        assert np.mean(np.isfinite(depth.values) != has) < 0.02
+    if "hfov_deg" in kept:
+        assert depth.provenance is not None
+        assert depth.provenance.camera_source is CameraSource.MODEL
+
+
+def test_cards_without_a_comparison_say_why() -> None:
+    cards = {name: ready_fields(name).get("verification", {}) for name in ready_names()}
+    compared = {name for name, found in cards.items() if "difference" in found}
+    assert all(found.get("why_none") for name, found in cards.items() if name not in compared)
+    assert len(compared) >= 12
