@@ -159,6 +159,40 @@ def test_a_training_method(extended: Extended) -> None:
     assert " direct" in extended.run("-m", "depthcli", "train", "--help")
 
 
+def test_transcript_of_a_method_and_a_loss_from_outside(extended: Extended) -> None:
+    folder, page = extended.folder, (ROOT / "docs" / "extending.md").read_text("utf-8")
+    section = page.partition("## From outside the package")[2].partition("\n## ")[0]
+    for name in ("pairs", "test"):
+        made = write_rooms(folder / name)
+        for path in (*made.glob("rgb/*"), *made.glob("depth/*")):
+            path.rename(path.with_name(f"a{path.name}"))  # other names than those of NYU
+        index = (made / "index.csv").read_text()
+        (made / "index.csv").write_text(index.replace("\n0", "\na0"))
+    holdout = "holdout_every = 4\nholdout_offset = 1"
+    (folder / "tiny.toml").write_text(TINY.replace("holdout_every = 0", holdout))
+    commands = re.findall(r"^depthcli (.+)$", section, re.MULTILINE)
+    assert [line.split()[0] for line in commands] == [
+        "train",
+        "export-onnx",
+        "eval",
+        "eval",
+        "eval",
+    ]
+    told = ""
+    for line in commands:
+        words, _, file = line.partition(" >")
+        settings = ["--config", "tiny.toml", "--threads", "1"] if "train" in words else []
+        told = extended.run("-m", "depthcli", *words.split(), *settings)
+        if file:
+            (folder / file).write_text(told)
+    assert "mine (mine) minus each row" in told
+    log = (folder / "runs" / "mine" / "metrics.jsonl").read_text().splitlines()
+    (epoch,) = map(json.loads, log)
+    assert set(epoch["losses"]) == {"mine:near_l1"}
+    best = (folder / "runs" / "mine" / "best.txt").read_text()
+    assert best == f"1 {epoch['scores']['abs_rel']:.4f}"
+
+
 def test_a_data_set(extended: Extended) -> None:
     made, folder = rooms(), extended.folder / "desk"
     folder.mkdir()

@@ -38,6 +38,22 @@ class Weights(StrEnum):
     RAW = "raw"  #: those of the last step
 
 
+class Part(StrEnum):
+    """What a table of scores is broken down by."""
+
+    DISTANCE = "distance"  #: true depth
+    SCENE = "scene"  #: kind of scene
+    IMAGE = "image"  #: the worst images
+
+
+class Tracker(StrEnum):
+    """A tool that follows training runs; the name of the extra that installs it."""
+
+    TENSORBOARD = "tensorboard"
+    WANDB = "wandb"
+    MLFLOW = "mlflow"
+
+
 class Averaging(StrEnum):
     """Averaging of metrics."""
 
@@ -217,7 +233,6 @@ def short_repr(value: object) -> str:
 
 
 INSTALL_TRAIN = "pip install '.[train]'"
-INSTALL_TENSORBOARD = "pip install '.[tensorboard]'"
 INSTALL_H5PY = "pip install h5py"
 INSTALL_RAY = "pip install '.[ray]'"
 INSTALL_PYARROW = "pip install '.[parquet]'"

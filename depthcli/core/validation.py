@@ -81,12 +81,16 @@ def validated(kind: type[_T], value: object) -> _T:
 
 
 def merged(base: _T, changes: object) -> _T:
-    """A copy of a dataclass with some fields changed; nested dataclasses are merged as well."""
+    """A copy of a dataclass with some fields changed; nested ones and mappings are merged."""
     given: Any = base
     hints, _ = _hints(cast("Any", type(base)))
     values = {name: getattr(base, name) for name in hints}
     bases = {name: _Base(value) for name, value in values.items() if is_dataclass(value)}
-    result: _T = replace(given, **_read_fields({**hints, **bases}, changes))
+    read = _read_fields({**hints, **bases}, changes)
+    for name, value in read.items():
+        if isinstance(value, dict):
+            read[name] = values[name] | value
+    result: _T = replace(given, **read)
     return result
 
 

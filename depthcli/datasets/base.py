@@ -32,7 +32,7 @@ class Pair:
 
     id: str  #: name, unique in its data set
     scene: str = ""  #: "" where it is not known
-    official_split: str = ""  #: the data set's own division: "train", "test", or "" if not known
+    official_split: str = ""  #: the data set's own: "train", "val", "test", or "" if not known
     image: Path | None = None  #: file of the image, if it is one
     depth: Path | None = None  #: file of the depth, if it is one
     camera: Intrinsics = UNKNOWN_CAMERA  #: of the image, in its own pixels

@@ -26,6 +26,7 @@ _IMAGE = rf"(?:{'|'.join(map(re.escape, IMAGE_SUFFIXES))})"
 _DEPTH = rf"(?:\.depth)?(?:{'|'.join(map(re.escape, READABLE_SUFFIXES))})"  # as predict names it
 _TUM_LISTS = ("rgb.txt", "depth.txt", "groundtruth.txt")
 _TUM_UNITS = 5000.0
+_PARTS = ("train", "val", "test")  # folders of Ultralytics' data sets
 _TIME = re.compile(r"\d+\.\d+")
 _MOST_APART_S = 0.02  # difference of time stamps up to which TUM's tools pair image and depth
 _CAMERAS = ("intrinsic/intrinsic_{}.txt", "intrinsic_{}.txt", "intrinsics_{}.txt")
@@ -184,9 +185,11 @@ def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
 
 def _pair(root: Path, name: str, image: Path, depth: Path) -> Pair:
     own = image.parent.with_name("intrinsics") / f"{image.stem}.txt"  # in KITTI's selection
+    part = name.partition("/")[0]
     return Pair(
         name,
         name.rpartition("/")[0],
+        part if part in _PARTS else "",
         image=image,
         depth=depth,
         camera=read_calibration(own)

@@ -9,6 +9,7 @@ Source: Silberman, Hoiem, Kohli and Fergus, "Indoor Segmentation and Support Inf
 Images", ECCV 2012.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +28,10 @@ from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import CsvTable
 
 MAT_NAME = "nyu_depth_v2_labeled.mat"
+_ENVIRONMENT = "DEPTHCLI_NYU"
+# As loaders of the data set publish them, among them that of torch-uncertainty.
+_WHOLE = "2,972,037,809 bytes, MD5 520609c519fba3ba5ac58c8fefcc3530"
+_PAGE = "https://cs.nyu.edu/~silberman/datasets/nyu_depth_v2.html"
 _DAMAGED = (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError)
 
 
@@ -72,7 +77,8 @@ def open_mat(path: Path) -> NyuMat:
         scenes = ["".join(map(chr, np.ravel(file[one][()]))) for one in references]
     except _DAMAGED as error:
         raise DatasetError(
-            f"{path} is not a complete {MAT_NAME}: fetch it again if it was cut short"
+            f"{path} is not a complete {MAT_NAME}",
+            f"fetch it again if it was cut short (it has {_WHOLE})",
         ) from error
     index_path = path.with_name(INDEX_NAME)
     index = read_index(index_path) if index_path.is_file() else {}
@@ -102,12 +108,23 @@ PLAUSIBLE_M = (0.8, 9.0)  #: metres × 256 would read as 0.7 m, metres × 4000 a
 _COLUMNS = ("id", "scene", "official_split")
 
 
+def located_nyu(path: Path) -> Path:
+    """A path, or for the name ``nyu`` that of the environment variable ``DEPTHCLI_NYU``."""
+    if path != Path("nyu") or path.exists():
+        return path
+    if _ENVIRONMENT not in os.environ:
+        told = f"{_ENVIRONMENT} does not say where NYU Depth v2 is"
+        raise DatasetError(told, f"set it to {MAT_NAME} ({_WHOLE}) from {_PAGE}")
+    return Path(os.environ[_ENVIRONMENT])
+
+
 def open_nyu(path: Path) -> DepthDataset:
     """Open the .mat file, a folder that holds it, or one with rgb/, depth/ and index.csv.
 
     Raises:
         DatasetError: the set is missing, incomplete, damaged, or in another unit.
     """
+    path = located_nyu(path)
     if path.is_file():
         return open_mat(path)
     if not path.is_dir():

@@ -86,6 +86,7 @@ def open_training_data(
     Raises:
         DatasetError: the data is missing, incomplete, damaged, or in another unit.
     """
+    path = nyu.located_nyu(path)
     opener = opener_of(path) if path.is_dir() else nyu.open_nyu
     reading = DepthReadOptions(scale=None if units_per_metre == MILLIMETRES else units_per_metre)
     if patterns:

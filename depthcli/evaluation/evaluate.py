@@ -13,12 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from depthcli.core.arrays import Float64Array
-from depthcli.core.options import Alignment, Averaging, Mask
+from depthcli.core.options import Alignment, Averaging, Mask, Part
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.datasets.base import DepthDataset, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation import report
+from depthcli.evaluation.breakdown import breakdowns, distance_ranges, sums_by_distance
 from depthcli.evaluation.predictors import (
     TRIVIAL_NAMES,
     ModelPredictor,
@@ -50,6 +51,7 @@ class EvalOptions:
     published: bool = True  #: include the paper's rows, of models only where they are comparable
     per_image: bool = False  #: keep the scores of each image
     against: str | None = None  #: also compare this row with every other
+    parts: tuple[Part, ...] = ()  #: also score parts of the pixels or images
     workers: int = 0  #: images processed in parallel; 0 for the calling thread
 
 
@@ -121,6 +123,7 @@ def evaluate(
         options.protocol,
         progress=progress,
         workers=options.workers,
+        ranges_m=distance_ranges(options.protocol) if Part.DISTANCE in options.parts else (),
     )
     if scored and not any(row.pixel_count for row in scored):
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
@@ -132,6 +135,7 @@ def evaluate(
     if options.against is not None:
         by_name = {line.name: rows for line, rows in zip(lines, each, strict=True)}
         differences = differences_from(options.against, by_name, task.scenes)
+    broken_down = breakdowns(options.parts, scored, task.scenes, options.protocol)
     if not options.per_image:
         each = [[replace(row, images=()) for row in rows] for rows in each]
     rows: list[report.ReportRow] = []
@@ -155,6 +159,8 @@ def evaluate(
         rows=(*before, *rows, *after),
         notes=(*task.dataset.notes, *_range_note(scored, options), *_notes(task, lines, options)),
         differences=differences,
+        breakdowns=broken_down,
+        scenes=task.scenes,
     )
 
 
@@ -301,6 +307,7 @@ class _ImageSums(NamedTuple):
     is_reversed: bool
     missing_count: int  #: pixels without a prediction
     outside: tuple[int, int]  #: pixels whose true depth is outside the range, and with true depth
+    by_distance: tuple[PixelSums, ...]  #: of the pixels of each range of true depth
 
 
 def _row_of(
@@ -322,6 +329,7 @@ def _row_of(
             report.ImageScores(name, image.sums.scores(), image.boundary)
             for name, image in scored.items()
         ),
+        by_distance=tuple(image.by_distance for image in images),
         boundary=mean_boundary_scores(boundaries) if boundaries else None,
         train_overlap=entry.train_overlap,
         reversed_count=sum(image.is_reversed for image in images),
@@ -358,6 +366,7 @@ def score(
     *,
     progress: Progress = NO_PROGRESS,
     workers: int = 0,
+    ranges_m: Sequence[tuple[float, float]] = (),
 ) -> tuple[report.ReportRow, ...]:
     """A row for each alignment of each entry, scored on the same images, each read at most once.
 
@@ -369,7 +378,7 @@ def score(
     advance = progress.begin("comparing images", len(test))
 
     def score_one(position: int) -> list[_ImageSums]:
-        return _score_image(dataset, position, entries, protocol)
+        return _score_image(dataset, position, entries, protocol, ranges_m)
 
     with one_thread_each(workers), closing(ordered_map(score_one, test, workers=workers)) as images:
         for position, image in zip(test, images, strict=True):
@@ -381,7 +390,11 @@ def score(
 
 
 def _score_image(
-    dataset: DepthDataset, position: int, entries: Sequence[Entry], protocol: EvalProtocol
+    dataset: DepthDataset,
+    position: int,
+    entries: Sequence[Entry],
+    protocol: EvalProtocol,
+    ranges_m: Sequence[tuple[float, float]],
 ) -> list[_ImageSums]:
     """The scores of one image for every row; thread-safe."""
     sample, found, depth_m = Sample(dataset, position), [], dataset.depth_m(position)
@@ -404,7 +417,8 @@ def _score_image(
                 predicted, true_m = pixels.prediction, pixels.truth
                 exact = predicted.astype(np.float64), true_m.astype(np.float64)
                 turned = is_reversed(*exact, Alignment.DEPTH)
-            found.append(_ImageSums(PixelSums.of(pixels), boundary, turned, missing, outside))
+            sums, parts = PixelSums.of(pixels), sums_by_distance(pixels, ranges_m)
+            found.append(_ImageSums(sums, boundary, turned, missing, outside, parts))
     return found
 
 

@@ -6,9 +6,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from depthcli.core.options import one_line
+from depthcli.core.options import Part, one_line
 from depthcli.evaluation.figures import Figure
-from depthcli.evaluation.report import Difference, EvalReport, ReportRow, Source, Training
+from depthcli.evaluation.report import (
+    Breakdown,
+    Difference,
+    EvalReport,
+    ReportRow,
+    Source,
+    Training,
+)
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.metrics.depth import METRICS
@@ -29,15 +36,14 @@ class Page:
     subtitle: str  #: description of the protocol
     table: Sequence[Sequence[str]]  #: cells as text, header first
     notes: Sequence[str]  #: footnotes
-    #: title and cells of the table of differences; None if there is none
-    differences: tuple[str, Sequence[Sequence[str]]] | None = None
+    #: title and cells of further tables: differences from each row that is compared, and parts
+    sections: Sequence[tuple[str, Sequence[Sequence[str]]]] = ()
     models: Sequence[str] = ()  #: name and checksum of each model, for HTML only
 
     def to_text(self) -> str:
         """The report as plain text."""
         lines = [self.title, self.subtitle, "", *_aligned(self.table)]
-        if self.differences:
-            title, table = self.differences
+        for title, table in self.sections:
             lines += ["", title, "", *_aligned(table)]
         return "\n".join([*lines, "", *self.notes])
 
@@ -54,12 +60,13 @@ def report_page(report: EvalReport) -> Page:
         "pixels",
         *metrics,
     ]
+    shown = metrics if with_runs else tuple(METRICS)
     return Page(
         report.title,
         report.protocol.description,
         [header, *(_row_cells(row, report, metrics) for row in report.rows)],
         _footnotes(report, metrics),
-        _differences(report.differences, metrics if with_runs else tuple(METRICS)),
+        [*_differences(report.differences, shown), *_parts(report.breakdowns, shown)],
         _model_checksums(report.rows),
     )
 
@@ -77,10 +84,12 @@ def _row_cells(row: ReportRow, report: EvalReport, metrics: Sequence[str]) -> li
 
 
 def _score_cell(metric: str, mean: float, row: ReportRow) -> str:
-    if math.isnan(mean):
-        return "-"
-    std = f"±{row.std[metric]:.4f}" if row.std else ""
-    return f"{mean:.{_DECIMALS.get(metric, 4)}f}{std}"
+    std = f"±{row.std[metric]:.4f}" if row.std and not math.isnan(mean) else ""
+    return f"{_number(metric, mean)}{std}"
+
+
+def _number(metric: str, value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
 
 
 def _training_cells(training: Training | None) -> list[str]:
@@ -128,16 +137,24 @@ def _footnotes(report: EvalReport, metrics: Sequence[str]) -> list[str]:
 
 def _differences(
     differences: Sequence[Difference], metrics: Sequence[str]
-) -> tuple[str, list[list[str]]] | None:
-    """Title and cells, header first; three lines for each: the mean and its interval's bounds."""
-    if not differences:
-        return None
-    name, scenes = one_line(differences[0].name), differences[0].scene_count
-    title = f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0"
+) -> Iterator[tuple[str, list[list[str]]]]:
+    """Title and cells for each row that others are subtracted from, header first.
+
+    There are three lines for each difference: the mean and its interval's bounds.
+    """
+    for name in dict.fromkeys(difference.name for difference in differences):
+        own = [difference for difference in differences if difference.name == name]
+        yield _title(one_line(name), own[0].scene_count), _difference_cells(own, metrics)
+
+
+def _title(name: str, scenes: int) -> str:
     if scenes == 1:
-        title = f"{name} minus each row: mean; 1 scene: no interval"
-    elif scenes < _FEW_SCENES:
-        title += "; of so few, the intervals are too narrow"
+        return f"{name} minus each row: mean; 1 scene: no interval"
+    few = "; of so few, the intervals are too narrow" if scenes < _FEW_SCENES else ""
+    return f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0{few}"
+
+
+def _difference_cells(differences: Sequence[Difference], metrics: Sequence[str]) -> list[list[str]]:
     lines = [["minus", "align", "", *metrics]]
     for difference in differences:
         intervals = dict(zip(METRICS, difference.intervals, strict=True))
@@ -148,7 +165,20 @@ def _differences(
             ["", "", "low", *(_signed(i.low) for i in shown)],
             ["", "", "high", *(_signed(i.high) for i in shown)],
         ]
-    return title, lines
+    return lines
+
+
+def _parts(
+    breakdowns: Sequence[Breakdown], metrics: Sequence[str]
+) -> Iterator[tuple[str, list[list[str]]]]:
+    """Title and cells of each breakdown, header first."""
+    for breakdown in breakdowns:
+        counted = "pixels" if breakdown.by is Part.DISTANCE else "images"
+        lines = [[str(breakdown.by), "row", counted, *metrics]]
+        for one in breakdown.scored:
+            scores = (_number(metric, one.scores[metric]) for metric in metrics)
+            lines.append([one_line(one.part), one_line(one.row), str(one.count), *scores])
+        yield breakdown.title, lines
 
 
 def _signed(value: float, mark: str = " ") -> str:
@@ -203,7 +233,11 @@ def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
         f"<h1>{escape(page.title)}</h1>",
         f"<p>{escape(page.subtitle)}</p>",
         *_table_lines(page.table),
-        *_difference_lines(page),
+        *(
+            line
+            for title, table in page.sections
+            for line in (f"<p>{escape(title)}</p>", *_table_lines(table))
+        ),
         "<ul>",
         *(f"<li>{escape(note)}</li>" for note in page.notes),
         "</ul>",
@@ -223,13 +257,6 @@ def _table_lines(table: Sequence[Sequence[str]]) -> list[str]:
         *(f"<tr>{_tagged('td', row)}</tr>" for row in rows),
         "</tbody></table></div>",
     ]
-
-
-def _difference_lines(page: Page) -> list[str]:
-    if page.differences is None:
-        return []
-    title, table = page.differences
-    return [f"<p>{escape(title)}</p>", *_table_lines(table)]
 
 
 def _tagged(tag: str, texts: Sequence[str]) -> str:

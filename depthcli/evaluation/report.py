@@ -5,16 +5,16 @@ import io
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from depthcli.core.options import Alignment
+from depthcli.core.options import Alignment, Part
 from depthcli.datasets.base import ALL_PAIRS, SplitName
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
-from depthcli.metrics.depth import METRICS, Scores
+from depthcli.metrics.depth import METRICS, PixelSums, Scores
 
 PUBLISHED_COUNT = 449
 _TRAINING = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", "parameters", "ms")
@@ -57,6 +57,25 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
+class PartScores:
+    """Scores of one row over a part of the pixels or images."""
+
+    part: str  #: name of the part
+    row: str  #: name of the row, and its alignment
+    count: int  #: pixels, or images
+    scores: Scores
+
+
+@dataclass(frozen=True, slots=True)
+class Breakdown:
+    """Scores of parts of the pixels or images."""
+
+    by: Part
+    title: str  #: what the parts are, and how their scores are averaged
+    scored: tuple[PartScores, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ImageScores:
     """Scores of one image; all NaN if it has no valid pixel."""
 
@@ -92,6 +111,7 @@ class ReportRow:
     note: str = ""  #: a footnote
     model_sha256: str | None = None  #: checksum of the model, if it is one
     images: tuple[ImageScores, ...] = ()  #: scores per image, if requested
+    by_distance: tuple[tuple[PixelSums, ...], ...] = ()  #: the same, of each range of true depth
     boundary: BoundaryScores | None = None  #: boundary scores, if requested
     #: number of these images that the model was trained on; None if unknown
     train_overlap: int | None = None
@@ -129,6 +149,9 @@ class EvalReport:
     rows: tuple[ReportRow, ...]  #: the lines
     notes: tuple[str, ...] = ()  #: footnotes of the table
     differences: tuple[Difference, ...] = ()  #: between one row and every other, if requested
+    breakdowns: tuple[Breakdown, ...] = ()  #: scores of parts, if requested
+    #: scene of each image by its id, if rows have scores of each image
+    scenes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def has_training(self) -> bool:
@@ -175,6 +198,12 @@ class EvalReport:
         }
         if self.differences:
             document["differences"] = [_difference_json(found) for found in self.differences]
+        if self.breakdowns:
+            document["breakdowns"] = {
+                one.by: [_part_json(scored) for scored in one.scored] for one in self.breakdowns
+            }
+        if self.scenes and any(row.images for row in self.rows):
+            document["scenes"] = dict(self.scenes)
         return json.dumps(document, indent=2)
 
     def to_csv(self) -> str:
@@ -267,6 +296,11 @@ def _difference_json(difference: Difference) -> dict[str, Any]:
         "align": difference.alignment,
         "intervals": {metric: _scores_json(asdict(interval)) for metric, interval in intervals},
     }
+
+
+def _part_json(scored: PartScores) -> dict[str, Any]:
+    facts = {"part": scored.part, "row": scored.row, "count": scored.count}
+    return facts | {"scores": _scores_json(scored.scores)}
 
 
 def _scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:

@@ -6,13 +6,16 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from depthcli.core.options import Tracker
 from depthcli.core.progress import Interrupt
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.training_data import open_training_data
-from depthcli.training.callbacks import Callback, TensorBoardLogger
+from depthcli.training.callbacks import Callback, Callbacks
 from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.init_weights import weights_file
+from depthcli.training.loggers import LOGGERS
+from depthcli.training.plugins import imported
 from depthcli.training.run import fit, open_fabric, set_threads
 
 
@@ -29,7 +32,9 @@ class TrainRequest:
     minutes: float = math.inf  #: wall-clock minutes after which it stops
     accelerator: str = "auto"  #: auto, cpu, cuda or mps
     threads: int | None = None  #: CPU threads; None for those of the folder's run, or all cores
-    tensorboard: bool = False  #: also write event files for TensorBoard
+    trackers: tuple[Tracker, ...] = ()  #: tools that losses and scores are logged to
+    #: ``module:function`` of folder and configuration, each of which returns a callback
+    callbacks: tuple[str, ...] = ()
     signals: tuple[signal.Signals, ...] = ()  #: they stop it after a step, with a checkpoint
 
 
@@ -51,6 +56,7 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
     """
     config, out, wanted = request.config, request.out, request.config.data
     init_weights = [weights_file(source) for source in request.init_weights]
+    own_callbacks = [imported(name) for name in request.callbacks]
     fabric = open_fabric(request.accelerator, config.precision)
     data = open_training_data(
         request.data,
@@ -64,14 +70,14 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
     interrupt = Interrupt(*request.signals)
     with ExitStack() as stack:
         set_threads(request.threads, out)
-        if request.tensorboard:
-            callback = stack.enter_context(closing(TensorBoardLogger(callback, out, config)))
+        makers = (*(LOGGERS[tracker] for tracker in request.trackers), *own_callbacks)
+        followers = [stack.enter_context(closing(make(out, config))) for make in makers]
         state = fit(
             config,
             data,
             out,
             fabric,
-            callback,
+            Callbacks(callback, *followers),
             init_weights=init_weights,
             max_minutes=request.minutes,
             interrupt=interrupt,

@@ -12,21 +12,18 @@ import torch.nn.functional as F  # noqa: N812
 from lightning_fabric import Fabric
 from torch import Tensor, nn
 
-from depthcli.core.options import INSTALL_TENSORBOARD
 from depthcli.core.types import DepthMap
 from depthcli.datasets.base import DepthDataset
-from depthcli.errors import TrainingError
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.metrics.depth import PixelSums, Scores, mean_scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.augment import Views
-from depthcli.training.checkpoint import TrainState, write_errors
+from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.data import PairStore, drawn_prompts, whole_images
 from depthcli.training.networks.prompted import coded_prompt
 
-TENSORBOARD_FOLDER = "tensorboard"
 _BATCH_SIZE = 16  # of validation
 _SAMPLES = 6
 
@@ -51,64 +48,34 @@ class Callback:
     def on_epoch_end(self, state: TrainState) -> None:
         """Called after each epoch, once it is validated and saved."""
 
+    def close(self) -> None:
+        """Called at the end, also of a run that fails."""
 
-class TensorBoardLogger(Callback):
-    """Writes event files to ``tensorboard/`` in the folder of a run, then calls ``callback``.
 
-    Steps that a resumed run repeats replace the earlier ones.
-    """
+class Callbacks(Callback):
+    """Calls several one after another."""
 
-    def __init__(self, callback: Callback, folder: Path, config: TrainConfig) -> None:
-        try:
-            from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - optional, slow
-        except ImportError as error:
-            raise TrainingError(
-                f"the package tensorboard is missing: {INSTALL_TENSORBOARD}"
-            ) from error
-        self._writer_class, self._callback = SummaryWriter, callback
-        self._folder, self._config = folder, config
-        self._writer: SummaryWriter | None = None
+    def __init__(self, *callbacks: Callback) -> None:
+        self.callbacks = callbacks
 
     def on_train_start(
         self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
     ) -> None:
-        """Call ``callback``."""
-        self._callback.on_train_start(
-            lacks_scenes=lacks_scenes, seen_held_out=seen_held_out, warnings=warnings
-        )
+        """Call all."""
+        for one in self.callbacks:
+            one.on_train_start(
+                lacks_scenes=lacks_scenes, seen_held_out=seen_held_out, warnings=warnings
+            )
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
-        """Log the losses and the learning rate."""
-        self._callback.on_step_end(state, steps, losses)
-        optim = self._config.optim
-        share = optim.lr_factor(state.step - 1, steps // optim.epochs)
-        values = {f"loss/{name}": value for name, value in losses.items()}
-        values["learning_rate"] = share * optim.learning_rate
-        with write_errors(self._folder):
-            if self._writer is None:
-                where = str(self._folder / TENSORBOARD_FOLDER)
-                self._writer = self._writer_class(where, purge_step=state.step)
-            for name, value in values.items():
-                self._writer.add_scalar(name, value, state.step)
+        """Call all."""
+        for one in self.callbacks:
+            one.on_step_end(state, steps, losses)
 
     def on_epoch_end(self, state: TrainState) -> None:
-        """Log the scores and sample images of an epoch that was validated."""
-        self._callback.on_epoch_end(state)
-        path = sample_path(self._folder, state.epoch)
-        if self._writer is None or not path.is_file():
-            return
-        with write_errors(self._folder):
-            for name, value in state.scores.items():
-                self._writer.add_scalar(f"held_out/{name}", value, state.step)
-            pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR_RGB)
-            self._writer.add_image("samples", pixels, state.step, dataformats="HWC")
-            self._writer.flush()
-
-    def close(self) -> None:
-        """Flush and close the event file."""
-        if self._writer is not None:
-            with write_errors(self._folder):
-                self._writer.close()
+        """Call all."""
+        for one in self.callbacks:
+            one.on_epoch_end(state)
 
 
 def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:

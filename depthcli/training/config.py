@@ -12,6 +12,7 @@ from depthcli.core.types import DepthCodec
 from depthcli.core.validation import FieldError, merged
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import MILLIMETRES
+from depthcli.metrics.depth import METRICS
 
 T = TypeVar("T")
 _LEAST_SIDE_PX = 32  # below, discriminators have no output and the gradient loss no coarsest scale
@@ -38,6 +39,9 @@ Metres: TypeAlias = Annotated[float, Rule("a number above 0", lambda x: x > 0)]
 Scale: TypeAlias = Annotated[float, Rule("a number from 0.001 to 1e9", lambda x: 1e-3 <= x <= 1e9)]
 Zoom: TypeAlias = Annotated[float, Rule("a number from 1 to 100", lambda x: 1 <= x <= 100)]
 Aspect: TypeAlias = Annotated[float, Rule("a number from 1/4 to 4", lambda x: 1 / 4 <= x <= 4)]
+MetricName: TypeAlias = Annotated[
+    str, Rule(f"one of {', '.join(METRICS)}", lambda name: name in METRICS)
+]
 Side: TypeAlias = Annotated[
     int, Rule("a multiple of 4 from 32 up", lambda n: n >= _LEAST_SIDE_PX and n % _STRIDE == 0)
 ]
@@ -212,6 +216,8 @@ class LossConfig:
     gamma_end: Scale = 10.0  #: γ at the last step; linear in between
     #: weight of the similarity loss (SimDCL)
     similarity: Amount = field(default=0.0, metadata=_weighs())
+    #: losses like ``gradient_loss`` of other packages: weight by ``module:function``
+    custom: dict[str, Amount] = field(default_factory=dict)
 
 
 _TERM_LOSSES = {f.name: str(f.metadata[_TERM]) for f in fields(LossConfig) if _TERM in f.metadata}
@@ -224,6 +230,8 @@ class OptimConfig:
     """Optimizers, schedule and batch size."""
 
     batch_size: Positive = 1  #: images per step
+    #: parts of a batch whose gradients are computed one after another and added, for less memory
+    accumulate: Positive = 1
     epochs_constant: Count = 100  #: epochs at the full learning rate of ``linear``
     epochs_decay: Count = 100  #: epochs of linear decay to zero
     #: ``linear`` is the paper's; ``cosine`` falls from the first epoch to the last of both counts
@@ -272,6 +280,8 @@ class TrainConfig:
     validate_every: Positive = 1
     #: epochs from one checkpoint to the next; a run that stops always writes one
     save_every: Positive = 1
+    monitor: MetricName = "abs_rel"  #: metric of the held-out pairs whose best epoch is best.ckpt
+    patience: Count = 0  #: epochs without a better one after which a run ends; 0 never ends it
     #: Fabric's name of it: ``32-true``, ``bf16-mixed`` or ``16-mixed``
     precision: Precision = "32-true"
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
@@ -306,6 +316,7 @@ def check_config(config: TrainConfig) -> None:
     _check_prompt(config)
     needs = [name for name in ("l1", *PAIRED_LOSSES) if getattr(config.loss, name)]
     needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
+    needs += [f"custom.{name}" for name in config.loss.custom]
     if needs and not config.data.paired:
         told = f"loss.{needs[0]} compares with the truth of the same scene"
         raise UsageError(told, "remove it or, if the method takes pairs, set data.paired=true")

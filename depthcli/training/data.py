@@ -157,6 +157,11 @@ class TrainingBatch(NamedTuple):
     #: (B, 1, H, W) float32 metres of known depth, 0 elsewhere; None if the method takes none
     prompt_m: Tensor | None = None
 
+    def parts(self, count: int) -> list["TrainingBatch"]:
+        """Up to ``count`` batches of neighbouring images, of about equal numbers."""
+        columns = ([None] * count if one is None else one.chunk(count) for one in self)
+        return [TrainingBatch(*rows) for rows in zip(*columns, strict=False)]
+
 
 class Batches:
     """The batches of a run, by step, augmented on its device.

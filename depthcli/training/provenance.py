@@ -64,9 +64,16 @@ def provenance_of(config: TrainConfig, data: TrainingData) -> DataProvenance:
 
 
 def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
-    """Positions of the training pairs and of the held-out ones; scenes are not split."""
+    """Positions of the training pairs and of the held-out ones; scenes are not split.
+
+    Data that comes with a validation part, as that of Ultralytics, is divided as it is.
+    """
     if not data.holdout_every:
         return list(range(len(dataset))), []
+    parts = dataset.official_split
+    if "val" in parts:
+        train_rows = [i for i, part in enumerate(parts) if part == "train"]
+        return train_rows, [i for i, part in enumerate(parts) if part == "val"]
     held_out = base.held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
     inside = [scene in held_out for scene in dataset.scenes]
     train_rows = [i for i, held in enumerate(inside) if not held]

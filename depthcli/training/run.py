@@ -21,6 +21,7 @@ from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError, UsageError
 from depthcli.training import callbacks, provenance
 from depthcli.training.checkpoint import (
+    BEST_CHECKPOINT,
     CHECKPOINT,
     METRICS_LOG,
     Checkpoint,
@@ -96,27 +97,37 @@ class Run:
 
     def step(self, batch: TrainingBatch) -> dict[str, float]:
         """One optimization step of every phase; the loss terms by name."""
-        share = self.config.optim.lr_factor(self.state.step, self.steps_per_epoch)
         self.method.share_done = self.state.step / self.steps
         losses: dict[str, Tensor] = {}
-        for phase, optimizer in self.optimizers.items():
-            for group, rate in zip(optimizer.param_groups, self.rates[phase], strict=True):
-                group["lr"] = share * rate
-            terms: dict[str, Tensor] = self.module(batch, phase)
-            losses |= {name: term.detach() for name, term in terms.items()}
+        parts = batch.parts(self.config.optim.accumulate)
+        for optimizer in self.optimizers.values():
             optimizer.zero_grad()
-            self.fabric.backward(torch.stack(list(terms.values())).sum())
-            if self.config.optim.clip_norm and phase == "generator":
-                limit = self.config.optim.clip_norm
-                # A loss that is not finite is an error below, which names it; the scaler of
-                # half precision skips steps whose gradients alone are not.
-                self.fabric.clip_gradients(
-                    self.module, optimizer, max_norm=limit, error_if_nonfinite=False
-                )
-            optimizer.step()
+        for part in parts:
+            share = len(part.network_input) / len(batch.network_input)
+            for phase in self.optimizers:
+                terms: dict[str, Tensor] = self.module(part, phase)
+                for name, term in terms.items():
+                    losses[name] = share * term.detach() + losses.get(name, 0.0)
+                self.fabric.backward(share * torch.stack(list(terms.values())).sum())
+                if part is parts[-1]:
+                    self._update(phase)
         if self.average:
             self.average.update(self.method.generator, self.state.step + 1)
         return finite_losses(losses)
+
+    def _update(self, phase: Phase) -> None:
+        """Step the optimizer of a phase by the gradients that were computed."""
+        optimizer, optim = self.optimizers[phase], self.config.optim
+        factor = optim.lr_factor(self.state.step, self.steps_per_epoch)
+        for group, rate in zip(optimizer.param_groups, self.rates[phase], strict=True):
+            group["lr"] = factor * rate
+        if optim.clip_norm and phase == "generator":
+            # A loss that is not finite is an error of the step, which names it; the scaler of
+            # half precision skips steps whose gradients alone are not.
+            self.fabric.clip_gradients(
+                self.module, optimizer, max_norm=optim.clip_norm, error_if_nonfinite=False
+            )
+        optimizer.step()
 
     def save(self, path: Path) -> None:
         """Write a checkpoint."""
@@ -300,17 +311,18 @@ def fit(
     )
     started, before = time.monotonic(), run.state
     with interrupt:
-        while run.state.step < run.steps:
+        while run.state.step < run.steps and not run.state.has_stalled(config.patience):
             losses = run.step(batches[run.state.step])
             step, elapsed_s = run.state.step + 1, time.monotonic() - started
             seconds = before.seconds + elapsed_s
             run.state = replace(run.state, step=step, seconds=seconds, scores={})
             callback.on_step_end(run.state, run.steps, losses)
-            over = elapsed_s >= 60 * max_minutes or step - before.step >= max_steps
-            stops = over or interrupt.number is not None
             epoch_ends = step % batches.steps_per_epoch == 0
             if epoch_ends:
                 _end_epoch(run, validation, folder, losses)
+            over = elapsed_s >= 60 * max_minutes or step - before.step >= max_steps
+            over = over or run.state.has_stalled(config.patience)
+            stops = over or interrupt.number is not None
             due = epoch_ends and run.state.epoch % config.save_every == 0
             if due or stops or step == run.steps:
                 run.save(folder / CHECKPOINT)
@@ -330,11 +342,13 @@ def _end_epoch(
     due = epoch % run.config.validate_every == 0 or run.state.step == run.steps
     if validation and due:
         scores = validation.score(run.ema_generator, run.fabric.device)
-        run.state = replace(run.state, scores=dict(scores.items()))
+        run.state = run.state.scored(dict(scores.items()), run.config.monitor)
         with write_errors(folder):
             callbacks.write_samples(folder, epoch, validation, run.ema_generator, run.fabric)
     with write_errors(folder):
         callbacks.append_log(folder / METRICS_LOG, run.state, losses)
+    if run.state.best_epoch == epoch:
+        run.save(folder / BEST_CHECKPOINT)
 
 
 def _set_up(
@@ -349,6 +363,8 @@ def _set_up(
     train_rows, held_out = provenance.train_val_split(dataset, config.data)
     found = provenance.provenance_of(config, data)
     provenance.check_pseudo_labels(data, found)
+    if config.patience and not held_out:
+        raise UsageError("patience needs held-out pairs, and there are none: set patience=0")
     if labels is not None and (config.output.coding != "log" or config.method != "proposed"):
         raise UsageError("pseudo labels need the method proposed and output.coding=log")
     with write_errors(folder):

@@ -41,7 +41,10 @@ def resolve_config(
     files = [preset_file(preset, method), *files] if preset else files
     saved = None if folder is None else saved_checkpoint(folder)
     if folder is not None and saved is not None:
-        given = replace(apply_overrides(saved.config, files, settings), method=method)
+        # Code to import is named by the command, never by a file alone.
+        loss = replace(saved.config.loss, custom={})
+        base = replace(saved.config, loss=loss)
+        given = replace(apply_overrides(base, files, settings), method=method)
         mismatches = config_differences(saved.config, given)
         if mismatches:
             raise mismatch_error(folder / CHECKPOINT, mismatches)
@@ -81,7 +84,7 @@ def _nested(setting: str) -> dict[str, Any]:
             value = words[text.lower()] if text.lower() in words else ast.literal_eval(text)
     except (ValueError, TypeError, SyntaxError):
         value = text
-    *outer, last = key.split(".")
+    *outer, last = key.split(".", 2)  # the third is a name of loss.custom, which may have dots
     nested: dict[str, Any] = {last: value}
     for part in reversed(outer):
         nested = {part: nested}

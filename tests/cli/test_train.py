@@ -73,7 +73,7 @@ def test_trains_stops_continues_and_reports(folder: Path) -> None:
     assert lines[0]["losses"]["l1"] > 0
     assert 0 < lines[-1]["scores"]["rmse"] < 20
     names = sorted(p.name for p in (folder / "run").iterdir())
-    assert names == ["last.ckpt", "metrics.jsonl", "samples"]
+    assert names == ["best.ckpt", "last.ckpt", "metrics.jsonl", "samples"]
     quiet = _train(folder, *settings, "--quiet")
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
     other = _train(folder, *settings, "--set", "seed=1")

@@ -70,6 +70,19 @@ def test_runs_are_those_of_single_commands_and_are_resumed(folder: Path) -> None
     assert (again.returncode, again.stdout, again.stderr) == (0, "", "")
 
 
+def test_grid_has_a_resumable_run_for_each_combination(folder: Path) -> None:
+    grid = ("cyclegan", "--grid", "loss.cycle=1,2", "--grid", "loss.identity=0,5", "-o", "runs")
+    done = _train(folder, *grid, "--json")
+    assert done.returncode == 0, done.stderr
+    names = [f"loss.cycle={a}-loss.identity={b}" for a in (1, 2) for b in (0, 5)]
+    assert [json.loads(line)["run"] for line in done.stdout.splitlines()] == [
+        f"cyclegan-{name}-seed0" for name in names
+    ]
+    loss = saved(folder / "runs" / "cyclegan-loss.cycle=2-loss.identity=0-seed0")["config"]["loss"]
+    assert (loss["cycle"], loss["identity"]) == (2, 0)
+    assert _train(folder, *grid, "--json").stdout == ""
+
+
 def test_failing_run_stops_no_other(folder: Path) -> None:
     broken = folder / "runs" / "cut-seed0"
     broken.mkdir(parents=True)
@@ -115,6 +128,8 @@ def test_signal_ends_all_runs_with_a_checkpoint(folder: Path) -> None:
         (("--methods", "cut,pix2pix"), "no method 'pix2pix'"),
         (("--methods", ","), "METHOD"),
         (("cut", "--seeds", "one"), "seed"),
+        (("cut", "--grid", "loss.cycles=1,2"), "cycles"),
+        (("nowhere:Method",), "nowhere"),
         ((), "METHOD"),
         (("--methods", "cut,fastcut", "--data", "nowhere"), "nowhere"),
     ],

@@ -15,6 +15,8 @@ from depthcli.datasets.layouts import list_pairs
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
 from depthcli.io.depth.read import DepthReadOptions
+from depthcli.training.config import DataConfig
+from depthcli.training.provenance import train_val_split
 
 
 def _image(root: Path, *names: str, size: tuple[int, int] = (6, 8)) -> None:
@@ -170,3 +172,17 @@ def test_patterns_name_the_files_of_any_layout(tmp_path: Path) -> None:
         open_paired_folder(tmp_path, patterns=("*.jpg", "*.exr"))
     with pytest.raises(DatasetError):
         list_pairs(tmp_path)
+
+
+def test_folders_of_ultralytics_hold_out_their_validation_part(tmp_path: Path) -> None:
+    """16-bit PNG in millimetres or NPY in metres: docs.ultralytics.com/datasets/depth."""
+    parts = ("train/a", "train/b", "val/c", "test/d")
+    _image(tmp_path, *(f"images/{name}.jpg" for name in parts))
+    _depth(tmp_path, *(f"depth/{name}.png" for name in parts[:3]))
+    (tmp_path / "depth" / "test").mkdir()
+    np.save(tmp_path / "depth" / "test" / "d.npy", np.full((6, 8), 3, np.float32))
+    data = open_training_data(tmp_path, paired=True).dataset
+    assert [float(data.depth_m(i)[0, 0]) for i in range(4)] == [3, 2, 2, 2]
+    train, held_out = train_val_split(data, DataConfig())
+    assert [data.ids[i] for i in train] == ["train/a", "train/b"]
+    assert [data.ids[i] for i in held_out] == ["val/c"]

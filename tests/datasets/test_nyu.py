@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.training_data import NYU_PAPER, open_training_data
 from depthcli.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -223,3 +224,15 @@ def test_mat_that_is_damaged_inside(nyu_mat: Any) -> None:
         raw.write(b"\0" * chunk.size)
     with pytest.raises(DatasetError, match=r"depths\[3\]"):
         dataset.depth_m(3)
+
+
+def test_nyu_by_name_is_where_the_environment_says(
+    nyu_folder: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DEPTHCLI_NYU", raising=False)
+    with pytest.raises(DatasetError, match="520609c519fba3ba5ac58c8fefcc3530"):
+        open_nyu(Path("nyu"))
+    monkeypatch.setenv("DEPTHCLI_NYU", str(nyu_folder.path))
+    assert open_nyu(Path("nyu")).ids == IDS
+    assert open_training_data(Path("nyu"), paired=True).title == NYU_PAPER

@@ -77,8 +77,7 @@ def test_text_json_and_page() -> None:
     report = evaluate(plan_pairs(dataset, "own"), rows, replace(ALONE, against="a\n<1>"))
     entries = json.loads(report.to_json())["differences"]
     page = report_page(report)
-    assert page.differences is not None
-    title, (header, *lines) = page.differences
+    ((title, (header, *lines)),) = page.sections
     assert title == (
         f"a\\n<1> minus each row: mean and 95 % interval over {len(set(dataset.scenes))} scenes; "
         "! excludes 0; of so few, the intervals are too narrow"
@@ -106,7 +105,7 @@ def test_text_json_and_page() -> None:
             assert high[j] == f"{interval.high:+.4f} "
             assert f"<td>{mean[j]}</td>" in html
     plain = evaluate(plan_pairs(dataset, "own"), rows, ALONE)
-    assert report_page(plain).differences is None
+    assert not report_page(plain).sections
     assert "differences" not in json.loads(plain.to_json())
 
 
@@ -143,9 +142,9 @@ def test_one_scene_has_no_interval() -> None:
     assert math.isfinite(interval.mean)
     assert not interval.is_significant
     page = report_page(report)
-    assert page.differences is not None
-    assert page.differences[0] == "a minus each row: mean; 1 scene: no interval"
-    column = [cells[3] for cells in page.differences[1][1:4]]
+    ((title, (_, *lines)),) = page.sections
+    assert title == "a minus each row: mean; 1 scene: no interval"
+    column = [cells[3] for cells in lines[:3]]
     assert column == [f"{interval.mean:+.4f} ", "- ", "- "]
     (entry, _) = json.loads(report.to_json())["differences"]
     assert entry["intervals"]["abs_rel"] == {"mean": interval.mean, "low": None, "high": None}

@@ -12,6 +12,7 @@ import pytest
 import torch
 from helpers.rooms import EFFICIENT, PAPER
 from helpers.supervised_runs import SUPERVISED, train_two_steps, write_pseudo_labels
+from lightning_fabric import Fabric
 
 from depthcli.core.options import Weights
 from depthcli.datasets.base import NYU
@@ -36,6 +37,7 @@ from depthcli.training.provenance import (
     data_differences,
     ids_of_card,
 )
+from depthcli.training.run import Run
 from depthcli.training.settings import resolve_config
 
 STORED = Path(__file__).with_name("checkpoint-0.15.ckpt.gz")
@@ -307,6 +309,17 @@ def test_folder_keeps_the_configuration_of_its_run(tmp_path: Path) -> None:
     for method, settings in (("proposed", ["seed=9"]), ("cut", [])):
         with pytest.raises(CheckpointError):
             resolve_config(method, None, (), settings, tmp_path)
+
+
+def test_losses_of_other_packages_are_named_by_the_command_of_a_resumed_run(tmp_path: Path) -> None:
+    named = "loss.custom.torch.nn.functional:l1_loss=1"
+    custom = {"torch.nn.functional:l1_loss": 1.0}
+    config = replace(SUPERVISED, loss=replace(SUPERVISED.loss, custom=custom))
+    run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
+    run.save(tmp_path / CHECKPOINT)
+    assert resolve_config("proposed", settings=[named], folder=tmp_path) == config
+    with pytest.raises(CheckpointError):
+        resolve_config("proposed", folder=tmp_path)
 
 
 def test_method_preset_files_and_settings_count_in_this_order(tmp_path: Path) -> None:

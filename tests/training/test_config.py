@@ -106,6 +106,12 @@ def test_file_that_cannot_be_used_is_named(tmp_path: Path, content: bytes | None
         apply_overrides(TrainConfig(), [path], [])
 
 
+def test_losses_of_other_packages_add_up() -> None:
+    settings = ["loss.custom.mine:a=1", "loss.custom.my.losses:b=2"]
+    custom = apply_overrides(TrainConfig(), [], settings).loss.custom
+    assert custom == {"mine:a": 1.0, "my.losses:b": 2.0}
+
+
 UNPAIRED = ("data.paired=false", "loss.l1=0")
 
 

@@ -14,10 +14,11 @@ from helpers.runs import same
 from lightning_fabric import Fabric
 
 from depthcli.datasets.training_data import TrainingData
-from depthcli.errors import CheckpointError, TrainingError
+from depthcli.errors import CheckpointError, TrainingError, UsageError
 from depthcli.metrics.depth import METRICS
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import (
+    BEST_CHECKPOINT,
     CHECKPOINT,
     METRICS_LOG,
     Checkpoint,
@@ -83,6 +84,35 @@ def test_resumed_run_is_bit_exact(tmp_path: Path, name: str) -> None:
         assert [len(images) for images in a.extra.values()] == [2, 2]
 
 
+@pytest.mark.parametrize("monitor", ["rmse", "d1"])
+def test_best_checkpoint_is_of_the_epoch_with_the_best_score(tmp_path: Path, monitor: str) -> None:
+    notes = Notes()
+    _train(replace(EFFICIENT, monitor=monitor), tmp_path, notes)
+    scores = {state.epoch: state.scores[monitor] for state in notes.epochs}
+    choose = max if METRICS[monitor].higher_is_better else min
+    best = Checkpoint.load(tmp_path / BEST_CHECKPOINT).state
+    assert (best.epoch, best.best_score) == (
+        choose(scores, key=scores.__getitem__),
+        scores[best.epoch],
+    )
+
+
+def test_run_without_better_epochs_ends_and_stays_ended(tmp_path: Path) -> None:
+    optim = replace(PAPER.optim, learning_rate=0.0, epochs_constant=9)
+    config = replace(PAPER, optim=optim, patience=2)
+    done = _train(config, tmp_path)
+    assert (done.epoch, done.best_epoch) == (3, 1)
+    notes = Notes()
+    assert _train(config, tmp_path, notes) == done
+    assert not notes.steps
+
+
+def test_patience_needs_held_out_pairs(tmp_path: Path) -> None:
+    config = replace(PAPER, patience=1, data=replace(PAPER.data, holdout_every=0))
+    with pytest.raises(UsageError):
+        _train(config, tmp_path)
+
+
 def test_run_killed_between_checkpoints_repeats_from_the_last(tmp_path: Path) -> None:
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     _train(EFFICIENT, whole)
@@ -124,7 +154,12 @@ def test_log_samples_and_checkpoint_of_a_run(tmp_path: Path) -> None:
     pictures = sorted((tmp_path / "samples").iterdir())
     assert [p.name for p in pictures] == [f"epoch-000{i}.jpg" for i in (1, 2, 3)]
     assert cv2.imread(str(pictures[0])).shape == (32, 3 * 64, 3)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [CHECKPOINT, METRICS_LOG, "samples"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        BEST_CHECKPOINT,
+        CHECKPOINT,
+        METRICS_LOG,
+        "samples",
+    ]
 
 
 def test_validation_every_few_epochs_and_at_the_end(tmp_path: Path) -> None:

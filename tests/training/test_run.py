@@ -218,3 +218,22 @@ def test_threads_are_given_or_saved_or_all_cores(tmp_path: Path) -> None:
 def test_an_accelerator_that_is_not_there_is_refused() -> None:
     with pytest.raises(UsageError):
         open_fabric("abacus", "32-true")
+
+
+@pytest.mark.parametrize("parts", [2, 3])
+def test_gradients_of_a_batch_in_parts_are_those_of_the_whole(parts: int) -> None:
+    random = torch.Generator().manual_seed(0)
+    gray = torch.rand(4, 1, 32, 32, generator=random) * 2 - 1
+    batch = TrainingBatch(gray, torch.rand(4, 1, 32, 32, generator=random) * 5 + 1)
+    found = []
+    for count in (1, parts):
+        config = updated(PAPER, {**PLAIN, "optim": {"pool_size": 0, "accumulate": count}})
+        run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
+        losses = run.step(batch)
+        grads = {n: w.grad for n, w in run.method.named_parameters() if w.grad is not None}
+        found.append((losses, grads))
+    (whole_losses, whole), (losses, grads) = found
+    assert losses == pytest.approx(whole_losses, rel=1e-5)
+    assert grads.keys() == whole.keys()
+    for name in [name for name in whole if whole[name].ndim > 1]:
+        assert float((grads[name] - whole[name]).norm() / whole[name].norm()) < 1e-3, name

@@ -103,6 +103,10 @@ class TableOptions:
         "Alignment to ground truth per image: none, median (scale), depth or disparity "
         "(least-squares scale and shift); repeatable, one row each. Default: none."
     )
+    by: list[choices.Part] | None = groups.option(
+        "Also score parts: pixels by true distance, images by kind of scene, and the worst "
+        "images; repeatable."
+    )
     limit: int | None = groups.option(
         "Evaluate only N images, spread evenly over the split.", metavar="N", min=1
     )
@@ -270,12 +274,37 @@ def runs(
         trivial=trivial,
         published=published,
         against=against,
+        parts=tuple(table.by or ()),
         workers=usable_cores(),
     )
     runner = parse.session_loader(None, table.runtime)
     of_runs = EvalRequest(data, runs=folder, weights=weights, runner=runner, split=split)
     shown = replace(of_runs, limit=table.limit, shown_ids=table.shown_ids, options=options)
     return _run(shown, table)
+
+
+@app.command(cls=Command)
+@grouped
+def compare(
+    first: Path = typer.Argument(..., metavar="A.json", help="A report of eval --json."),
+    second: Path = typer.Argument(..., metavar="B.json", help="Another one, of the same data."),
+    *,
+    csv: Path | None = typer.Option(None, metavar="FILE", help="Also write the table as CSV."),
+    html: Path | None = typer.Option(None, metavar="FILE", help="Also write it as HTML."),
+    screen: groups.ScreenOptions,
+) -> int:
+    """Compare two reports that were kept, paired where they have scores of the same images."""
+    from depthcli.evaluation.page import report_page
+    from depthcli.evaluation.saved import compare_reports
+    from depthcli.jobs.evaluate import ReportFiles
+
+    files = ReportFiles(csv=csv, html=html)
+    files.check()
+    report = compare_reports(first, second)
+    page = report_page(report)
+    console.out(report.to_json() if screen.as_json else page.to_text())
+    list(files.write(page, report.to_csv(), ()))
+    return ExitCode.OK
 
 
 def _request(
@@ -323,6 +352,7 @@ def _request(
             ),
             alignments=table.alignments,
             per_image=models.per_image,
+            parts=tuple(table.by or ()),
             workers=workers,
         ),
         shown_ids=table.shown_ids,

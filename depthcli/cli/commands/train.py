@@ -13,12 +13,13 @@ import typer
 
 from depthcli.cli import completion, groups, options, process
 from depthcli.cli.screen import console
+from depthcli.core.options import Tracker
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.training.methods.table import METHODS
 from depthcli.training.presets import PRESETS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from depthcli.training.config import TrainConfig
 
@@ -40,6 +41,17 @@ class RunOptions:
         "--out (for example 0,1); repeatable.",
         metavar="K,L",
     )
+    grid: list[str] | None = options.option(
+        "One run for each of these values of a setting (for example loss.l1=1,10,100), in the "
+        "folder METHOD-loss.l1=1-seedK of --out; repeatable, for all combinations.",
+        metavar="NAME=A,B",
+    )
+
+    def settings(self) -> Iterator[tuple[str, ...]]:
+        """The settings of each point of the grid; one without any if there is none."""
+        named = [axis.partition("=") for axis in self.grid or ()]
+        axes = ([f"{name}={value}" for value in values.split(",")] for name, _, values in named)
+        return itertools.product(*axes)
 
 
 @groups.group
@@ -47,8 +59,9 @@ class DataOptions:
     """Data and initial weights."""
 
     data: Path | None = options.usual(
-        "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv; or another folder "
-        "with rgb/ and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, 3DMatch or KITTI."
+        "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv, or nyu for that of "
+        "$DEPTHCLI_NYU; or another folder with rgb/ and depth/, or in the layout of TUM RGB-D, "
+        "ScanNet, 7-Scenes, 3DMatch, KITTI or Ultralytics."
     )
     names: options.PatternOptions
     pseudo_labels: Path | None = options.option(
@@ -108,6 +121,27 @@ class DeviceOptions:
     )
 
 
+@groups.group
+class FollowOptions:
+    """Loggers and callbacks."""
+
+    log: list[Tracker] | None = options.option(
+        "Also log losses, scores and sample images to this tool; repeatable."
+    )
+    tensorboard: bool = options.option("As --log tensorboard.", default=False)
+    callback: list[str] | None = options.option(
+        "A class or function of your own that makes a callback of the folder and the "
+        "configuration of a run; repeatable.",
+        metavar="MODULE:NAME",
+    )
+
+    @property
+    def trackers(self) -> tuple[Tracker, ...]:
+        """The tools to log to."""
+        own = [Tracker.TENSORBOARD] if self.tensorboard else []
+        return tuple(dict.fromkeys([*(self.log or ()), *own]))
+
+
 @app.command(cls=groups.Command)
 @groups.grouped
 def train(
@@ -115,7 +149,7 @@ def train(
         None,
         metavar="[METHOD]",
         autocompletion=completion.methods,
-        help=f"One of {', '.join(METHODS)}.",
+        help=f"One of {', '.join(METHODS)}, or your own as MODULE:CLASS.",
     ),
     *,
     out: Path = typer.Option(
@@ -129,9 +163,7 @@ def train(
     runs: RunOptions,
     config: ConfigOptions,
     device: DeviceOptions,
-    tensorboard: bool = typer.Option(
-        False, "--tensorboard", help="Also write TensorBoard event files to OUT/tensorboard."
-    ),
+    follow: FollowOptions,
     screen: options.ScreenOptions,
 ) -> int:
     """Train one or more methods. Run the same command again to resume."""
@@ -143,8 +175,8 @@ def train(
     if not methods[0] or (method and runs.methods):
         raise UsageError("", "name a METHOD, or several with {methods}")
     planned: dict[Path, Callable[..., TrainConfig]] = {}
-    for name, seed in itertools.product(methods, seeds or (None,)):
-        settings = [*(config.settings or ()), *([] if seed is None else [f"seed={seed}"])]
+    for name, point, seed in itertools.product(methods, runs.settings(), seeds or (None,)):
+        settings = [*(config.settings or ()), *point, *([f"seed={seed}"] if seed else [])]
         resolve = partial(
             resolve_config,
             name,
@@ -155,20 +187,20 @@ def train(
         )
         if config.show_config:
             show_config(resolve())
-        is_one = runs.methods is None and not seeds
-        planned[out if is_one else out / f"{name}-seed{resolve().seed}"] = resolve
+        is_one = not (runs.methods or seeds or runs.grid)
+        run = "-".join((name.replace(":", "."), *point, f"seed{resolve().seed}"))
+        planned[out if is_one else out / run] = resolve
     if config.show_config:
         return ExitCode.OK
-    return _train_runs(planned, data, device, screen, tensorboard=tensorboard)
+    return _train_runs(planned, data, device, follow, screen)
 
 
 def _train_runs(
     planned: Mapping[Path, Callable[..., TrainConfig]],
     data: DataOptions,
     device: DeviceOptions,
+    follow: FollowOptions,
     screen: options.ScreenOptions,
-    *,
-    tensorboard: bool,
 ) -> int:
     """Train the runs one after another; those to come share the time that is left."""
     from depthcli.cli.screen.training import callback_for, print_result
@@ -191,7 +223,8 @@ def _train_runs(
                 minutes=(end_s - time.monotonic()) / 60 / (len(planned) - index),
                 accelerator=device.accelerator,
                 threads=device.threads,
-                tensorboard=tensorboard,
+                trackers=follow.trackers,
+                callbacks=tuple(follow.callback or ()),
                 signals=process.ending_signals(),
             )
             run = folder.name if len(planned) > 1 else None

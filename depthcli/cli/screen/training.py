@@ -47,14 +47,19 @@ def show_config(config: TrainConfig) -> None:
 
 def _assignments(values: dict[str, object]) -> None:
     for name, value in values.items():
-        console.out(f"{name} = {json.dumps(value)}")
+        if isinstance(value, dict):
+            items = ", ".join(f"{json.dumps(key)} = {one}" for key, one in value.items())
+            console.out(f"{name} = {{{items}}}")
+        else:
+            console.out(f"{name} = {json.dumps(value)}")
 
 
 def print_result(result: TrainResult, out: Path) -> None:
     """Print steps, time and checkpoint."""
     done = result.state
     steps = f"{done.step} step{'s' * (done.step != 1)}"
-    console.note(f"{steps} in {done.seconds / 60:.1f} min; checkpoint in {out}")
+    best = f"; best of epoch {done.best_epoch}: best.ckpt" if done.best_epoch else ""
+    console.note(f"{steps} in {done.seconds / 60:.1f} min; checkpoint in {out}{best}")
 
 
 class _Reporter(Callback):

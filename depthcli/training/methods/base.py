@@ -16,6 +16,7 @@ from depthcli.training.data import TrainingBatch
 from depthcli.training.losses import discriminator_loss, generator_loss
 from depthcli.training.networks.build import Generator, build_discriminator, build_generator
 from depthcli.training.networks.patch import PatchSampler
+from depthcli.training.plugins import imported
 
 Phase = Literal["generator", "discriminator"]
 _Part = TypeVar("_Part")
@@ -45,6 +46,7 @@ class Method(nn.Module):
         self.codec = config.output.codec
         self.share_done = 0.0
         self.generator: Generator = build_generator(config.generator, config.data.channels)
+        self._custom_losses = {name: imported(name) for name in config.loss.custom}
 
     @abstractmethod
     def networks(self, phase: Phase) -> list[nn.Module]:
@@ -82,9 +84,19 @@ class Method(nn.Module):
         pair, penalty = (raw_y, y), self.weights.weight_penalty
         l1 = partial(losses.regularized_l1, *pair, self.generator, penalty, valid_mask)
         others = {name: getattr(losses, function) for name, function in PAIRED_LOSSES.items()}
-        return self.weighted(
+        own = self.weighted(
             l1=l1, **{name: partial(loss, *pair, valid_mask) for name, loss in others.items()}
         )
+        return own | self.custom_terms(*pair, valid_mask)
+
+    def custom_terms(
+        self, prediction: Tensor, truth: Tensor, valid_mask: Tensor | None
+    ) -> dict[str, Tensor]:
+        """Weighted terms of ``loss.custom``; coded depth (B, 1, H, W), and its valid pixels."""
+        return {
+            name: weight * self._custom_losses[name](prediction, truth, valid_mask)
+            for name, weight in self.weights.custom.items()
+        }
 
     def encode(self, depth_m: Tensor) -> Tensor:
         """Depth (B, 1, H, W) in metres to the networks' coding in [-1, 1]."""

@@ -14,7 +14,7 @@ from depthcli.training.networks.prompted import PromptedGenerator, coded_prompt
 class Prompted(Method):
     """L1 and the other losses against truth; the trained network itself does not change."""
 
-    TERMS: ClassVar = frozenset({"l1", *PAIRED_LOSSES})
+    TERMS: ClassVar = frozenset({"l1", "custom", *PAIRED_LOSSES})
     PAIRED: ClassVar = True
     phases: tuple[Phase, ...] = ("generator",)
     generator: PromptedGenerator  # type: ignore[assignment]

@@ -15,7 +15,7 @@ from depthcli.training.methods.cyclegan import CycleGan, GeneratorOutputs
 class Proposed(CycleGan):
     """Eq. 7; a weight of zero leaves the term and its networks out."""
 
-    TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", *PAIRED_LOSSES}
+    TERMS: ClassVar = CycleGan.TERMS | {"contrast_x", "contrast_y", "l1", "custom", *PAIRED_LOSSES}
     PAIRED: ClassVar = True
 
     def __init__(self, config: TrainConfig) -> None:

@@ -8,16 +8,23 @@ from depthcli.errors import UsageError
 from depthcli.training.config import TERMS, TrainConfig, updated
 from depthcli.training.methods.base import Method
 from depthcli.training.methods.table import METHODS
+from depthcli.training.plugins import imported
 
 DEFAULTS = Path(__file__).parent / "defaults"
 
 
 def method_class(name: str) -> type[Method]:
-    """The class of a method; imports its module, and with it torch."""
-    if name not in METHODS:
-        raise UsageError(f"no method '{name}'; choose from {', '.join(METHODS)}")
-    found: type[Method] = resolve_name(f"depthcli.training.methods.{METHODS[name]}")
-    return found
+    """The class of a method of the table, or of ``module:Class``; imports its module, and torch."""
+    if name in METHODS:
+        found: type[Method] = resolve_name(f"depthcli.training.methods.{METHODS[name]}")
+        return found
+    own = imported(name) if ":" in name else None
+    if not (isinstance(own, type) and issubclass(own, Method)):
+        raise UsageError(
+            f"no method '{name}'; choose from {', '.join(METHODS)}, or name a subclass of Method "
+            "as module:Class"
+        )
+    return own
 
 
 def default_config(method: str) -> TrainConfig:
@@ -43,7 +50,7 @@ def check_terms(config: TrainConfig) -> None:
     """Check that the method uses all losses of the configuration."""
     method = method_class(config.method)
     supported = ", loss.".join(sorted(method.TERMS))
-    weights = {name: getattr(config.loss, name) for name in TERMS}
+    weights = {name: getattr(config.loss, name) for name in (*TERMS, "custom")}
     unknown = [name for name, weight in weights.items() if weight and name not in method.TERMS]
     if unknown:
         raise UsageError(f"{config.method} has no loss.{unknown[0]}; it has loss.{supported}")

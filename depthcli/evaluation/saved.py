@@ -1,0 +1,131 @@
+"""Reports that were kept as JSON, and their comparison, paired where the images are the same."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from depthcli.core.options import Alignment
+from depthcli.core.validation import FieldError, parsed_json, validated
+from depthcli.errors import UsageError
+from depthcli.evaluation.evaluate import differences_from
+from depthcli.evaluation.protocol import EvalProtocol
+from depthcli.evaluation.report import (
+    Difference,
+    EvalReport,
+    ImageScores,
+    ReportRow,
+    Source,
+)
+from depthcli.io.storage.paths import read_bytes
+from depthcli.metrics.depth import Scores
+
+_WORDS = ("name", "description")  # of a protocol, made of its other fields
+
+
+def read_report(path: Path) -> EvalReport:
+    """The report of ``eval --json``, with scores of each image if it has them.
+
+    Raises:
+        InputError: the file cannot be read.
+        UsageError: it is something else.
+    """
+    try:
+        document: Any = parsed_json(read_bytes(path))
+        stated, split = document["protocol"], document["split"]
+        own = {name: value for name, value in stated.items() if name not in _WORDS}
+        return EvalReport(
+            dataset=document["dataset"],
+            split=split["name"],
+            image_count=split["images"],
+            split_count=split["images_of_complete_split"],
+            train_count=0,
+            protocol=validated(EvalProtocol, own),
+            rows=tuple(_row(row) for row in document["rows"]),
+            scenes=document.get("scenes", {}),
+        )
+    except (AttributeError, FieldError, KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{path} is not a report of 'depthcli eval --json'") from error
+
+
+def _row(row: Mapping[str, Any]) -> ReportRow:
+    return ReportRow(
+        name=row["name"],
+        source=Source(row["source"]),
+        alignment=None if row["align"] is None else Alignment(row["align"]),
+        image_count=row["images"],
+        scores=_scores(row["scores"]),
+        stated=row["depth"],
+        pixel_count=row["pixels"] or 0,
+        model_sha256=row.get("model_sha256"),
+        images=tuple(ImageScores(one["id"], _scores(one)) for one in row.get("per_image", ())),
+    )
+
+
+def _scores(values: Mapping[str, Any]) -> Scores:
+    return Scores.of(
+        **{name: math.nan if value is None else value for name, value in values.items()}
+    )
+
+
+def compare_reports(first: Path, second: Path) -> EvalReport:
+    """The rows of two reports, and differences of the first's from the second's.
+
+    If both have scores of each image, all are of the images that both have.
+
+    Raises:
+        InputError: a file cannot be read.
+        UsageError: one is no report, or they are of other data or protocols.
+    """
+    reports = [read_report(first), read_report(second)]
+    one, other = reports
+    for what in ("dataset", "protocol"):
+        if getattr(one, what) != getattr(other, what):
+            raise UsageError(f"{first} and {second} have another {what}", "compare like with like")
+    names = [path.stem for path in (first, second)]
+    labels = names if names[0] != names[1] else [str(first), str(second)]
+    rows = [
+        [replace(row, name=f"{row.name} ({label})") for row in _compared(report)]
+        for report, label in zip(reports, labels, strict=True)
+    ]
+    sets = [{image.id for image in row.images} for own in rows for row in own]
+    shared = set.intersection(*sets) if sets else set()
+    if not shared:
+        note = "no intervals: both need the scores of the same images (--json --per-image)"
+        return replace(one, rows=(*rows[0], *rows[1]), notes=(note,))
+    kept = [[_part_of(row, shared) for row in own] for own in rows]
+    scenes = {name: one.scenes.get(name, f"/{name}") for name in shared}
+    return replace(
+        one,
+        image_count=len(shared),
+        rows=(*kept[0], *kept[1]),
+        differences=tuple(_differences(kept[0], kept[1], scenes)),
+        scenes=scenes,
+    )
+
+
+def _compared(report: EvalReport) -> list[ReportRow]:
+    return [row for row in report.rows if row.source in (Source.MODEL, Source.FILES)]
+
+
+def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
+    """A row over some of its images, in the order of their ids."""
+    images = sorted((one for one in row.images if one.id in shared), key=lambda one: one.id)
+    if len(images) == len(row.images):
+        return replace(row, images=tuple(images))
+    values = np.array([image.scores.values for image in images])
+    scores = Scores(tuple(map(float, values[np.isfinite(values).any(1)].mean(0))))
+    return replace(row, images=tuple(images), image_count=len(images), scores=scores, pixel_count=0)
+
+
+def _differences(
+    rows: Sequence[ReportRow], others: Sequence[ReportRow], scenes: Mapping[str, str]
+) -> Iterator[Difference]:
+    """Each row minus every other of the same alignment."""
+    groups = {row.name: [one for one in others if one.name == row.name] for row in others}
+    for name in dict.fromkeys(row.name for row in rows):
+        own = [row for row in rows if row.name == name]
+        yield from differences_from(name, {name: own, **groups}, scenes)
