@@ -185,7 +185,7 @@ def test_transcript_of_a_method_and_a_loss_from_outside(extended: Extended) -> N
         told = extended.run("-m", "depthcli", *words.split(), *settings)
         if file:
             (folder / file).write_text(told)
-    assert "mine (mine) minus each row" in told
+    assert "mine-model/ (mine) minus each row" in told
     log = (folder / "runs" / "mine" / "metrics.jsonl").read_text().splitlines()
     (epoch,) = map(json.loads, log)
     assert set(epoch["losses"]) == {"mine:near_l1"}
