@@ -170,3 +170,24 @@ def test_float32_images_are_compared_in_float64() -> None:
 def test_shapes_have_to_agree() -> None:
     with pytest.raises(ValueError, match=r"truth is \(3,\) but prediction is \(4,\)"):
         DepthPixels.of(np.ones(3), np.ones(4))
+
+
+PUBLISHED = {
+    "abs_rel": 0.24716666666666667,
+    "sq_rel": 0.41570466666666667,
+    "rmse": 1.643525468822028,
+    "rms_log": 0.27928068299946596,
+    "log10": 0.10552996866065992,
+    "d1": 0.45,
+    "d2": 0.9166666666666666,
+    "d3": 1.0,
+    "silog": 27.88497160978338,
+}
+"""Of the numbers below, by torch-uncertainty 0.13 and torchmetrics 1.9 in float64."""
+
+
+def test_metrics_are_those_of_a_public_implementation() -> None:
+    truth_m = np.array([0.5 + (k * 37 % 90) / 10 for k in range(60)])
+    predicted_m = truth_m * np.array([0.6 + (k * 53 % 97) / 100 for k in range(60)])
+    scores = PixelSums.of(DepthPixels.of(truth_m, predicted_m, max_m=100)).scores()
+    assert dict(scores.items()) == pytest.approx(PUBLISHED, rel=1e-6)
