@@ -93,8 +93,8 @@ class ModelPredictor(Predictor):
     def predict(self, sample: Sample) -> DepthMap:
         """Depth at the image's size."""
         points = None
-        if self.prompt is not None:
-            points = replace(sample.known_points(self.prompt), fit=self.fit)
+        if self.prompt is not None and (known := sample.known_points(self.prompt)):
+            points = replace(known, fit=self.fit)
         return self.pipeline.predict(sample.frame, sample.camera, points).depth
 
 

@@ -121,6 +121,23 @@ def test_inverse_depth_needs_alignment(
     assert row["scores"]["abs_rel"] < 1e-3
 
 
+def test_models_are_compared_with_known_depth(
+    data: Path, models: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a model whose metres are wrong; the points of an image are the same in every run."""
+    far = write_model(models / "far", output__shift=9.0, output__max_m=20.0)
+    arguments = ["--split", "val", "--no-trivial", "--model", str(far), "--json"]
+    scores = []
+    for extra in ([], ["uniform:200"], ["uniform:200"], ["lidar:4", "--anchors-fit", "global"]):
+        assert _run(data, *arguments, *(["--prompt", *extra] if extra else [])) == ExitCode.OK
+        report = json.loads(capsys.readouterr().out)
+        scores.append(report["rows"][0]["scores"]["abs_rel"])
+        assert any("uniform:200" in note for note in report["notes"]) == ("uniform:200" in extra)
+    assert scores[0] > 0.5
+    assert scores[1] == scores[2] < 0.03
+    assert scores[3] < 0.05
+
+
 def test_csv_file(data: Path, tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     assert _run(data, "--split", "val", "--no-model", "--csv", str(path)) == ExitCode.OK
@@ -159,6 +176,9 @@ def test_data_may_come_from_the_environment(
         ["--split", "val", "--no-model", "--against", "CUT (paper)"],
         ["--split=val", "--no-model", "--average=pooled", "--against=constant mean"],
         ["--limit", "0"],
+        ["--split", "val", "--prompt", "everywhere"],
+        ["--split", "val", "--anchors-fit", "local"],
+        ["--split", "val", "--predictions", ".", "--prompt", "lidar:4"],
     ],
 )
 def test_usage_errors_are_one_line(

@@ -13,6 +13,7 @@ import onnx
 from onnx import TensorProto, helper
 
 from depthcli.api.model import load_model
+from depthcli.models.card import PROMPT_INPUTS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -82,6 +83,18 @@ def tiny_onnx(
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     if card is not None:
         helper.set_model_props(model, {"depthcli.card": card})
+    return model.SerializeToString()
+
+
+def prompted_onnx() -> bytes:
+    """The tiny network with known depth and its mask as inputs: that where there is some."""
+    model = onnx.load_from_string(tiny_onnx())
+    shape = ["n", 1, "height", "width"]
+    for name in PROMPT_INPUTS:
+        model.graph.input.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, shape))
+    model.graph.node[0].output[0] = "plain"
+    model.graph.node.append(helper.make_node("Cast", ["mask"], ["known"], to=TensorProto.BOOL))
+    model.graph.node.append(helper.make_node("Where", ["known", "prompt", "plain"], ["depth"]))
     return model.SerializeToString()
 
 

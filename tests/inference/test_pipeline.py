@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import onnx
 import pytest
-from helpers.tiny import load, synthetic_picture, tiny_onnx, write_model
+from helpers.tiny import load, prompted_onnx, synthetic_picture, tiny_onnx, write_model
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
+from depthcli.core.options import AnchorsFit
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.measure import try_session
@@ -250,3 +253,39 @@ def test_pixels_at_an_end_of_the_range_are_stated(
     )
     factor = math.tan(math.radians(30)) / math.tan(math.radians(45))
     assert all(f"{9 * factor:.3g} m" in text and "50%" in text for text in found.warnings)
+
+
+@pytest.fixture
+def prompted(tmp_path: Path) -> Pipeline:
+    """A model that gives known depth where there is some, and 1 m (black) elsewhere."""
+    output = {"transform": "exp", "scale": 2.0, "shift": 2.0, "min_m": 0.5, "max_m": 10.0}
+    changes = {f"output__{name}": value for name, value in output.items()}
+    return load(write_model(tmp_path / "prompted", prompted_onnx(), input__prompt=True, **changes))
+
+
+def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) -> None:
+    """The relief of its map is then that of the points, beyond the range of the model alone."""
+    points = AnchorPoints(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, 40.0))
+    known = [None, replace(points, fit=AnchorsFit.LOCAL), points]
+    reliefs = []
+    for one in prompted.predict_many([gray(0)] * 3, anchors=known):
+        assert isinstance(one, Prediction)
+        reliefs.append(np.ptp(np.log(one.depth.values)))
+    assert reliefs[0] == pytest.approx(0, abs=1e-4)
+    assert reliefs[1] == pytest.approx(0, abs=1e-4)
+    assert reliefs[2] > 0.2
+
+
+@pytest.mark.parametrize("fit", [AnchorsFit.GLOBAL, AnchorsFit.LOCAL, AnchorsFit.NETWORK])
+def test_fit_chooses_how_known_depth_is_followed(
+    prompted: Pipeline, kinect: Pipeline, fit: AnchorsFit
+) -> None:
+    pixels = synthetic_picture()
+    plain = prompted.predict(Frame(pixels)).depth.values
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(0, 64, 6), np.arange(0, 48, 6)))
+    known_m = plain[y, x] * np.where(x < 32, 1.0, 1.3)
+    points = replace(AnchorPoints(x, y, known_m.astype(np.float64)), fit=fit)
+    ratio = prompted.predict(Frame(pixels), anchors=points).depth.values / plain
+    assert (ratio[:, 50:].mean() / ratio[:, 8:14].mean() > 1.2) == (fit is not AnchorsFit.GLOBAL)
+    with pytest.raises(InputError) if fit is AnchorsFit.NETWORK else nullcontext():
+        kinect.predict(Frame(pixels), anchors=points)

@@ -329,6 +329,8 @@ def _request(
         raise UsageError("scores of each image are part of the JSON output", "add {json}")
     if not names and (models.detail.upsample, models.detail.tile) != (protocol.upsampling, None):
         raise UsageError("no model is compared", "remove {upsample} and {tile}")
+    if models.prompt and not names:
+        raise UsageError("no model is compared", "remove {prompt}")
     if models.anchors_fit and not models.prompt:
         raise UsageError("", "{anchors_fit} is for {prompt}: give both or neither")
     workers, threads = share_cores(models.workers, table.runtime.threads)
