@@ -238,10 +238,19 @@ class AnchorOptions:
     )
     anchors: str | None = option(
         "Known depth, such as that of a lidar: a CSV table with the columns x, y and "
-        "depth_m, or a sparse depth map of the image's size (as 'info' reads; 0 or NaN "
-        "is unknown). For 'batch', a folder with such a file for each image. self: what a phone "
-        "stored within each image (HEIC, JPEG).",
-        metavar="FILE|self",
+        "depth_m, a sparse depth map of the image's size (as 'info' reads; 0 or NaN "
+        "is unknown), or a cloud (PLY, PCD; needs --calibration). For 'batch', a folder with such "
+        "a file for each image; for 'video', one for each frame by its number, or a table with a "
+        "column frame or time_s. A folder with cameras, images and points3D of COLMAP. self: what "
+        "a phone stored within each image (HEIC, JPEG).",
+        "--anchors",
+        "--points",
+        metavar="FILE|DIR|self",
+    )
+    extrinsics: str | None = option(
+        "Pose of the axes of a cloud's sensor in the camera (x right, y down, z forward): 3x4 "
+        "numbers as text, or the calibration of KITTI's objects or odometry.",
+        metavar="FILE",
     )
     anchors_scale: float | None = option(
         "Units per metre of --anchors. Default: from the file, else 1000 for integers (needed "

@@ -135,16 +135,20 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
 
 
 def anchors(
-    options: groups.AnchorOptions, camera: Intrinsics = UNKNOWN_CAMERA, *, is_folder: bool = False
+    options: groups.AnchorOptions,
+    camera: Intrinsics = UNKNOWN_CAMERA,
+    *,
+    is_folder: bool | None = False,
 ) -> AnchorFiles | tuple[Anchor, ...]:
     """The points of known depth, or files of them for images of a camera.
 
-    With ``is_folder``, a path has to be a folder with a file for each image.
+    With ``is_folder``, a path has to be a folder with a file for each image; None is for a video,
+    whose frames have no depth of their own.
     """
     path = options.anchors
     _refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
-        for name in ("anchors_scale", "anchors_kind", "baseline"):
+        for name in ("anchors_scale", "anchors_kind", "baseline", "extrinsics"):
             if getattr(options, name) is not None:
                 raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
         if options.anchors_fit and not options.anchor:
@@ -156,13 +160,24 @@ def anchors(
         raise UsageError(
             "", "{anchors_scale} and {anchors_kind} are for files, not for {anchors} self"
         )
+    files = AnchorFiles(
+        path,
+        options.anchors_scale,
+        options.anchors_kind,
+        camera,
+        options.baseline,
+        path_of(options.extrinsics) if options.extrinsics else None,
+    )
     place = path_of(path)
-    if path != SELF and not isinstance(place, RemotePath) and place.is_dir() != is_folder:
+    if path == SELF and is_folder is None:
+        raise UsageError("the frames of a video have no depth of their own", option="anchors")
+    is_local = not isinstance(place, RemotePath) and not files.is_by_image
+    if is_local and is_folder is not None and place.is_dir() != is_folder:
         kind = "a folder with a file for each image" if is_folder else "a file"
         raise UsageError(f"{safe_name(path)} is not {kind}", option="anchors")
     if options.baseline is not None and options.anchors_kind is not DepthEncoding.DISPARITY:
         raise UsageError("", "{baseline} is for {anchors_kind} disparity")
-    return AnchorFiles(path, options.anchors_scale, options.anchors_kind, camera, options.baseline)
+    return files
 
 
 def _refuse_alternatives(values: Mapping[str, object]) -> None:

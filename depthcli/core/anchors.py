@@ -39,6 +39,8 @@ class AnchorPoints:
         size_px: (columns, rows) of the map that they are from; None for a list of points.
         warnings: about their file, or why it has none, one line each.
         fit: how depth is fitted to them; None for the best that the model can.
+        may_be_outside: whether most can be outside the image, as those of a lidar that looks around
+            are.
     """
 
     x: npt.NDArray[np.int64]
@@ -47,6 +49,7 @@ class AnchorPoints:
     size_px: tuple[int, int] | None = None
     warnings: tuple[str, ...] = ()
     fit: AnchorsFit | None = None
+    may_be_outside: bool = False
 
     @classmethod
     def of(cls, points: Sequence[Anchor]) -> Self:
@@ -102,8 +105,8 @@ class AnchorPoints:
         scaled to the image.
 
         Raises:
-            UsageError: there are none, more than half are outside, their map has another aspect, or
-                a depth is not 0.001 to 1e6 m.
+            UsageError: there are none, too many are outside, their map has another aspect, or a
+                depth is not 0.001 to 1e6 m.
         """
         if not len(self):
             raise UsageError("there are no anchors to fit the map to")
@@ -119,7 +122,7 @@ class AnchorPoints:
         if not outside:
             return points
         told = f"{outside} of {len(self)} anchors are outside the image of {width}×{height}"
-        if 2 * outside > len(self):
+        if outside == len(self) or (2 * outside > len(self) and not self.may_be_outside):
             raise UsageError(f"{told}; give columns and rows of the upright image")
         return replace(
             points,

@@ -113,7 +113,7 @@ def _camera_in(path: Path, *, rectified: bool) -> _Camera:
     if len(data) > _MAX_BYTES:
         raise InputError(f"{path} is too large for a calibration; name another file")
     if path.suffix.lower() == ".bin":
-        return _of_colmap(_colmap_lines(data), path)
+        return _of_colmap(colmap_lines(data), path)
     text = data.decode("utf-8-sig")
     lines = [line.strip() for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
     if lines and all(map(_COLMAP_LINE.fullmatch, lines)):
@@ -226,7 +226,7 @@ def _rows(numbers: list[float], columns: int) -> list[list[float]]:
     return [numbers[start : start + columns] for start in range(0, len(numbers), columns)]
 
 
-def _colmap_lines(data: bytes) -> list[list[str]]:
+def colmap_lines(data: bytes) -> list[list[str]]:
     """The lines of ``cameras.txt`` that a ``cameras.bin`` stands for."""
     lines, at = [], 8
     for _ in range(*struct.unpack_from("<Q", data)):

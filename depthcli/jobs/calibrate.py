@@ -143,7 +143,7 @@ def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:
     if isinstance(anchors, tuple):
         return AnchorPoints.of(anchors)
     image = Path(frame.path or "")
-    if anchors.is_self:
+    if anchors.is_by_image:
         return anchors.of_image(image)
     if path_of(anchors.path).is_dir():
         file = anchors.file_for(image.name, picture=image)

@@ -28,7 +28,7 @@ def predict_pictures(
 ) -> Iterator[PictureResult | write.FailedInput]:
     """Process the images and yield their results, in order; raises as ``predict`` states."""
     anchors = request.anchors
-    own = anchors if isinstance(anchors, AnchorFiles) and anchors.is_self else None
+    own = anchors if isinstance(anchors, AnchorFiles) and anchors.is_by_image else None
     points = None if own else _known_points(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads

@@ -255,3 +255,54 @@ def test_own_depth_of_images_is_used_where_there_is_any(inside: Cli) -> None:
         assert [one["kept"] for one in printed(inside("batch", "in", *words, "all"))] == [kept] * 2
     assert rows(inside, "all")["a.jpg"]["anchors"]["given"] == 48
     assert inside("predict", "in/a.jpg", "--anchors-scale", "2", *words, "c/").returncode == 2
+
+
+def test_fit_of_the_option_is_used_and_is_for_known_depth(inside: Cli) -> None:
+    write_picture(inside.folder / "in/a.png")
+    np.save(inside.folder / "in/a.npy", sparse := sparse_twice(inside, "in/a.png"))
+    sparse[:, 32:] *= 1.2
+    np.save(inside.folder / "lidar.npy", sparse)
+    plain = np.load(inside.folder / "plain.npy")
+    words, maps = ("predict", "in/a.png", "--format", "npy", "--anchors", "lidar.npy"), []
+    for fit in ("global", "local"):
+        assert inside(*words, "--anchors-fit", fit, "-o", f"{fit}.npy").returncode == 0
+        maps.append(np.load(inside.folder / f"{fit}.npy"))
+    affine = np.polynomial.Polynomial.fit(plain.ravel(), maps[0].ravel(), 1)(plain)
+    np.testing.assert_allclose(maps[0], affine, rtol=1e-4)
+    assert np.abs(maps[1] / affine - 1).max() > 0.05
+    assert inside(*words, "--anchors-fit", "network", "-o", "n.npy").returncode == 1
+    assert inside("predict", "in/a.png", "--anchors-fit", "local", "-o", "x/").returncode == 2
+    batch = ("batch", "in", "-o", "out", "--anchors", "in", "--format", "npy")
+    kept = [printed(inside(*batch, "--anchors-fit", fit, "--json")) for fit in ("local", "global")]
+    assert [one["kept"] for (one,) in kept] == [False, False]
+
+
+def test_clouds_and_reconstructions_are_known_depth(inside: Cli) -> None:
+    """A point on the axis, 3 m before the camera, and one behind it."""
+    pytest.importorskip("trimesh")
+    for name in "ab":
+        write_picture(inside.folder / f"in/{name}.png")
+    header = "ply\nformat ascii 1.0\nelement vertex 2\n"
+    body = "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n-3 0 0\n3 0 0\n"
+    (inside.folder / "cloud.ply").write_text(header + body)
+    (inside.folder / "pose.txt").write_text("0 1 0 0\n0 0 1 0\n1 0 0 0\n")
+    words = ("predict", "in/a.png", "--points", "cloud.ply", "--extrinsics", "pose.txt", "-o", "x/")
+    words += ("--format", "npy", "--json")
+    (found,) = printed(inside(*words, "--focal-px", "50", "--centre-px", "31.5,23.5"))
+    assert found["anchors"] == {"used": 1, "given": 1, "residual_m": pytest.approx(0, abs=1e-6)}
+    assert np.load(inside.folder / "x/a.depth.npy")[24, 32] == pytest.approx(3)
+    assert "1 of 2" in found["warnings"][0]
+    assert inside(*words).returncode == 2
+    sparse = inside.folder / "sparse"
+    sparse.mkdir()
+    (sparse / "cameras.txt").write_text("1 PINHOLE 64 48 50 50 32 24\n")
+    (sparse / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n32.5 24.5 7\n")
+    (sparse / "points3D.txt").write_text("7 0 0 3 9 9 9 0.5\n")
+    (found,) = printed(
+        inside("predict", "in/a.png", "--anchors", "sparse", "-o", "y/", *words[-3:])
+    )
+    assert found["anchors"]["used"] == 1
+    assert inside("batch", "in", "--anchors", "sparse", "-o", "out").returncode == 1
+    assert {name: row["status"] for name, row in rows(inside, "out").items()} == {
+        "a.png": "ok", "b.png": "failed",
+    }  # fmt: skip

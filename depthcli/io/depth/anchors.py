@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from depthcli.core.camera import DEPTH_M, UNKNOWN_CAMERA, Intrinsics
@@ -18,27 +19,44 @@ if TYPE_CHECKING:
 
     from depthcli.core.anchors import AnchorPoints
 
-SUFFIXES = (".csv", *READABLE_SUFFIXES)  #: suffixes of files with known depth
+_CLOUDS = (".pcd", ".ply")
+#: suffixes of files with known depth
+SUFFIXES = (".csv", *_CLOUDS, *(s for s in READABLE_SUFFIXES if s not in _CLOUDS))
 SELF = "self"  #: in place of a path, the depth that a phone stored within each image
+_COLMAP = ("cameras", "images", "points3D")
 _OUTPUT = ".depth"  # end of the stems of the outputs of ``convert``
 _ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class AnchorFiles:
-    """A file with known depth, a folder with one for each picture, or the pictures themselves."""
+    """A file with known depth, a folder with one for each picture, or the pictures themselves.
+
+    The folder can be a reconstruction by COLMAP.
+    """
 
     path: str  #: the file, the folder, or ``SELF``
-    #: units per metre of PNG and of integers in NPY; None for what the file states, or millimetres
+    #: units per metre; None for what the file states: of integers millimetres, else metres
     scale: float | None = None
     kind: DepthEncoding | None = None  #: of the numbers in a map that states none; None for metres
     camera: Intrinsics = UNKNOWN_CAMERA  #: of distances along the ray and of disparity, as stated
     baseline_m: float | None = None  #: between the two cameras of disparity
+    extrinsics: Path | None = None  #: pose of the axes of clouds in the camera; None for its own
+
+    @cached_property
+    def reconstruction(self) -> tuple[Path, ...]:
+        """The files of a reconstruction by COLMAP in the folder; none if there is none."""
+        for suffix in () if self.path == SELF else (".bin", ".txt"):
+            folder = path_of(self.path)
+            files = tuple(folder / f"{part}{suffix}" for part in _COLMAP)
+            if all(file.is_file() for file in files):
+                return files
+        return ()
 
     @property
-    def is_self(self) -> bool:
-        """Whether it is the depth within each image."""
-        return self.path == SELF
+    def is_by_image(self) -> bool:
+        """Whether :meth:`of_image` reads it: that of an image itself, or of its name."""
+        return self.path == SELF or bool(self.reconstruction)
 
     def read(self) -> AnchorPoints:
         """Read the file.
@@ -53,9 +71,16 @@ class AnchorFiles:
         return read_known_depth(path, self)
 
     def of_image(self, image: Path | None) -> AnchorPoints:
-        """The depth within an image itself; no points if it has none of metres, and a warning."""
+        """The depth within an image itself, or that a reconstruction has of it.
+
+        There are no points if the image has none of metres, but a warning.
+        """
         if image is None:
             raise InputError("standard input is no file whose own depth can be read")
+        if self.reconstruction:
+            from depthcli.io.depth.colmap import read_reconstruction  # noqa: PLC0415 - needs numpy
+
+            return read_reconstruction(self.reconstruction, image, self.scale)
         return _own_depth(image, self.camera)
 
     def file_for(
@@ -97,11 +122,11 @@ def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:
 
 
 _PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: abs(px) < 1e9)  # noqa: PLR2004
-_COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}
+COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}  #: of a table
 
 
 def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
-    """The points of a CSV table, or of a sparse depth map of a stated scale, kind and camera."""
+    """The points of a CSV table, a cloud, or a sparse depth map of a stated scale and kind."""
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.read import DepthReadOptions, read_stored_depth  # noqa: PLC0415
     from depthcli.io.storage.paths import read_bytes  # noqa: PLC0415
@@ -111,6 +136,8 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
         raise InputError(
             f"{path} is in metres along the axis", "remove {anchors_scale} and {anchors_kind}"
         )
+    if suffix in _CLOUDS:
+        return _of_cloud(path, stated)
     if suffix == ".csv":
         return _table(read_bytes(path), str(path))
     options = DepthReadOptions(
@@ -127,6 +154,20 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     if not len(points):
         raise InputError(f"{path} has no pixel with depth")
     return replace(points, warnings=found.warnings_with_scale("anchors_scale"))
+
+
+def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
+    from depthcli.io.depth.clouds import posed, projected, read_cloud  # noqa: PLC0415 - needs numpy
+
+    if stated.kind:
+        raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
+    cloud = read_cloud(path)
+    if stated.extrinsics:
+        cloud = posed(cloud, stated.extrinsics, stated.scale or 1)
+    points = projected(cloud, stated.camera, stated.scale or 1)
+    if not len(points):
+        raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")
+    return points
 
 
 def _own_depth(image: Path, camera: Intrinsics) -> AnchorPoints:
@@ -148,12 +189,12 @@ def _own_depth(image: Path, camera: Intrinsics) -> AnchorPoints:
 
 def _table(data: bytes, name: str) -> AnchorPoints:
     table = CsvTable(data, name)
-    for column in _COLUMNS:
+    for column in COLUMNS:
         if column not in table.columns:
             raise InputError(
                 f"{name} has no column {column}", "its first line has to name x, y and depth_m"
             )
-    points = [[row.number(column, rule) for column, rule in _COLUMNS.items()] for row in table]
+    points = [[row.number(column, rule) for column, rule in COLUMNS.items()] for row in table]
     if not points:
         raise InputError(f"{name} has no points")
     import numpy as np  # noqa: PLC0415

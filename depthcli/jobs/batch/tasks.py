@@ -52,7 +52,7 @@ class BatchOptions:
         """The known depth of an image; None if there is none for any, InputError for this one."""
         if isinstance(self.anchors, AnchorFiles):
             name, path = task.input.name, path_of(task.input.path)
-            if self.anchors.is_self:
+            if self.anchors.is_by_image:
                 return replace(self.anchors.of_image(path), fit=self.anchors_fit)
             file = self.anchors.file_for(name, shares_stem=task.shares_stem, picture=path)
             if any(is_same_file(output, file) for output in task.outputs.values()):

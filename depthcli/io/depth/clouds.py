@@ -1,0 +1,145 @@
+"""Point clouds of a lidar or a depth camera as known depth: read, and projected into the image."""
+
+from __future__ import annotations
+
+import re
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.anchors import AnchorPoints
+from depthcli.core.camera import DEPTH_M_RANGE, Intrinsics
+from depthcli.core.options import INSTALL_POINTS
+from depthcli.errors import InputError
+from depthcli.io.storage.paths import read_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_POSE = 4  # rows and columns of a rotation and a translation in one matrix
+_MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
+_NAMED = re.compile(r"([A-Za-z_]\w*)\s*:(.*)")
+
+_Values = npt.NDArray[np.float64]
+
+
+def read_cloud(path: Path) -> _Values:
+    """The points of a PLY or PCD file: (N, 3) float64, as they are stored; NaN is no point.
+
+    Raises:
+        InputError: it cannot be read, or a library is missing.
+    """
+    data = read_bytes(path)
+    try:
+        return _of_pcd(data) if path.suffix.lower() == ".pcd" else _of_ply(data)
+    except ImportError as error:
+        raise InputError(f"{path} needs {error.name}", f"install it: {INSTALL_POINTS}") from error
+    except Exception as error:  # of the libraries, which raise of many types
+        raise InputError(f"{path} is not a point cloud that can be read") from error
+
+
+def _of_ply(data: bytes) -> _Values:
+    import trimesh  # noqa: PLC0415 - an extra
+
+    cloud: Any = trimesh.load(BytesIO(data), file_type="ply", process=False)
+    return np.asarray(cloud.vertices, np.float64).reshape(-1, 3)
+
+
+def _of_pcd(data: bytes) -> _Values:
+    import pypcd4  # noqa: PLC0415 - an extra
+
+    cloud: Any = pypcd4.PointCloud.from_fileobj(BytesIO(data))
+    return np.stack([cloud.pc_data[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+
+
+def read_extrinsics(path: Path) -> _Values:
+    """The matrix that takes points of a cloud to the camera: (4, 4) float64.
+
+    A text of 3×4 or 4×4 numbers by rows; or of KITTI's objects or odometry, for camera 2 as of
+    :func:`depthcli.io.calibration.read_calibration`.
+
+    Raises:
+        InputError: it cannot be read, or is no rotation and translation.
+    """
+    try:
+        text = read_bytes(path).decode()
+        named = {m[1]: m[2] for m in map(_NAMED.fullmatch, map(str.strip, text.splitlines())) if m}
+        pose = _of_kitti(named) if named else _matrix(text)
+    except (ValueError, KeyError) as error:
+        raise _no_pose(path) from error
+    turn = pose[:3, :3]
+    is_rotation = np.allclose(turn @ turn.T, np.eye(3), atol=1e-2) and np.linalg.det(turn) > 0
+    if not (is_rotation and np.isfinite(pose).all() and (pose[3] == np.eye(_POSE)[3]).all()):
+        raise _no_pose(path)
+    return pose
+
+
+def _of_kitti(named: Mapping[str, str]) -> _Values:
+    """From the lidar to the camera of reference, rectified, and to camera 2 beside it."""
+    rectified, beside = np.eye(_POSE), np.eye(_POSE)
+    if "R0_rect" in named:
+        rectified[:3, :3] = np.array(named["R0_rect"].split(), np.float64).reshape(3, 3)
+    if "P2" in named:
+        projection = _matrix(named["P2"])
+        beside[0, 3] = projection[0, 3] / projection[0, 0]
+    lidar = named["Tr_velo_to_cam" if "Tr_velo_to_cam" in named else "Tr"]
+    return np.asarray(beside @ rectified @ _matrix(lidar))
+
+
+def _matrix(text: str) -> _Values:
+    """3×4 or 4×4 numbers as (4, 4)."""
+    numbers = np.array(re.sub(r"[\[\],;]", " ", text).split(), np.float64)
+    rows = numbers.reshape(-1, _POSE)
+    if len(rows) not in {_POSE - 1, _POSE}:
+        raise ValueError(len(rows))
+    return np.concatenate([rows, np.eye(_POSE)[len(rows) :]])
+
+
+def posed(cloud: _Values, extrinsics: Path, units_per_m: float) -> _Values:
+    """A cloud in the axes of the camera: (N, 3), in its own unit."""
+    pose = read_extrinsics(extrinsics)
+    return np.asarray(cloud @ pose[:3, :3].T + pose[:3, 3] * units_per_m)
+
+
+def _no_pose(path: Path) -> InputError:
+    told = f"{path} is not the pose of a sensor in the camera"
+    return InputError(told, "give 3×4 numbers, a rotation and in the last column metres")
+
+
+def projected(cloud: _Values, camera: Intrinsics, units_per_m: float = 1.0) -> AnchorPoints:
+    """Points of a camera's axes, x to the right, y down and z forward, in its image.
+
+    Of several points in a pixel, the nearest counts. Points that are not finite, behind the camera
+    or far outside of any image are left out and counted in a warning.
+
+    Args:
+        cloud: (N, 3) float64.
+        camera: with a focal length and a principal point in pixels.
+        units_per_m: of the cloud.
+
+    Raises:
+        InputError: the camera lacks either.
+    """
+    if camera.focal_px is None or camera.centre_px is None:
+        told = "points in three dimensions need the focal length and the principal point in pixels"
+        raise InputError(told, "give {calibration}, or {focal_px} and {centre_px}")
+    depth_m = cloud[:, 2] / units_per_m
+    lowest_m, highest_m = DEPTH_M_RANGE
+    is_before = np.isfinite(cloud).all(axis=1) & (depth_m >= lowest_m) & (depth_m <= highest_m)
+    across = cloud[is_before, :2] / cloud[is_before, 2:]
+    focal_px = np.array([camera.focal_px, camera.focal_px * (camera.pixel_aspect or 1)])
+    pixels = across * focal_px + np.array(camera.centre_px)
+    is_near = (np.abs(pixels) < _MAX_PX).all(axis=1)
+    pixels = np.rint(pixels[is_near]).astype(np.int64)
+    seen_m = depth_m[is_before][is_near]
+    nearest = np.argsort(seen_m, kind="stable")
+    _, first = np.unique(pixels[nearest], axis=0, return_index=True)
+    chosen = np.sort(nearest[first])
+    x, y = pixels[chosen].T
+    lost = len(cloud) - int(is_near.sum())
+    told = f"{lost} of {len(cloud)} points are behind the camera, far outside or not finite"
+    warnings = (f"{told}, and are not used",) if lost else ()
+    return AnchorPoints(x, y, seen_m[chosen], camera.size_px, warnings, may_be_outside=True)
