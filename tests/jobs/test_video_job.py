@@ -118,6 +118,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
         "camera_source": "option",
         "pixel_aspect": 1.0,
         "camera": "hfov 60.0° (given)",
+        "anchors": None,
     }
 
 

@@ -133,6 +133,7 @@ def video(
     model: groups.ModelOptions,
     workers: groups.WorkersOption = None,
     camera: groups.CameraOptions,
+    anchors: groups.AnchorOptions,
     read: groups.ImageOptions,
     detail: SmoothOptions,
     writing: groups.WritingOptions,
@@ -163,12 +164,15 @@ def video(
     is_normalized = writing.png.png_normalize or writing.png.png_inverse
     if is_normalized and {VideoFormat.MKV, VideoFormat.PNG16} <= set(destination.formats):
         raise UsageError("mkv is in millimetres", "leave out mkv, or write png16 in metres")
+    seen_by = parse.camera(camera)
     settings = VideoSettings(
         writing=parse.writer_options(writing),
         span=parse_span(frames.start, frames.end, frames.every),
         smooth_s=detail.smooth,
         lock_s=preview.lock,
-        camera=parse.camera(camera),
+        camera=seen_by,
+        anchors=parse.anchors(anchors, seen_by, is_folder=None),
+        anchors_fit=anchors.anchors_fit,
         reading=parse.reading(read),
         detail=parse.detail(detail),
         stream=frames.stream,

@@ -10,11 +10,12 @@ from fractions import Fraction
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, BinaryIO, cast
 
-from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.options import (
     AS_STATED,
     DEFAULT_UPSAMPLING,
     MAX_PIXELS,
+    AnchorsFit,
     Eye,
     ReadOptions,
     UpsamplingOptions,
@@ -41,6 +42,7 @@ from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
+    from depthcli.io.depth.anchors import AnchorFiles
 
 _ON_GRID = 1e-6
 LOCK_S = 1.0
@@ -55,6 +57,9 @@ class VideoSettings:
     smooth_s: float = 0.0  #: time constant of the depth's smoothing in seconds; 0 for none
     lock_s: float = LOCK_S  #: time constant of the preview's range in seconds; 0 for each frame's
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
+    #: known depth, of all frames or of each; empty for none
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    anchors_fit: AnchorsFit | None = None  #: to that; None for the best that the model can
     reading: ReadOptions = AS_STATED  #: how the images of a sequence are read
     detail: UpsamplingOptions = DEFAULT_UPSAMPLING  #: how depth becomes that of a full-size frame
     stream: int | None = None  #: number of the video stream; None for the one with most frames
@@ -190,7 +195,7 @@ class VideoResult:
 
     def metadata(self) -> dict[str, object]:
         """The fields of JSON and sidecar that are the same for every run."""
-        from depthcli.io.depth.metadata import origin_fields  # noqa: PLC0415 - is loaded by now
+        from depthcli.io.depth.metadata import anchor_fields, origin_fields  # noqa: PLC0415 - is loaded by now
 
         depth = self.depth
         time_code, writing = self.first.time_code, self.settings.writing
@@ -216,6 +221,7 @@ class VideoResult:
             "smooth_s": self.settings.smooth_s,
             "lock_s": self.settings.lock_s,
             **origin_fields(depth),
+            **anchor_fields(depth),
         }
 
     def sidecar(self, *, has_times: bool) -> str:

@@ -17,6 +17,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.io.storage.paths import RemotePath
+from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource
@@ -109,7 +110,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
     writing = settings.writing
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
     is_finer = any(which.facts.is_exact for which in plan.names)
-    is_metric = pipeline.card.output.kind is DepthKind.METRIC
+    is_metric = bool(settings.anchors) or pipeline.card.output.kind is DepthKind.METRIC
     is_stretched = settings.smooth_s or writing.png_normalize or writing.png_inverse
     if is_stretched or is_finer or not (is_in_steps and is_metric):
         return None
@@ -117,7 +118,11 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
 
 
 def open_journal(
-    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, settings: VideoSettings
+    plan: VideoPlan,
+    source: FrameSource,
+    pipeline: Pipeline,
+    settings: VideoSettings,
+    anchors: FrameAnchors | None = None,
 ) -> FrameJournal:
     """The record of this run, and of an earlier one if it can be resumed.
 
@@ -139,7 +144,8 @@ def open_journal(
     can_resume &= is_readable
     try:
         if can_resume:
-            return FrameJournal(path, _origin(plan, source, pipeline, settings), plan)
+            origin = _origin(plan, source, pipeline, settings, anchors)
+            return FrameJournal(path, origin, plan)
         path.unlink(missing_ok=True)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -149,7 +155,11 @@ def open_journal(
 
 
 def _origin(
-    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, settings: VideoSettings
+    plan: VideoPlan,
+    source: FrameSource,
+    pipeline: Pipeline,
+    settings: VideoSettings,
+    anchors: FrameAnchors | None,
 ) -> str:
     """Fingerprint of everything that the frames depend on."""
     # A broken link in a sequence costs no other image.
@@ -164,4 +174,5 @@ def _origin(
         pipeline.detail,
         (settings.writing, settings.camera, settings.reading, settings.span),
         (settings.fps, settings.stream, settings.eye, settings.start_number),
+        anchors and anchors.states(),
     )

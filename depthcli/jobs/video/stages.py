@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from array import array
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.temporal import (
@@ -28,16 +30,24 @@ from depthcli.core.temporal import (
     thumbnail,
     to_log,
 )
-from depthcli.core.types import DepthMap, Frame, Windows, masked_to_data_window, over_window
+from depthcli.core.types import (
+    DepthKind,
+    DepthMap,
+    Frame,
+    Windows,
+    masked_to_data_window,
+    over_window,
+)
 from depthcli.errors import InputError, OutputError, about
 from depthcli.inference.camera import focal_warnings
-from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.io.depth.scale import dequantized, quantized
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.stereo import StereoWriter
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.jobs.write import output_guard
@@ -86,8 +96,13 @@ def write_video(
         ExitStack() as stack,
     ):
         rate = settings.span.rate(source.rate)
-        journal = stack.enter_context(open_journal(plan, source, pipeline, settings))
-        guard = output_guard(source.paths, overwrite=plan.overwrite or journal.is_resumed)
+        stated = settings.anchors
+        anchors = FrameAnchors(stated, settings.anchors_fit) if stated else None
+        journal = stack.enter_context(open_journal(plan, source, pipeline, settings, anchors))
+        known = anchors.paths if anchors else []
+        guard = output_guard(
+            [*source.paths, *known], overwrite=plan.overwrite or journal.is_resumed
+        )
         outputs = [
             stack.enter_context(open_output(which, plan, settings.writing, source, rate, guard))
             for which in plan.names
@@ -97,9 +112,9 @@ def write_video(
         if VideoFormat.JSON in plan.names:
             sidecar = stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
         scale = rounding_scale(plan, pipeline, settings)
-        stages = FrameStages(pipeline, settings, journal, scale)
+        stages = FrameStages(pipeline, settings, journal, scale, anchors)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
-        frames = _renumbered(source, settings)
+        frames = stages.renumbered(source)
         # Closed before the outputs, so that no thread writes into a file that is being removed.
         with closing(_process_frames(frames, stages, outputs, workers)) as numbers:
             for count, number in enumerate(numbers):
@@ -109,6 +124,8 @@ def write_video(
                 advance(1)
         if stages.first is None:
             raise _no_frames(plan, source)
+        if stages.unfitted and len(stages.unfitted) == len(stages.numbers):
+            raise InputError(stages.unfitted[0])
         warnings = [warning for output in outputs for warning in output.finish()]
         done = _result(plan, settings, source, stages, warnings)
         if sidecar is not None:
@@ -149,16 +166,6 @@ def _process_frames(
             yield stages.numbers[index]
 
 
-def _renumbered(source: FrameSource, settings: VideoSettings) -> Iterator[Frame]:
-    """The frames with the output's rate and frame numbers."""
-    shift, wanted = None, settings.start_number
-    rate = settings.span.rate(source.rate)
-    for frame in source.frames(settings.span):
-        if shift is None:
-            shift = 0 if wanted is None else wanted - frame.index
-        yield dataclasses.replace(frame, index=frame.index + shift, rate=rate)
-
-
 def open_output(
     which: VideoFormat,
     plan: VideoPlan,
@@ -193,6 +200,8 @@ class PredictedFrame:
     """A frame after prediction, before the stages that depend on other frames."""
 
     shown: DepthFrame  #: the frame with its depth, and the percentiles of that
+    #: why it is not fitted to known depth that the video has; None if it is
+    unfitted: str | None
     thumbnail: npt.NDArray[np.float32]  #: its brightness at a reduced size, (h, w) float32
     steps: npt.NDArray[np.float32] | None  #: depth for smoothing, (H, W) of ``to_log``
     sampled: npt.NDArray[np.float32]  #: for the flicker figure, (h, w) of ``to_log``
@@ -208,17 +217,20 @@ class FrameStages:
         settings: VideoSettings,
         journal: FrameJournal | None = None,
         scale: float | None = None,
+        anchors: FrameAnchors | None = None,
     ) -> None:
         """Begin before the first frame; ``scale`` is the units per metre that depth is rounded to.
 
         The journal has frames that an earlier run wrote.
         """
         self._journal, self._scale = journal or FrameJournal(), scale
-        self.pipeline, self._settings = pipeline, settings
+        self.pipeline, self._settings, self._anchors = pipeline, settings, anchors
+        self._shift, self._within_s = 0, math.inf  # of numbers; of the times of known depth
         self._changes = ChangeDetector()
         self._lock = RangeLock()
         self._smoother = Smoother()
-        kind = pipeline.card.output.kind
+        self._kind = kind = DepthKind.METRIC if anchors else pipeline.card.output.kind
+        self.unfitted: list[str] = []
         self.raw, self.smoothed = FlickerMeter(kind), FlickerMeter(kind)
         self.scenes = 0
         self.first: tuple[Frame, DepthMap] | None = None
@@ -226,16 +238,26 @@ class FrameStages:
         self.times_s = array("d")
         self.numbers = array("q")
 
+    def renumbered(self, source: FrameSource) -> Iterator[Frame]:
+        """The frames with the output's rate and frame numbers."""
+        rate, wanted = self._settings.span.rate(source.rate), self._settings.start_number
+        self._within_s = 0.5 / float(source.rate)
+        for count, frame in enumerate(source.frames(self._settings.span)):
+            if count == 0 and wanted is not None:
+                self._shift = wanted - frame.index
+            yield dataclasses.replace(frame, index=frame.index + self._shift, rate=rate)
+
     def predict(self, image: Frame) -> PredictedFrame:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
         image = dataclasses.replace(image, pixel_aspect=camera.pixel_aspect or image.pixel_aspect)
         kept, warnings = self._journal.depth(image.index), tuple[str, ...]()
+        unfitted = None
         if kept is not None and self.first is not None:  # the first is predicted, for the report
-            depth = DepthMap(kept, self.pipeline.card.output.kind)
+            depth = DepthMap(kept, self._kind)
         else:
             kept = None
-            depth, warnings = self.pipeline.predict(image, camera)
+            (depth, warnings), unfitted = self._fitted(image, camera)
             if self._scale is not None:
                 values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
                 depth = dataclasses.replace(depth, values=values)
@@ -244,7 +266,23 @@ class FrameStages:
         small = DepthMap(sample_cells(shown, small_image.shape), depth.kind)
         steps = to_log(depth) if self._settings.smooth_s else None
         frame = DepthFrame(image, depth, percentiles(small), is_kept=kept is not None)
-        return PredictedFrame(frame, small_image, steps, to_log(small), warnings)
+        return PredictedFrame(frame, unfitted, small_image, steps, to_log(small), warnings)
+
+    def _fitted(self, image: Frame, camera: Intrinsics) -> tuple[Prediction, str | None]:
+        """Depth of a frame, and why it is not fitted to known depth, if the video has any."""
+        if self._anchors is None:
+            return self.pipeline.predict(image, camera), None
+        number, time_s = image.index - self._shift, image.timestamp_s or 0.0
+        try:
+            points = self._anchors.of_frame(number, time_s, self._within_s)
+            if points is not None:
+                return self.pipeline.predict(image, camera, points), None
+            problem = f"frame {number} has no known depth"
+        except InputError as error:
+            problem = about(f"frame {number}", str(error))
+        if self.pipeline.card.output.kind is not DepthKind.METRIC:
+            raise InputError(problem, "give some for every frame, or another {model}")
+        return self.pipeline.predict(image, camera), problem
 
     def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
         """The stages that need the frames in order; fast, in one thread."""
@@ -254,6 +292,8 @@ class FrameStages:
             interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
             self.times_s.append(now_s)
             self.numbers.append(image.index)
+            if frame.unfitted:
+                self.unfitted.append(frame.unfitted)
             if self.first is None:
                 shown = frame.shown.displayed()
                 alone = dataclasses.replace(shown.image, pixels=np.zeros((1, 1), np.uint8))
@@ -311,7 +351,7 @@ def _result(
     if stages.first is None:
         raise TypeError(stages)
     pipeline, smooths = stages.pipeline, settings.smooth_s > 0
-    camera_warnings = focal_warnings(pipeline.card, settings.camera)
+    camera_warnings = () if settings.anchors else focal_warnings(pipeline.card, settings.camera)
     of_input = (*source.warnings, *stages.warnings, *pipeline.session.warnings, *camera_warnings)
     return VideoResult(
         plan=plan,
@@ -327,9 +367,17 @@ def _result(
         scenes=stages.scenes,
         provider=pipeline.session.provider,
         seconds=0.0,
-        warnings=(*of_input, *warnings),
+        warnings=(*of_input, *_about_unfitted(stages), *warnings),
         problem=source.problem,
     )
+
+
+def _about_unfitted(stages: FrameStages) -> tuple[str, ...]:
+    """A warning about the frames that are not fitted to known depth; none if there are none."""
+    if not stages.unfitted:
+        return ()
+    told = f"{len(stages.unfitted)} of {len(stages.numbers)} frames keep the model's depth"
+    return (f"{told}; {stages.unfitted[0]}",)
 
 
 def _no_frames(plan: VideoPlan, source: FrameSource) -> InputError:

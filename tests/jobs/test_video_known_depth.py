@@ -1,0 +1,126 @@
+"""Known depth of the frames of a video."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from helpers.tiny import write_model
+from helpers.videos import flat_frames, write_mp4
+
+from depthcli.core.camera import Anchor
+from depthcli.core.types import DepthKind
+from depthcli.errors import InputError, OutputError
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.anchors import AnchorFiles
+from depthcli.jobs.video.plan import VideoRequest, VideoResult, VideoSettings, video_destination
+from depthcli.jobs.video.run import video
+from depthcli.video.formats import VideoFormat
+from depthcli.video.frames import Point, Span
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEADER = "x,y,depth_m"
+FRAMES = 6
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    """Six frames at 25 a second, 2.6 m for the tiny model."""
+    return write_mp4(tmp_path / "clip.mp4", flat_frames([51] * FRAMES), Fraction(25))
+
+
+def run(clip: Path, loader: SessionLoader, known: object, **settings: object) -> VideoResult:
+    anchors = known if isinstance(known, tuple) else AnchorFiles(str(known))
+    return video(
+        VideoRequest(
+            str(clip),
+            video_destination(f"{clip.parent}/out/", (VideoFormat.NPY,)),
+            model=loader,
+            settings=VideoSettings(anchors=anchors, **settings),  # type: ignore[arg-type]
+        )
+    )
+
+
+def depths_m(clip: Path) -> list[float]:
+    """Median depth of each frame that was written, in their order."""
+    files = sorted((clip.parent / "out").glob("*.npy"))
+    return [float(np.median(np.load(file))) for file in files]
+
+
+def test_points_of_all_frames_fit_each(clip: Path, loader: SessionLoader) -> None:
+    done = run(clip, loader, (Anchor(5, 4, 5.2),))
+    assert depths_m(clip) == pytest.approx([5.2] * FRAMES, abs=0.05)
+    assert done.metadata()["anchors"] == {"used": 1, "given": 1, "residual_m": 0}
+
+
+def test_a_folder_has_a_file_for_each_frame_by_its_number(
+    clip: Path, loader: SessionLoader, tmp_path: Path
+) -> None:
+    """Also of a part of the video whose files are numbered from elsewhere."""
+    known = tmp_path / "known"
+    known.mkdir()
+    for number in (2, 3, 5):
+        (known / f"cam1_lidar-{number:04d}.csv").write_text(f"{HEADER}\n5,4,{number}\n")
+    np.save(known / "cam1_lidar-0004.npy", np.full((48, 64), 4, np.float32))
+    start = Point(Fraction(2), in_frames=True)
+    done = run(clip, loader, known, span=Span(start), start_number=1001)
+    assert depths_m(clip) == pytest.approx([2, 3, 4, 5], abs=0.05)
+    assert list(done.numbers) == [1001, 1002, 1003, 1004]
+
+
+@pytest.mark.parametrize("column", ["frame", "time_s"])
+def test_a_table_has_points_of_frames(
+    column: str, clip: Path, loader: SessionLoader, tmp_path: Path
+) -> None:
+    """Frames without points keep the model's depth, and are counted."""
+    keys = {"frame": ("1", "4"), "time_s": ("0.045", "0.15")}[column]
+    table = tmp_path / "known.csv"
+    table.write_text(
+        f"{column},{HEADER}\n" + "".join(f"{key},5,4,4\n{key},6,4,4\n" for key in keys)
+    )
+    done = run(clip, loader, table)
+    assert depths_m(clip) == pytest.approx([2.6, 4, 2.6, 2.6, 4, 2.6], abs=0.05)
+    assert "4 of 6 frames" in done.warnings[-1]
+
+
+def test_a_frame_that_points_do_not_fit_is_counted_and_all_fail(
+    clip: Path, loader: SessionLoader, tmp_path: Path
+) -> None:
+    table = tmp_path / "known.csv"
+    table.write_text(f"frame,{HEADER}\n0,5,4,4\n1,900,4,4\n")
+    done = run(clip, loader, table)
+    assert depths_m(clip)[:2] == pytest.approx([4, 2.6], abs=0.05)
+    assert "5 of 6 frames" in done.warnings[-1]
+    assert "frame 1: " in done.warnings[-1]
+    table.write_text(f"frame,{HEADER}\n77,5,4,4\n")
+    with pytest.raises(InputError, match="frame 0 has no known depth"):
+        run(clip, loader, table)
+
+
+def test_relative_depth_becomes_metric_in_every_frame(clip: Path, tmp_path: Path) -> None:
+    model = write_model(tmp_path / "relative", output__kind="relative")
+    loader = SessionLoader(model, "cpu", threads=1)
+    done = run(clip, loader, (Anchor(5, 4, 5.2),), smooth_s=0.2)
+    assert done.depth.kind is DepthKind.METRIC
+    assert depths_m(clip) == pytest.approx([5.2] * FRAMES, abs=0.05)
+    table = tmp_path / "known.csv"
+    table.write_text(f"frame,{HEADER}\n0,5,4,4\n")
+    with pytest.raises(InputError, match="frame 1 has no known depth"):
+        run(clip, loader, table)
+
+
+def test_known_depth_is_not_replaced_and_belongs_to_one_frame(
+    clip: Path, loader: SessionLoader, tmp_path: Path
+) -> None:
+    known = tmp_path / "out"
+    known.mkdir()
+    np.save(known / "clip.depth.000003.npy", np.full((48, 64), 4, np.float32))
+    with pytest.raises(OutputError):
+        run(clip, loader, known)
+    (known / "other-3.csv").write_text(f"{HEADER}\n5,4,4\n")
+    with pytest.raises(InputError, match="both of frame 3"):
+        run(clip, loader, known)
