@@ -13,10 +13,10 @@ PAGES = sorted(
     for place in ("*.md", "docs/**/*.md", "models/*.md")
     for page in ROOT.glob(place)
 )
-WORDS = 34_100  # fields of newer cards; methods from outside the package
+WORDS = 34_650  # fields of newer cards; methods from outside the package
 """Most words of docs/*.md; for a new passage, shorten another.
 
-Benchmark 1,500; server, view 400.
+Benchmark 1,500; server, view 400; known depth 550.
 """
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
 
