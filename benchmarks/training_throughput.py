@@ -27,8 +27,9 @@ from lightning_fabric import Fabric
 from depthcli.datasets.base import DepthDataset, Pair
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import TrainingData
-from depthcli.training.callbacks import Callback, TensorBoardLogger
+from depthcli.training.callbacks import Callback, Callbacks
 from depthcli.training.data import Batches, PairStore, TrainingBatch
+from depthcli.training.loggers import TensorBoardLogger
 from depthcli.training.methods.registry import default_config
 from depthcli.training.presets import preset_file
 from depthcli.training.run import Run, fit
@@ -101,11 +102,10 @@ def bare(run: Run, batches: list[TrainingBatch], steps: int) -> list[float]:
 
 def loop(config: TrainConfig, dataset: DepthDataset, out: Path, steps: int) -> list[float]:
     """Seconds of each step of a run that is continued, the ends of epochs included."""
-    watch = Stopwatch()
-    logger = TensorBoardLogger(watch, out, config)
+    watch, logger = Stopwatch(), TensorBoardLogger(out, config)
     fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
     data = TrainingData(dataset, "a benchmark's pairs", None)
-    fit(config, data, out, fabric, logger, max_steps=steps + 1)
+    fit(config, data, out, fabric, Callbacks(watch, logger), max_steps=steps + 1)
     logger.close()
     return [after - before for before, after in pairwise(watch.ends)]
 
