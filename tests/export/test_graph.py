@@ -25,6 +25,7 @@ from depthcli.export.graph import (
     fold_batch_norm,
     quantize,
     weights_to_float16,
+    with_corrected_biases,
 )
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.models.card import Colour, Fit, InputSpec
@@ -199,6 +200,41 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
             for m in (model, small)
         )
         assert 0 < np.abs(a - b).max() < 0.1 * np.ptp(a) + 0.02
+
+
+@pytest.mark.parametrize("groups", [1, 2, 4])
+def test_biases_keep_the_mean_that_rounded_weights_would_shift(groups: int) -> None:
+    random = np.random.default_rng(0)
+    weight = random.normal(size=(8, 4 // groups, 1, 1)).astype(np.float32)
+    batches = [random.random((1, 4, 6, 6), np.float32) for _ in range(3)]
+    step = np.abs(weight).max((1, 2, 3), keepdims=True) / 64
+    rounded = (np.rint(weight / step) * step).astype(np.float32)
+
+    def means(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
+        convolved = [
+            torch.nn.functional.conv2d(*map(torch.from_numpy, (batch, weight, bias)), groups=groups)
+            for batch in batches
+        ]
+        return torch.stack(convolved).mean((0, 1, 3, 4)).numpy()
+
+    bias = np.zeros(8, np.float32)
+    node = onnx.helper.make_node("Conv", ["image", "weight", "bias"], ["depth"], group=groups)
+    sizes = [
+        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
+        for name in ("image", "depth")
+    ]
+    stored = [
+        onnx.numpy_helper.from_array(weight, "weight"),
+        onnx.numpy_helper.from_array(bias, "bias"),
+    ]
+    graph = onnx.helper.make_graph([node], "one", sizes[:1], sizes[1:], stored)
+    model = onnx.helper.make_model(
+        graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8
+    )
+    found = with_corrected_biases(model, [{"image": batch} for batch in batches])
+    corrected = to_array(found.graph.initializer[1])
+    assert np.abs(means(rounded, bias) - means(weight, bias)).max() > 1e-3
+    np.testing.assert_allclose(means(rounded, corrected), means(weight, bias), atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 64, 65, 127, 200])
