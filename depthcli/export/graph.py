@@ -224,7 +224,8 @@ def _input_means(
     session = ort.InferenceSession(probed.SerializeToString(), providers=["CPUExecutionProvider"])
     sums: dict[str, Float32Array] = {}
     for feed in feeds:
-        found = feed | dict(zip(inner, session.run(inner, feed), strict=True))
+        seen = session.run(inner, feed) if inner else []  # no names stand for all outputs
+        found = feed | dict(zip(inner, seen, strict=True))
         for name in names:
             sums[name] = sums.get(name, np.float32(0)) + found[name].mean((0, 2, 3)) / len(feeds)
     return sums

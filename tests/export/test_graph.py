@@ -202,7 +202,7 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
         assert 0 < np.abs(a - b).max() < 0.1 * np.ptp(a) + 0.02
 
 
-@pytest.mark.parametrize("groups", [1, 2, 4])
+@pytest.mark.parametrize("groups", [1, 2])
 def test_biases_keep_the_mean_that_rounded_weights_would_shift(groups: int) -> None:
     random = np.random.default_rng(0)
     weight = random.normal(size=(8, 4 // groups, 1, 1)).astype(np.float32)
