@@ -114,7 +114,6 @@ NOTES = {
     "zoedepth-nyu": "without the authors' border and mirrored pass",
     "zoedepth-kitti": "without the authors' border and mirrored pass",
     "zipdepth": "a port that loads the authors' weights",
-    "midas-dpt-large": "the authors' processing, the network of transformers",
     "midas-dpt-swin2-tiny-256": "the authors' processing, the network of transformers",
 }
 PACKAGES = {
@@ -131,7 +130,6 @@ PACKAGES = {
     **dict.fromkeys(
         (
             "midas-small-torch",
-            "midas-dpt-large",
             "midas-dpt-beit-large-384",
             "midas-dpt-beit-large-512",
             "midas-dpt-swin2-tiny-256",
