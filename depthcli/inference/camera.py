@@ -98,6 +98,8 @@ def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsi
         factor = min(across * root, down / root)
     if learned.along is FocalAxis.WIDTH:
         factor = across * math.sqrt(card.input.pixel_aspect)
+    elif learned.along is FocalAxis.MEAN:
+        factor = (across + down) / 2
     learned_px = learned.focal_px_at(card.input.width)
     return camera.focal_px * factor / (learned_px * math.sqrt(card.input.pixel_aspect))
 

@@ -160,6 +160,8 @@ class FocalAxis(StrEnum):
 
     BOTH = "both"
     """The geometric mean of both."""
+    MEAN = "mean"
+    """The arithmetic mean of both."""
     WIDTH = "width"
 
 

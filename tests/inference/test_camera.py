@@ -249,10 +249,16 @@ def test_a_focal_length_of_the_input_scales_metres(tmp_path: Path) -> None:
     assert depth.values[0, 0] == pytest.approx(100 / 10 / 20)  # of 16 columns from 160
 
 
-def test_a_focal_length_along_the_width_ignores_stretched_rows(tmp_path: Path) -> None:
-    pipeline = model(tmp_path, camera={"focal_px": 16.0, "along": "width"}, input__dynamic=False)
+@pytest.mark.parametrize(
+    ("along", "factor"),
+    [("width", 0.1), ("mean", (0.1 + 0.3) / 2), ("both", math.sqrt(0.1 * 0.3))],
+)
+def test_a_focal_length_counts_along_the_axis_of_the_card(
+    tmp_path: Path, along: str, factor: float
+) -> None:
+    pipeline = model(tmp_path, camera={"focal_px": 16.0, "along": along}, input__dynamic=False)
     depth = pipeline.predict(black(160, 40), Intrinsics(focal_px=80)).depth
-    assert depth.values[0, 0] == pytest.approx(80 / 160)
+    assert depth.values[0, 0] == pytest.approx(80 * factor / 16)
 
 
 @pytest.mark.parametrize(
