@@ -107,12 +107,12 @@ SAME = {
         for place in ("indoor", "outdoor")
     },
     "depth-anything-3-small": ("depth-anything-3-base",),
+    "glpn-nyu": ("glpn-kitti",),
 }
-"""Cards of networks that differ from a compared one in width and number of layers alone."""
+"""Cards of networks that differ from a compared one in width, layers or range alone."""
 NOTES = {
     "moge-2": "the authors' least squares to a tolerance of 1e-12, theirs being 1e-3",
     "zoedepth-nyu": "without the authors' border and mirrored pass",
-    "zoedepth-kitti": "without the authors' border and mirrored pass",
     "zipdepth": "a port that loads the authors' weights",
     "midas-dpt-swin2-tiny-256": "the authors' processing, the network of transformers",
 }
@@ -131,14 +131,11 @@ PACKAGES = {
         (
             "midas-small-torch",
             "midas-dpt-beit-large-384",
-            "midas-dpt-beit-large-512",
             "midas-dpt-swin2-tiny-256",
         ),
         MIDAS,
     ),
-    **dict.fromkeys(
-        ("glpn-nyu", "glpn-kitti", "zoedepth-nyu", "zoedepth-kitti", "depth-pro"), TRANSFORMERS
-    ),
+    **dict.fromkeys(("glpn-nyu", "zoedepth-nyu", "depth-pro"), TRANSFORMERS),
 }
 
 
