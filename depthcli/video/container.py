@@ -24,6 +24,7 @@ _FORMATS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,mpegvideo,asf,flv,live_flv,ogg,mxf,gxf,"
     "nut,ivf,h264,hevc,av1,obu,m4v,mjpeg,jpeg_pipe,mpjpeg,dv,rm,wtv,gif,apng,yuv4mpegpipe,nsv,swf,vc1,dnxhd,dirac"
 )
+STREAMED_FORMATS = f"{_FORMATS},hls,rtsp,aac"  #: of an address that the user named
 _LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", re.ASCII)
 _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 

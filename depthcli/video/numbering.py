@@ -177,3 +177,27 @@ def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
         f"{folder} holds more than a single image sequence; give one as a pattern: "
         f"{', '.join(patterns)}{more}"
     )
+
+
+SEGMENT_NUMBER = "%04d"  #: placeholder of a segment's number in the name of a video
+
+
+def segments_name(name: str) -> str:
+    """The name of a video's segments: ``a.%04d.mkv`` for ``a.mkv``."""
+    path = PurePath(name)
+    return f"{path.stem}.{SEGMENT_NUMBER}{path.suffix}"
+
+
+def segment_name(name: str, number: int) -> str:
+    """The name of one segment."""
+    before, _, after = name.rpartition(SEGMENT_NUMBER)
+    return f"{before}{number:04d}{after}"
+
+
+def next_segment(folder: Path, names: Iterable[str]) -> int:
+    """The number after the last segment of any of these names in a folder; 0 if there is none."""
+    parts = [map(re.escape, name.rpartition(SEGMENT_NUMBER)[::2]) for name in names]
+    pattern = re.compile("|".join(r"([0-9]+)".join(pair) for pair in parts))
+    files = (path.name for path in folder.iterdir()) if folder.is_dir() else ()
+    found = filter(None, map(pattern.fullmatch, files))
+    return max((int(match[match.lastindex or 0]) + 1 for match in found), default=0)

@@ -118,7 +118,7 @@ def orientation_of(frame: VideoFrame) -> int:
 
 _MISSING_SHARE = 200
 _RGB = 3
-_TRANSPOSED = 5  #: the first EXIF orientation that swaps rows and columns
+TRANSPOSED = 5  #: the first EXIF orientation that swaps rows and columns
 
 
 class VideoSource(FrameSource):
@@ -279,7 +279,7 @@ class VideoSource(FrameSource):
         self._orientation = orientation_of(first)
         self._view = rows, columns = view_of(first, eye)
         size = len(range(first.width)[columns]), len(range(first.height)[rows])
-        is_turned = self._orientation >= _TRANSPOSED
+        is_turned = self._orientation >= TRANSPOSED
         self.width, self.height = size[::-1] if is_turned else size
         self._pixel_aspect = pixel_aspect_of(stream.sample_aspect_ratio, is_turned=is_turned)
         self.warnings += tuple(camera_warnings(first, eye, self._options.projection))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import typer
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 app = typer.Typer(rich_markup_mode=None)
 
 _MINUTE = 60
+_GRACE_PERIOD_S = 600.0  # in which a long recording is completed
 _POINT = re.compile(r"(?a)(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)")
 _MAX_POINT_LENGTH = 40
 
@@ -51,6 +53,10 @@ class OutputOptions:
     )
     sidecar: groups.SidecarOption = False
     overwrite: groups.OverwriteOption = False
+    segment: str | None = groups.option(
+        "Length of each video file (30s, 10m, 1h): out.0000.mkv, out.0001.mkv and so on.",
+        metavar="TIME",
+    )
     start_number: int | None = groups.option(
         "Number of the first frame in names of files. Default: its number in the input.",
         min=0,
@@ -75,6 +81,11 @@ class FrameOptions:
         "Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
         "its EXR headers state, else 25.",
         metavar="RATE",
+    )
+    live: bool = groups.option(
+        "Read an address as a stream without end, at its newest frame, until Ctrl-C. Default: "
+        "of cameras, rtsp:// and .m3u8.",
+        default=False,
     )
     raw: str | None = groups.option(
         "Size, pixel format and rate of frames without a container on stdin, as ffmpeg -f "
@@ -124,8 +135,8 @@ def video(
     file: str = typer.Argument(
         ...,
         metavar="FILE",
-        help="Input video, '-' for stdin, or an image sequence: a pattern (plate.%04d.exr) or "
-        "a folder.",
+        help="Input video, '-' for stdin, an image sequence: a pattern (plate.%04d.exr) or "
+        "a folder; or a live stream: a camera (0), rtsp:// or, with --live, http(s)://.",
     ),
     *,
     output: OutputOptions,
@@ -148,6 +159,7 @@ def video(
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
+    from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import console
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import safe_name
@@ -155,6 +167,7 @@ def video(
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
     from depthcli.jobs.write import FailedInput
+    from depthcli.video.live import live_stream
     from depthcli.video.numbering import is_sequence
 
     to_stdout = output.out == STDIO
@@ -179,8 +192,11 @@ def video(
         eye=frames.eye,
         max_pixels=read.max_pixels,
         fps=None if frames.fps is None else parse_fps(frames.fps),
+        segment_s=None if output.segment is None else parse_segment(output.segment),
         start_number=output.start_number,
     )
+    say = (lambda _text: None) if screen.quiet else console.warn
+    stream = None if file == STDIO else live_stream(file, is_live=frames.live, say=say)
     request = VideoRequest(
         video=file,
         destination=destination,
@@ -190,6 +206,7 @@ def video(
         model=parse.session_loader(model.model, model.runtime),
         settings=settings,
         workers=workers,
+        live=stream,
         raw=None if frames.raw is None else parse_raw(frames.raw),
         stdin=sys.stdin.buffer if file == STDIO and sys.stdin else None,
         stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
@@ -202,7 +219,12 @@ def video(
         console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
     result: VideoResult | FailedInput
     try:
-        with show_progress(silent=screen.quiet or screen.as_json) as progress:
+        with (
+            nullcontext()
+            if stream is None
+            else graceful_shutdown(_GRACE_PERIOD_S, stream.stop.set),
+            show_progress(silent=screen.quiet or screen.as_json) as progress,
+        ):
             result = job.video(request, progress)
     except (InputError, OutputError) as error:
         result = FailedInput(safe_name(file), error)
@@ -225,6 +247,16 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     if last and first.in_frames == last.in_frames and last.value <= first.value:
         raise UsageError(f"{end} is not after {start or 0}; the span is empty", option="end")
     return Span(first, last, step)
+
+
+def parse_segment(word: str) -> float:
+    """Parse a length: ``30s``, ``10m`` or ``1h``, in seconds without a letter."""
+    match = re.fullmatch(r"(?a)(\d{1,6}(?:\.\d{1,3})?)([smh]?)", word.strip())
+    length_s = float(match[1]) * {"m": 60, "h": 3600}.get(match[2], 1) if match else 0
+    if not length_s:
+        problem = f"{short_repr(word)} is not a length such as 30s, 10m or 1h"
+        raise UsageError(problem, option="segment")
+    return length_s
 
 
 def parse_fps(word: str, option: str = "fps") -> Fraction:

@@ -208,6 +208,7 @@ def video_json(done: VideoResult) -> dict[str, object]:
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
         "processed_fps": round(done.frames / done.seconds, 3),
+        "live": None if done.live is None else asdict(done.live),
         "warnings": [console.worded(warning) for warning in done.warnings],
         "error": done.problem,
     }
@@ -220,10 +221,11 @@ def video_text(done: VideoResult) -> str:
     flicker = "" if done.flicker is None else f", flicker {done.flicker:.2%} per frame"
     before = done.flicker_unsmoothed
     smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
+    dropped = "" if done.live is None else f", {done.live.dropped} late frames dropped"
     camera = camera_text(done.depth)
     seen_by = f"  camera: {camera}" if camera else ""
     speed = f"{frames} at {done.rate} fps in {done.seconds:.1f} s"
-    return f"{files}  {speed}{flicker}{smoothed}{seen_by}"
+    return f"{files}  {speed}{dropped}{flicker}{smoothed}{seen_by}"
 
 
 _NOT_READ_BACK = {"max_error": None, "mean_error": None, "lost": None}

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from obstore.store import ClientConfig, ObjectStore, RetryConfig
 
 RETRIES_VARIABLE = "DEPTHCLI_RETRIES"
-_HTTP_URI = r"(?i)(https?://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
+_HTTP_URI = r"(?i)((?:https?|rtsps?)://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
 _PART_BYTES = 8 << 20
 _PAGE_NAMES = 1000
 _MAX_PARTS = 9_000  # S3 takes 10 000

@@ -24,6 +24,7 @@ __all__ = ["RemotePath"]
 
 SCHEMES = ("s3", "gs", "az", "http", "https")
 _HTTP = ("http", "https")
+_STREAMS = ("rtsp", "rtsps")
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 
 
@@ -85,7 +86,10 @@ def join(folder: str, name: str) -> str:
 
 def safe_name(name: str) -> str:
     """A name for messages and reports: a URI without its password and its signature."""
-    return str(path_of(name)) if _SCHEME.match(name) else name
+    found = _SCHEME.match(name)
+    if found is not None and found[1].lower() in _STREAMS:
+        return objects.masked(name)
+    return str(path_of(name)) if found else name
 
 
 def check_writable(path: Path) -> None:

@@ -39,12 +39,15 @@ from depthcli.video.formats import (
     video_stem_of,
 )
 from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
+from depthcli.video.live import LiveStream
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
     from depthcli.io.depth.anchors import AnchorFiles
+    from depthcli.video.live_source import LiveCounts
 
 _ON_GRID = 1e-6
+_LIVE = "live"
 LOCK_S = 1.0
 
 
@@ -66,6 +69,7 @@ class VideoSettings:
     eye: Eye | None = None  #: view of a stereo video; None for whole frames
     max_pixels: int = MAX_PIXELS  #: videos with larger frames are refused
     fps: Fraction | None = None  #: frames per second of an image sequence; None for what it states
+    segment_s: float | None = None  #: length of a file in seconds; None for one file
     start_number: int | None = None  #: of the first frame in file names; None for the input's
 
 
@@ -123,6 +127,7 @@ class VideoRequest:
     workers: int | None = None  #: threads besides the one that writes; None for one per core
     overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read
+    live: LiveStream | None = None  #: the stream that ``video`` names; None for a file
     raw: container.RawVideo | None = None  #: frames without a container in ``-``; None for others
     stdout: BinaryIO | None = None  #: where ``-`` is written
 
@@ -132,23 +137,25 @@ class VideoPlan:
     """One video and its outputs."""
 
     name: str  #: the video as the user wrote it
-    source: Path | container.InputPipe  #: the file, or standard input
+    source: Path | container.InputPipe | LiveStream  #: the file, standard input, or a live stream
     folder: Path  #: folder of the outputs
     names: Mapping[VideoFormat, str]  #: file name of each; ``%06d`` of a sequence, ``-`` for stdout
     codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)  #: of the previews
     has_audio: bool = True  #: whether previews include the audio
     stdout: BinaryIO | None = None  #: the stream for ``-``
     overwrite: bool = False  #: whether outputs may replace files of other programs
+    first_segment: int = 0  #: number of the first file, if they are of a limited length
     sha256: str | None = None  #: of a source that is a temporary copy, which no path identifies
 
-    def path(self, which: VideoFormat) -> Path:
-        """The output path of a format."""
-        return self.folder / self.names[which]
+    def path(self, which: VideoFormat, segment: int | None = None) -> Path:
+        """The output path of a format, or of one of its segments."""
+        name = self.names[which]
+        return self.folder / (name if segment is None else numbering.segment_name(name, segment))
 
-    def target(self, which: VideoFormat) -> Path | container.OutputPipe:
-        """The output path of a format, or standard output."""
+    def target(self, which: VideoFormat, segment: int | None = None) -> Path | container.OutputPipe:
+        """The output path of a format, or of one of its segments, or standard output."""
         if self.stdout is None:
-            return self.path(which)
+            return self.path(which, segment)
         return container.OutputPipe(self.stdout, PurePath(which.facts.suffix).suffix)
 
 
@@ -171,6 +178,7 @@ class VideoResult:
     seconds: float  #: from opening the video to the last output
     warnings: tuple[str, ...]  #: one line each
     problem: str | None  #: why frames are missing at the end; None if none are
+    live: LiveCounts | None = None  #: frames that came and were dropped; None of a file
 
     @property
     def name(self) -> str:
@@ -302,19 +310,24 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         raise UsageError("the input is '-' but there is no stdin; name a file")
     if name != STDIO and request.raw is not None:
         raise UsageError("frames without a container are read from '-'", option="raw")
-    file = None if name == STDIO else paths.path_of(name)
+    file = None if name == STDIO or request.live is not None else paths.path_of(name)
     if destination.kind is Kind.STDOUT:
         folder, names = Path(), _stdout_name(destination.wanted, request.stdout)
     else:
-        base = destination.path or paths.path_of(name).parent
+        base = destination.path or (Path() if file is None else file.parent)
         if destination.kind in {Kind.BESIDE, Kind.FOLDER}:
-            base = base / video_base(file)
+            base = base / (_LIVE if request.live is not None else video_base(file))
         folder = base.parent
         names = {which: path.name for which, path in destination.outputs(base).items()}
+    first_segment = 0
+    if request.settings.segment_s is not None:
+        names, first_segment = _segments(names, folder, request)
     previews = [which for which in names if which.facts.is_preview]
     plan = VideoPlan(
         name=paths.safe_name(name),
-        source=file or container.InputPipe(cast("BinaryIO", request.stdin), request.raw),
+        source=file
+        or request.live
+        or container.InputPipe(cast("BinaryIO", request.stdin), request.raw),
         folder=folder,
         names=names,
         codecs={
@@ -324,11 +337,32 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         has_audio=request.has_audio,
         stdout=request.stdout if destination.kind is Kind.STDOUT else None,
         overwrite=request.overwrite,
+        first_segment=first_segment,
     )
     for path in map(plan.path, names):
         if file is not None and atomic.is_same_file(path, file):
             raise UsageError(f"{path} is the input", "choose another {out}")
     return plan
+
+
+def _segments(
+    names: Mapping[VideoFormat, str], folder: Path, request: VideoRequest
+) -> tuple[dict[VideoFormat, str], int]:
+    """Names of the segments of each video, and the number of the first.
+
+    Those of a stream follow the ones that an earlier run wrote, which cannot be made again.
+    """
+    videos = [which for which in names if which.facts.is_preview or which is VideoFormat.MKV]
+    if not videos or STDIO in names.values() or isinstance(folder, paths.RemotePath):
+        problem = "only video files in a local folder have a limited length"
+        raise UsageError(problem, "choose another {out}", option="segment")
+    named = {
+        which: numbering.segments_name(name) if which in videos else name
+        for which, name in names.items()
+    }
+    if request.live is None:
+        return named, 0
+    return named, numbering.next_segment(folder, [named[which] for which in videos])
 
 
 def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[VideoFormat, str]:

@@ -27,7 +27,10 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResul
         UsageError: the outputs do not fit the video, or an option does not fit the model.
     """
     plan = plan_video(request)
-    workers, threads = share_cores(request.workers, request.model.threads)
+    workers, threads = share_cores(
+        request.workers or (None if request.live is None else 1),  # depth of the newest frame
+        request.model.threads,
+    )
     loading = replace(request.model, threads=threads).start()
     # Imported here, while the model loads.
     from depthcli.inference.pipeline import Pipeline  # noqa: PLC0415

@@ -54,6 +54,7 @@ from depthcli.jobs.write import output_guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.formats import SEQUENCES, VideoFormat, preview_codec
 from depthcli.video.frames import FrameSource, Timing
+from depthcli.video.live import LiveStream
 from depthcli.video.numbering import base_name, numbered_name
 from depthcli.video.outputs import (
     DepthFrame,
@@ -62,6 +63,7 @@ from depthcli.video.outputs import (
     SequenceOutput,
     VideoOutput,
 )
+from depthcli.video.segments import SegmentedOutput
 from depthcli.video.source import open_frames
 
 
@@ -85,14 +87,7 @@ def write_video(
         if problem is not None:
             raise OutputError(problem, "choose another {out}")
     with (
-        open_frames(
-            plan.source,
-            rate=settings.fps,
-            max_pixels=settings.max_pixels,
-            options=settings.reading,
-            stream=settings.stream,
-            eye=settings.eye,
-        ) as source,
+        _open_source(plan, settings) as source,
         ExitStack() as stack,
     ):
         rate = settings.span.rate(source.rate)
@@ -104,7 +99,7 @@ def write_video(
             [*source.paths, *known], overwrite=plan.overwrite or journal.is_resumed
         )
         outputs = [
-            stack.enter_context(open_output(which, plan, settings.writing, source, rate, guard))
+            stack.enter_context(_open_output(which, plan, settings, source, rate, guard))
             for which in plan.names
             if which is not VideoFormat.JSON
         ]
@@ -115,8 +110,9 @@ def write_video(
         stages = FrameStages(pipeline, settings, journal, scale, anchors)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
         frames = stages.renumbered(source)
+        ahead = workers if isinstance(plan.source, LiveStream) else None
         # Closed before the outputs, so that no thread writes into a file that is being removed.
-        with closing(_process_frames(frames, stages, outputs, workers)) as numbers:
+        with closing(_process_frames(frames, stages, outputs, workers, ahead)) as numbers:
             for count, number in enumerate(numbers):
                 if count == 0 and sidecar is None:
                     _remove_stale_sidecars(plan)
@@ -134,6 +130,28 @@ def write_video(
     return dataclasses.replace(done, seconds=time.perf_counter() - start_s)
 
 
+def _open_source(plan: VideoPlan, settings: VideoSettings) -> FrameSource:
+    """The frames of a video, a sequence, or a live stream."""
+    if isinstance(plan.source, LiveStream):
+        from depthcli.video.live_source import LiveSource  # noqa: PLC0415 - a file needs none
+
+        return LiveSource(
+            plan.source,
+            max_pixels=settings.max_pixels,
+            number=settings.stream,
+            eye=settings.eye,
+            options=settings.reading,
+        )
+    return open_frames(
+        plan.source,
+        rate=settings.fps,
+        max_pixels=settings.max_pixels,
+        options=settings.reading,
+        stream=settings.stream,
+        eye=settings.eye,
+    )
+
+
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
     """Remove the sidecar of an earlier run, which would state its camera for files without one."""
     for which, name in plan.names.items():
@@ -143,11 +161,15 @@ def _remove_stale_sidecars(plan: VideoPlan) -> None:
 
 
 def _process_frames(
-    frames: Iterator[Frame], stages: FrameStages, outputs: Sequence[VideoOutput], workers: int
+    frames: Iterator[Frame],
+    stages: FrameStages,
+    outputs: Sequence[VideoOutput],
+    workers: int,
+    ahead: int | None,
 ) -> Generator[int, None, None]:
     """Process every frame in all stages, and yield its number once it is written.
 
-    Each stage runs a few frames ahead of the next.
+    Each stage runs ``ahead`` frames ahead of the next; None for two for each worker.
     """
 
     def encoded(frame: DepthFrame) -> list[Any]:
@@ -157,13 +179,30 @@ def _process_frames(
 
     with (
         one_thread_each(workers),
-        closing(ordered_map(stages.predict, frames, workers=workers)) as predicted,
-        closing(ordered_map(encoded, stages.smooth(predicted), workers=workers)) as parts,
+        closing(ordered_map(stages.predict, frames, workers=workers, ahead=ahead)) as predicted,
+        closing(
+            ordered_map(encoded, stages.smooth(predicted), workers=workers, ahead=ahead)
+        ) as parts,
     ):
         for index, part in enumerate(parts):
             for output, one in zip(outputs, part, strict=True):
                 output.append(one)
             yield stages.numbers[index]
+
+
+def _open_output(
+    which: VideoFormat,
+    plan: VideoPlan,
+    settings: VideoSettings,
+    source: FrameSource,
+    rate: Fraction,
+    guard: Guard | None,
+) -> VideoOutput:
+    """The output of one format but JSON, in one file or in segments, to be entered."""
+    words = which, plan, settings.writing, source, rate, guard
+    if settings.segment_s is None or which in SEQUENCES:
+        return open_output(*words)
+    return SegmentedOutput(partial(open_output, *words), settings.segment_s, plan.first_segment)
 
 
 def open_output(
@@ -173,9 +212,10 @@ def open_output(
     source: FrameSource,
     rate: Fraction,
     guard: Guard | None,
+    segment: int | None = None,
 ) -> VideoOutput:
     """The output of one format but JSON, to be entered; ``rate`` is its frames per second."""
-    target = plan.target(which)
+    target = plan.target(which, segment)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
@@ -191,7 +231,9 @@ def open_output(
         )
     codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
     starts_s = source.start_s if plan.has_audio else None
-    audio = None if starts_s is None else AudioTrack(plan.source, starts_s)
+    audio = None
+    if starts_s is not None and not isinstance(plan.source, LiveStream):
+        audio = AudioTrack(plan.source, starts_s)
     return PreviewVideoOutput(target, timing, writer, guard, codec=codec, audio=audio)
 
 
@@ -369,6 +411,7 @@ def _result(
         seconds=0.0,
         warnings=(*of_input, *_about_unfitted(stages), *warnings),
         problem=source.problem,
+        live=getattr(source, "counts", None),
     )
 
 

@@ -1,0 +1,280 @@
+"""The newest frame of a live stream, whenever one is asked for."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+
+import av
+from av.container import InputContainer
+from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
+
+from depthcli.core.options import (
+    AS_STATED,
+    MAX_PIXELS,
+    Eye,
+    Projection,
+    ReadOptions,
+    check_pixel_count,
+)
+from depthcli.core.types import Frame, pixel_aspect_of
+from depthcli.errors import InputError, UsageError
+from depthcli.io.images.pixels import full_range, upright
+from depthcli.video.container import STREAMED_FORMATS, video_streams
+from depthcli.video.decoder import FrameDecoder
+from depthcli.video.facts import camera_warnings, view_of
+from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
+from depthcli.video.live import LiveStream
+from depthcli.video.source import TRANSPOSED, orientation_of, rgb_pixels
+
+MOST_ATTEMPTS = 10  #: to open a lost stream again, before it is given up
+_LONGEST_PAUSE_S = 30.0
+_TIMEOUT_S = 10.0
+_POLL_S = 0.1
+_TICK_S = Fraction(1, 1000)
+_HLS = "hls"
+_MOST_AHEAD_S = 60.0
+# A playlist may name other hosts, but no file of this one.
+_NETWORK = {
+    "protocol_whitelist": "rtp,srtp,udp,tcp,tls,http,https,httpproxy,crypto",
+    "format_whitelist": STREAMED_FORMATS,
+    "rtsp_flags": "prefer_tcp",
+}
+
+
+def _opened(stream: LiveStream, number: int | None) -> tuple[InputContainer, VideoStream]:
+    """The container and its video stream; av.FFmpegError if it cannot be opened."""
+    options = _NETWORK if stream.device_format is None else {}
+    timeouts = _TIMEOUT_S, _TIMEOUT_S
+    container = av.open(
+        stream.address, "r", format=stream.device_format, options=options, timeout=timeouts
+    )
+    streams = video_streams(container)
+    if number is not None and number < len(streams):
+        return container, streams[number]
+    best = container.streams.best("video")
+    if number is None and best is not None:
+        return container, best  # type: ignore[return-value] # the best of a kind is of that kind
+    container.close()
+    raise UsageError(f"{stream} has {len(streams)} video streams", option="stream")
+
+
+@dataclass(frozen=True, slots=True)
+class LiveFrame:
+    """A decoded frame."""
+
+    picture: VideoFrame  #: as FFmpeg decoded it
+    number: int  #: among all frames that came, from 0
+    time_s: float  #: of its arrival, by the monotonic clock
+
+
+@dataclass(slots=True)
+class LiveCounts:
+    """Numbers about a stream so far."""
+
+    received: int = 0  #: frames that came
+    dropped: int = 0  #: frames that were replaced by newer ones before they were asked for
+    reconnections: int = 0  #: how often it was opened again
+
+
+class LiveReader:
+    """Decodes a stream in its own thread and keeps the newest frame.
+
+    A lost stream is opened again, after pauses of 1, 2, 4 s and so on.
+
+    Attributes:
+        counts: frames that came and were dropped.
+        problem: why the stream ended; None if that is no error.
+        rate: frames a second that the stream states; None before it is open.
+    """
+
+    def __init__(self, stream: LiveStream, number: int | None = None) -> None:
+        """Begin to read; ``number`` is that of the video stream, None for the best one."""
+        self.counts, self.problem, self.rate = LiveCounts(), None, FALLBACK_RATE
+        self.pixel_aspect: Fraction | None = None
+        self._stream, self._number = stream, number
+        self._news = threading.Condition()
+        self._newest: LiveFrame | None = None
+        self._error: BaseException | None = None
+        self._has_ended = False
+        # A daemon, as FFmpeg may wait for data of a stream that is not wanted any more.
+        threading.Thread(target=self._run, daemon=True).start()
+
+    problem: str | None
+
+    def next(self) -> LiveFrame | None:
+        """Wait for a frame that was not returned yet; None when the stream ended or was stopped.
+
+        InputError if it cannot be opened at first, UsageError if it has no such video stream.
+        """
+        stop = self._stream.stop
+        with self._news:
+            while self._newest is None and not (self._has_ended or stop.is_set()):
+                self._news.wait(_POLL_S)  # the event does not notify
+            if stop.is_set():
+                return None
+            frame, self._newest = self._newest, None
+        if frame is None and self._error is not None:
+            raise self._error
+        return frame
+
+    def _run(self) -> None:
+        try:
+            self._read()
+        except BaseException as error:  # noqa: BLE001 - raised by next
+            self._error = error
+        with self._news:
+            self._has_ended = True
+            self._news.notify()
+
+    def _read(self) -> None:
+
+        attempts, stop = 0, self._stream.stop
+        while not stop.is_set():
+            before, reason = self.counts.received, "it ended"
+            try:
+                if self._read_once():
+                    return
+            except av.FFmpegError as error:
+                reason = error.strerror or str(error)
+                if not before:
+                    raise InputError(f"{self._stream} cannot be opened: {reason}") from None
+            attempts = 1 if self.counts.received > before else attempts + 1
+            if attempts > MOST_ATTEMPTS:
+                self.problem = f"the stream was lost, {MOST_ATTEMPTS} attempts to open it failed"
+                return
+            pause_s = min(2.0 ** (attempts - 1), _LONGEST_PAUSE_S)
+            self._stream.say(
+                f"{self._stream} was lost ({reason}); attempt {attempts} of {MOST_ATTEMPTS} to "
+                f"open it again in {pause_s:.0f} s"
+            )
+            stop.wait(pause_s)
+
+    def _read_once(self) -> bool:
+        """Read the stream until it is lost; True if it is over, as a recording or when stopped."""
+        container, stream = _opened(self._stream, self._number)
+        with container:
+            self.rate = exact_rate(stream.average_rate or 0) or FALLBACK_RATE
+            self.pixel_aspect = stream.sample_aspect_ratio
+            # HLS comes in parts of seconds, whose frames would be late all at once.
+            clock = StreamClock(self._stream.stop) if container.format.name == _HLS else None
+            decoder, before = FrameDecoder(container, stream), self.counts.received
+            for frame in iter(decoder.next, None):
+                if clock is not None and frame.time is not None:
+                    clock.wait_until(frame.time)
+                if self._stream.stop.is_set():
+                    return True
+                if self.counts.received == before > 0:
+                    self.counts.reconnections += 1
+                    self._stream.say(f"{self._stream} is back")
+                self._put(frame)
+            return container.duration is not None and not decoder.ended_early
+
+    def _put(self, frame: VideoFrame) -> None:
+        with self._news:
+            self.counts.dropped += self._newest is not None
+            self._newest = LiveFrame(frame, self.counts.received, time.monotonic())
+            self.counts.received += 1
+            self._news.notify()
+
+
+class StreamClock:
+    """Waits until frames are due by their time stamps, from the first one on."""
+
+    def __init__(self, stop: threading.Event) -> None:
+        """Begin before the first frame; ``stop`` ends a wait early."""
+        self._stop, self._origin_s = stop, float("inf")
+
+    def wait_until(self, time_s: float) -> None:
+        """Wait until a frame is due, unless its time stamp jumps."""
+        now_s = time.monotonic()
+        ahead_s = self._origin_s + time_s - now_s
+        if abs(ahead_s) > _MOST_AHEAD_S:
+            self._origin_s = now_s - time_s
+        elif ahead_s > 0:
+            self._stop.wait(ahead_s)
+
+
+class LiveSource(FrameSource):
+    """The newest frames of a stream, with the times of their arrival, from the first one on.
+
+    ``index`` counts all frames that came, so that dropped ones are missing in the numbers.
+    """
+
+    def __init__(
+        self,
+        stream: LiveStream,
+        *,
+        max_pixels: int = MAX_PIXELS,
+        number: int | None = None,
+        eye: Eye | None = None,
+        options: ReadOptions = AS_STATED,
+    ) -> None:
+        """Open a stream, and wait for its first frame.
+
+        Args as of :class:`depthcli.video.source.VideoSource`. InputError if it cannot be opened,
+        has no frame, or is too large.
+        """
+        self._stream, self._options = stream, options
+        self._reader, self._reformatter = LiveReader(stream, number), VideoReformatter()
+        self.paths, self.frames_stated, self.tick_s = (), None, _TICK_S
+        first = self._reader.next()
+        if first is None:
+            raise InputError(f"{stream} ended before its first frame")
+        picture = first.picture
+        check_pixel_count(str(stream), picture.width, picture.height, max_pixels)
+        self._size = picture.width, picture.height
+        self._first, self.rate = first, self._reader.rate
+        self._orientation, self._view = orientation_of(picture), view_of(picture, eye)
+        self.warnings += tuple(camera_warnings(picture, eye, options.projection))
+
+    @property
+    def counts(self) -> LiveCounts:
+        """Numbers of frames so far."""
+        return self._reader.counts
+
+    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+        """Convert the newest frame whenever one is asked for; as of :class:`FrameSource`."""
+        for wanted in span.selected(self._numbers_and_times()):
+            if wanted:
+                yield self._converted()
+        self._stream.stop.set()
+
+    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
+        frame: LiveFrame | None = self._first
+        ticks = -1
+        while frame is not None:
+            if (frame.picture.width, frame.picture.height) != self._size:
+                self.problem = "the frames change their size; those before are done"
+                return
+            ticks = max(ticks + 1, round((frame.time_s - self._first.time_s) / float(_TICK_S)))
+            self._current, self._time_s = frame, ticks * _TICK_S
+            yield frame.number, self._time_s
+            frame = self._reader.next()
+        self.problem = self._reader.problem
+
+    def _converted(self) -> Frame:
+
+        options = self._options
+        pixels = rgb_pixels(self._current.picture, self._reformatter)
+        pixels = upright(pixels[self._view], self._orientation)
+        rgb, _ = full_range(pixels, None, options.white_level, options.black_level)
+        is_turned = self._orientation >= TRANSPOSED
+        return Frame(
+            rgb if rgb.flags.c_contiguous else rgb.copy(),
+            None,
+            self._current.number,
+            float(self._time_s),
+            orientation=self._orientation,
+            pixel_aspect=pixel_aspect_of(self._reader.pixel_aspect, is_turned=is_turned),
+            projection=options.projection or Projection.PINHOLE,
+        )
+
+    def close(self) -> None:
+        """Stop the stream."""
+        self._stream.stop.set()

@@ -1,0 +1,173 @@
+"""``depthcli video`` of streams that have no end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import av
+import numpy as np
+import pytest
+from helpers.live import Camera
+from helpers.videos import flat_frames, write_video
+
+from depthcli.errors import InputError, UsageError
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.live import live_stream
+from depthcli.video.live_source import LiveSource
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from helpers.command_line import Cli
+
+
+def wait_for(is_true: Callable[[], bool]) -> None:
+    until = time.monotonic() + 50
+    while not is_true():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def opened(camera: Camera, said: list[str] | None = None) -> LiveSource:
+    stream = live_stream(camera.url, is_live=True, say=[].append if said is None else said.append)
+    assert stream is not None
+    return LiveSource(stream)
+
+
+def test_the_newest_frame_comes_first_and_late_ones_are_counted() -> None:
+    with Camera(is_endless=False) as camera:
+        camera.levels.put(0)
+        with opened(camera) as source:
+            frames = source.frames()
+            first = next(frames)
+            for level in range(10, 60, 10):
+                camera.levels.put(level)
+            wait_for(lambda: source.counts.received == 6)
+            newest = next(frames)
+            camera.levels.put(200)
+            last = next(frames)
+        assert [frame.index for frame in (first, newest, last)] == [0, 5, 6]
+        assert [int(frame.pixels.mean()) for frame in (first, newest, last)] == [0, 50, 200]
+        assert source.counts.dropped == 4
+        times_s = [frame.timestamp_s or 0 for frame in (first, newest, last)]
+        assert times_s == sorted(set(times_s))
+
+
+def test_a_lost_stream_is_opened_again() -> None:
+    said: list[str] = []
+    with Camera(is_endless=False) as camera:
+        camera.levels.put(10)
+        with opened(camera, said) as source:
+            frames = source.frames()
+            next(frames)
+            camera.levels.put(None)
+            wait_for(lambda: camera.connections == 2)
+            camera.levels.put(90)
+            assert int(next(frames).pixels.mean()) == 90
+            assert (source.counts.reconnections, len(said)) == (1, 2)
+
+
+def test_a_stream_that_does_not_come_back_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("depthcli.video.live_source.MOST_ATTEMPTS", 1)
+    camera = Camera(is_endless=False)
+    with camera:
+        camera.levels.put(10)
+        source = opened(camera)
+    assert [frame.index for frame in source.frames()] == [0]
+    assert source.problem is not None
+
+
+def test_a_transport_stream_is_read_to_its_frames() -> None:
+    sent = threading.Event()
+
+    def serve() -> None:
+        options = {"listen": "1"}
+        with av.open(address, "w", format="mpegts", options=options) as output:
+            video = output.add_stream("mpeg2video", rate=25)
+            video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+            for pixels in flat_frames([100] * 50):
+                output.mux(video.encode(av.VideoFrame.from_ndarray(pixels)))
+            output.mux(video.encode(None))
+        sent.set()
+
+    with Camera() as camera:
+        address = camera.url  # a port that is free once the camera is gone
+    threading.Thread(target=serve, daemon=True).start()
+    stream = live_stream(address, is_live=True)
+    assert stream is not None
+    time.sleep(0.5)  # until it listens, which nothing tells
+    with LiveSource(stream) as source:
+        assert abs(int(next(source.frames()).pixels.mean()) - 100) <= 2
+
+
+def test_a_playlist_names_no_file_of_this_machine(tmp_path: Path) -> None:
+    secret = write_video(tmp_path / "secret.avi", flat_frames([9] * 9))
+
+    class Playlist(Camera):
+        def _answer(self, request: object) -> None:
+            text = f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile://{secret}\n"
+            request.send_response(200)  # type: ignore[attr-defined]
+            request.end_headers()  # type: ignore[attr-defined]
+            request.wfile.write(text.encode())  # type: ignore[attr-defined]
+
+    with Playlist() as server:
+        stream = live_stream(server.url.replace("video.mjpg", "live.m3u8"))
+        assert stream is not None
+        with pytest.raises(InputError):
+            LiveSource(stream)
+
+
+def test_names_of_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.platform", "linux")
+    camera = live_stream("0")
+    assert camera is not None
+    assert (camera.address, camera.device_format) == ("/dev/video0", "v4l2")
+    (tmp_path / "0").mkdir()
+    assert live_stream("0") is None
+    assert live_stream("http://host/clip.mp4") is None
+    named = live_stream("rtsp://me:secret@host/1?key=secret")
+    assert str(named) == "rtsp://host/1"
+    with pytest.raises(UsageError):
+        live_stream("clip.mp4", is_live=True)
+
+
+def test_ctrl_c_completes_the_files(cli: Cli) -> None:
+    with Camera() as camera:
+        process = cli.started(
+            *("video", camera.url, "--live", "-o", "out/", "--json", "--segment", "0.2s"),
+            *("--format", "mkv", "--format", "npy"),
+        )
+        wait_for(lambda: len(list(cli.folder.glob("out/*.mkv"))) >= 2)
+        process.send_signal(signal.SIGINT)
+        output, said = process.communicate(timeout=50)
+    assert (process.returncode, said) == (0, b"")
+    facts = json.loads(output)
+    assert facts["outputs"][0] == "out/live.depth.%04d.mkv"
+    names = {path.name for path in cli.folder.glob("out/*.mkv")}
+    assert names == {f"live.depth.{number:04d}.mkv" for number in range(len(names))}
+    steps = [step for name in names for step in DepthVideo(cli.folder / "out" / name).steps()]
+    assert len(steps) == facts["frames"] == len(list(cli.folder.glob("out/*.npy")))
+    assert facts["live"]["received"] >= facts["frames"] + facts["live"]["dropped"]
+
+
+def test_segments_of_a_video_hold_all_of_its_frames(cli: Cli) -> None:
+    write_video(cli.folder / "clip.avi", flat_frames(range(0, 250, 10)))
+    assert cli("video", "clip.avi", "-o", "whole.mkv").returncode == 0
+    assert cli("video", "clip.avi", "-o", "part.mkv", "--segment", "0.4s").returncode == 0
+    parts = sorted(cli.folder.glob("part.*.mkv"))
+    assert [path.name for path in parts] == [f"part.{number:04d}.mkv" for number in range(3)]
+    steps = [list(DepthVideo(path).steps()) for path in parts]
+    assert [len(one) for one in steps] == [10, 10, 5]
+    np.testing.assert_array_equal(
+        [step for one in steps for step in one], list(DepthVideo(cli.folder / "whole.mkv").steps())
+    )
+    for wrong in (("--segment", "0"), ("-o", "-", "--segment", "1m"), ("--live",)):
+        done: subprocess.CompletedProcess[bytes] = cli("video", "clip.avi", *wrong)
+        assert done.returncode == 2
