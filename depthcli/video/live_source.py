@@ -140,10 +140,12 @@ class LiveReader:
             try:
                 if self._read_once():
                     return
+            except av.ExitError:
+                reason = f"no data for {_TIMEOUT_S:.0f} s"
             except av.FFmpegError as error:
                 reason = error.strerror or str(error)
-                if not before:
-                    raise InputError(f"{self._stream} cannot be opened: {reason}") from None
+            if not self.counts.received:
+                raise InputError(f"{self._stream} cannot be opened: {reason}")
             attempts = 1 if self.counts.received > before else attempts + 1
             if attempts > MOST_ATTEMPTS:
                 self.problem = f"the stream was lost, {MOST_ATTEMPTS} attempts to open it failed"
