@@ -67,6 +67,16 @@ class RawVideo:
         }
 
 
+def pixel_format_of(name: str) -> str | None:
+    """FFmpeg's name of a pixel format, ``gray`` for ``gray8``; None if it has no such format."""
+    from av.video.format import VideoFormat  # noqa: PLC0415 - only raw frames need it
+
+    try:
+        return VideoFormat(name).name
+    except ValueError:
+        return None
+
+
 class InputPipe(_Pipe):
     """A stream that FFmpeg reads; seekable if the wrapped stream is."""
 

@@ -272,18 +272,13 @@ def parse_fps(word: str, option: str = "fps") -> Fraction:
 
 def parse_raw(word: str) -> RawVideo:
     """Parse ``640x480:bgr24@30``; UsageError if it is no such, or FFmpeg lacks the format."""
-    from av.video.format import VideoFormat as PixelFormat
-
-    from depthcli.video.container import RawVideo
+    from depthcli.video.container import RawVideo, pixel_format_of
 
     size, _, rest = word.partition(":")
     name, _, rate = rest.partition("@")
     sides = re.fullmatch(r"(?a)([1-9]\d{0,5})x([1-9]\d{0,5})", size)
-    try:
-        pixel_format = PixelFormat(name).name
-    except ValueError:
-        sides = None
-    if sides is None:
+    pixel_format = pixel_format_of(name)
+    if sides is None or pixel_format is None:
         problem = f"{short_repr(word)} is not a size, pixel format and rate"
         raise UsageError(problem, "write, for example, 640x480:bgr24@30", option="raw")
     return RawVideo(int(sides[1]), int(sides[2]), pixel_format, parse_fps(rate, "raw"))
