@@ -49,16 +49,14 @@ def test_the_newest_frame_comes_first_and_late_ones_are_counted() -> None:
     with Camera(is_endless=False) as camera:
         send(camera, range(0, 60, 10))
         with opened(camera) as source:
-            wait_for(lambda: source.counts.received == 6)
             frames = source.frames()
-            first, newest = next(frames), next(frames)
-            camera.levels.put(200)
-            last = next(frames)
-        assert [frame.index for frame in (first, newest, last)] == [0, 5, 6]
-        assert [int(frame.pixels.mean()) for frame in (first, newest, last)] == [0, 50, 200]
-        assert source.counts.dropped == 4
-        times_s = [frame.timestamp_s or 0 for frame in (first, newest, last)]
-        assert times_s == sorted(set(times_s))
+            first = next(frames)
+            send(camera, (70, 80, 200))
+            wait_for(lambda: source.counts.received == 9)
+            newest = next(frames)
+        assert (newest.index, int(newest.pixels.mean())) == (8, 200)
+        assert (source.counts.dropped, first.timestamp_s) == (7, 0)
+        assert newest.timestamp_s
 
 
 def test_a_lost_stream_is_opened_again() -> None:
@@ -71,7 +69,7 @@ def test_a_lost_stream_is_opened_again() -> None:
             camera.levels.put(None)
             wait_for(lambda: camera.connections == 2)
             send(camera, [90] * 9)
-            assert 90 in (int(frame.pixels.mean()) for frame in (next(frames), next(frames)))
+            assert any(int(frame.pixels.mean()) == 90 for frame in frames)
             assert (source.counts.reconnections, len(said)) == (1, 2)
 
 
@@ -82,7 +80,7 @@ def test_a_stream_that_does_not_come_back_is_given_up(monkeypatch: pytest.Monkey
         send(camera, [10] * 9)
         source = opened(camera)
         wait_for(lambda: source.counts.received == 9)
-    assert [frame.index for frame in source.frames()] == [0, 8]
+    assert [frame.index for frame in source.frames()][-1] == 8
     assert source.problem is not None
 
 
