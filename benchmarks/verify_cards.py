@@ -130,7 +130,6 @@ PACKAGES = {
     **dict.fromkeys(
         (
             "midas-small-torch",
-            "midas-dpt-beit-large-384",
             "midas-dpt-swin2-tiny-256",
         ),
         MIDAS,
