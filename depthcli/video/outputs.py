@@ -214,10 +214,20 @@ class VideoFile(VideoOutput):
                 f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
             )
             raise OutputError(problem, _SEQUENCE_ADVICE) from error
+        if self._codec is Codec.AV1:
+            _leave_real_time()
 
     def _check_pipe(self) -> None:
         if isinstance(self._target, OutputPipe):
             self._target.check()
+
+
+def _leave_real_time() -> None:
+    """Undo the real-time priority that SVT-AV1 takes as root, which starves other processes."""
+    for task in Path("/proc/self/task").glob("*"):
+        with suppress(OSError):  # the thread has ended
+            if os.sched_getscheduler(int(task.name)) == os.SCHED_FIFO:
+                os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
 
 
 def _av_frame(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:
