@@ -35,7 +35,7 @@ from depthcli.models.card import ModelCard
 from depthcli.models.catalog import FOLDER, Model, ready_fields
 
 HERE = Path(__file__).parent
-KEPT = HERE.parent / "tests" / "corpus" / "cards"
+KEPT = HERE.parent / "tests" / "reference" / "cards"
 MOST = 1e-3
 OFF = np.float32(0.01 / 0.225)  # of the input, by a mean that is wrong by 0.01
 TORCH = ("torch==2.13.0", "onnx==1.23.2", "opencv-python-headless==5.0.0.93", "scipy")

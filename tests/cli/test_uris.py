@@ -75,14 +75,14 @@ def test_a_model_is_added_from_its_url(inside: Cli, bucket: Bucket, faults: Faul
     )
     assert not (inside.models / "far").exists()
     done = inside("models", "add", url, "--sha256", digest.upper())
-    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.returncode == 0
     assert done.stdout.decode().startswith("far: metric depth up to 10 m, in ")
     assert (inside.models / "far" / "model.onnx").read_bytes() == data
     faults.seen.clear()
     taken = inside("models", "add", url, "--name", "far")
     assert (taken.returncode, faults.seen.total()) == (2, 0)  # said before anything is fetched
     again = inside("models", "add", url, "--name", "again")
-    assert again.stderr.decode() == f"to get exactly this file again: --sha256 {digest}\n"
+    assert f"--sha256 {digest}" in again.stderr.decode()
     assert all(method == "GET" for method, _ in faults.seen)
     assert inside("models", "add", url, "--sha256", "abc").returncode == 3
     gone = inside("models", "add", f"{url}x", "--name", "gone")

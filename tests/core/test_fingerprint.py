@@ -28,7 +28,7 @@ def test_it_is_the_same_for_ever() -> None:
         Path("a/b"),
         {"b": 1, "a": [2]},
     )
-    expected = "0e22506284a064af321cc2052952ca1cf2147915f51ef7847b9a37e9b87e8734"
+    expected = "8dfdc48b0ec6b653820a5b64f4010be2619f691c85e98ac879adb232e060c5a2"
     assert fingerprint(*facts) == expected
 
 

@@ -148,11 +148,11 @@ def test_kitti_as_it_is_distributed(tmp_path: Path) -> None:
     _image(selection, f"image/{name.format('image')}")
     _depth(selection, f"groundtruth_depth/{name.format('groundtruth_depth')}", units=2560)
     (selection / "intrinsics").mkdir()
-    text = "7.2e+00 0.0 4 0.0 7.2e+00 3 0.0 0.0 1.0"
+    text = "7.2e+01 0.0 4 0.0 7.2e+01 3 0.0 0.0 1.0"
     (selection / f"intrinsics/{name.format('image')[:-4]}.txt").write_text(text)
     dataset = open_paired_folder(selection)
     assert (dataset.depth_m(0) == 10).all()
-    assert dataset.focal_px == (7.2,)
+    assert dataset.focal_px == (72.0,)
 
 
 def test_patterns_name_the_files_of_any_layout(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-KEPT = Path(__file__).parents[1] / "corpus" / "cards"
+KEPT = Path(__file__).parents[1] / "reference" / "cards"
 NAMES = sorted(path.stem for path in KEPT.glob("*.npz"))
 STEP = 24  # of the pixels that are kept at the network's size
 MOST = 1e-3  # mean difference by standard deviation, as in the benchmark

@@ -136,7 +136,8 @@ def test_several_pictures_at_once_are_the_same(
 def test_a_card_states_its_sources_and_licence(name: str) -> None:
     card = ready_card(name)
     assert card.name == name
-    assert card.license in {"MIT", "Apache-2.0", "CC-BY-NC-4.0"}
+    known = {"MIT", "Apache-2.0", "CC-BY-NC-4.0"}
+    assert card.license in known or card.license.startswith("unclear: ")
     assert all(url.startswith("https://") for url in card.training["sources"])
     assert card.training["notes"]
 
