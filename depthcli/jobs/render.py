@@ -23,6 +23,7 @@ from depthcli.io.storage.paths import read_regular
 
 SETTINGS_NAME = "rooms.json"
 _PER_FOLDER = 100
+_ENDS = {".jpg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82"}
 _MAX_SETTINGS_BYTES = 2**16
 
 
@@ -44,7 +45,7 @@ def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> int:
     """
     _check_folder(request)
     missing = [
-        i for i in range(request.count) if not all(f.exists() for f in _pair_files(request.out, i))
+        i for i in range(request.count) if not all(map(_is_complete, _pair_files(request.out, i)))
     ]
     done = progress.begin("", len(missing), "rooms")
     write = partial(_write_pair, request.out, request.settings)
@@ -98,6 +99,11 @@ def _pair_name(index: int) -> str:
 def _pair_files(out: Path, index: int) -> tuple[Path, Path]:
     name = _pair_name(index)
     return out / "rgb" / f"{name}.jpg", out / "depth" / f"{name}.png"
+
+
+def _is_complete(path: Path) -> bool:
+    """Whether a file is there, and not cut, as by a copy that was interrupted."""
+    return path.is_file() and path.read_bytes().endswith(_ENDS[path.suffix])
 
 
 def _write_pair(out: Path, settings: RoomSettings, index: int) -> None:

@@ -45,7 +45,10 @@ def test_workers_count_and_interruptions_change_no_byte(folder: Path, tmp_path: 
     assert render(RenderRequest(out, 1, SETTINGS)) == 1
     assert render(RenderRequest(out, COUNT, SETTINGS, workers=2)) == COUNT - 1
     (out / "depth/0000/000002.png").unlink()
-    assert render(RenderRequest(out, COUNT, SETTINGS)) == 1
+    cut = out / "rgb/0000/000001.jpg"
+    cut.write_bytes(cut.read_bytes()[:-100])
+    (out / "depth/0000/000000.png").write_bytes(b"")
+    assert render(RenderRequest(out, COUNT, SETTINGS)) == 3
     assert render(RenderRequest(out, 2, SETTINGS)) == 0
     assert contents(out) == contents(folder)
 
