@@ -67,10 +67,11 @@ def test_a_signal_ends_the_workers_too(cli: Cli) -> None:
 def test_a_folder_holds_a_hundred_rooms_and_those_that_are_missing_are_told(
     tmp_path: Path,
 ) -> None:
+    ends = {".jpg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82"}
     for number in range(100):
         for path in (f"rgb/0000/{number:06}.jpg", f"depth/0000/{number:06}.png"):
             (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / path).touch()
+            (tmp_path / path).write_bytes(ends[path[-4:]])
     watched = Watched()
     (tmp_path / "rooms.json").write_text(json.dumps({"version": VERSION, **SETTINGS._asdict()}))
     rendered = render(RenderRequest(tmp_path, 102, SETTINGS), watched)
