@@ -12,6 +12,7 @@ import mimetypes
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib.resources import files
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
+_MOST_PARSED = 256
 _RETRY_S = 1
 _IMAGE = "image"
 """Name of the file in a multipart form."""
@@ -99,13 +101,14 @@ class DepthServer:
     def __init__(
         self,
         session: Session,
-        parse: Callable[[Sequence[tuple[str, str]]], Asked],
+        parse: Callable[[tuple[tuple[str, str], ...]], Asked],
         limits: Limits,
         *,
         token: str | None = None,
         hosts: Sequence[str] = LOOPBACK,
     ) -> None:
-        self.session, self.parse, self.limits, self.token = session, parse, limits, token
+        self.session, self.limits, self.token = session, limits, token
+        self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
         self._pool = ThreadPoolExecutor(limits.workers)
         self._metrics = CollectorRegistry()
         names = [
@@ -170,7 +173,7 @@ class DepthServer:
     async def _predict(self, request: Request) -> Response:
         self._check_token(request)
         try:
-            asked = self.parse(request.query_params.multi_items())
+            asked = self._parse(tuple(request.query_params.multi_items()))
         except UsageError as error:
             raise HTTPException(400, str(error)) from error
         data = await self._image(request)
