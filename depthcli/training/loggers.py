@@ -70,7 +70,7 @@ class TensorBoardLogger(Logger):
         self._writer: Any = None
 
     def log(self, values: Mapping[str, float], step: int) -> None:
-        """Add scalars to the event file of this session."""
+        """Add scalars to the event file of this run."""
         if self._writer is None:
             self._writer = self._writer_class(str(self.folder / "tensorboard"), purge_step=step)
         for name, value in values.items():

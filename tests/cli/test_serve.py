@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 from helpers.tiny import synthetic_picture
 
+from depthcli.cli.commands.serve import _REFUSED, _command, parse_request
+from depthcli.errors import UsageError
 from depthcli.jobs import serve
 
 if TYPE_CHECKING:
@@ -124,6 +126,14 @@ def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
             server.predict(png()).status,
         ]
     assert statuses == [400, 400, 400, 400, 422, 422, 413, 405, 400, 200]
+
+
+def test_no_option_of_a_request_names_a_file() -> None:
+    for name in ("points", "anchors", "extrinsics", "calibration", "anchors_scale", "baseline"):
+        with pytest.raises(UsageError):
+            parse_request(((name, "1"),))
+    taken = [p for p in _command.params if p.name not in _REFUSED and p.opts[-1] != "--help"]
+    assert not [p.name for p in taken if p.metavar in {"FILE", "DIR", "PATH"}]
 
 
 def test_answers_429_when_the_queue_is_full(cli: Cli) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -23,8 +24,15 @@ app = typer.Typer(rich_markup_mode=None)
 _request = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _TOKEN = "DEPTHCLI_TOKEN"  # noqa: S105 - the name of a variable
-_FILES = ("calibration", "rectified", "anchors", "anchors_scale", "anchors_kind", "help")
-"""Options of predict that name a file or belong to one: not for clients."""
+_REFUSED = {
+    *({one.name for one in fields(options.AnchorOptions)} - {"anchor"}),
+    *(
+        {one.name for one in fields(options.CameraOptions)}
+        - {"focal_px", "hfov", "centre_px", "camera"}
+    ),
+    "help",
+}
+"""Options of predict that name a file of the server or belong to one: not for clients."""
 _MEBIBYTE = 2**20
 
 
@@ -161,11 +169,15 @@ def parse_request(query: Sequence[tuple[str, str]]) -> Asked:
 
 def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
     """The words of a command line."""
-    known = {p.opts[-1].removeprefix("--").replace("-", "_"): p for p in _command.params}
+    known = {
+        parameter.opts[-1].removeprefix("--").replace("-", "_"): parameter
+        for parameter in _command.params
+        if parameter.name not in _REFUSED
+    }
     for name, value in query:
         parameter = known.get(name)
-        if parameter is None or name in _FILES:
-            names = ", ".join(sorted({*known} - {*_FILES}))
+        if parameter is None:
+            names = ", ".join(sorted(known))
             raise UsageError(f"no option named {name!r}: there are {names}")
         option = parameter.opts[-1]
         if not getattr(parameter, "is_flag", False):
