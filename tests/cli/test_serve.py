@@ -18,6 +18,7 @@ import pytest
 from helpers.tiny import synthetic_picture
 
 from depthcli.cli.commands.serve import _REFUSED, _command, parse_request
+from depthcli.core.options import DepthMask
 from depthcli.errors import UsageError
 from depthcli.jobs import serve
 
@@ -118,6 +119,7 @@ def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
             server.predict(png(), anchors="/etc/passwd").status,
             server.predict(png(), focal_px="-1").status,
             server.predict(png(), half="maybe").status,
+            server.predict(png(), mask="model").status,
             server.predict(b"no image").status,
             server.predict(png(100, 100)).status,
             server.predict(LARGE).status,
@@ -125,7 +127,7 @@ def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
             server.ask("/health", headers={"Host": "attacker.example"}).status,
             server.predict(png()).status,
         ]
-    assert statuses == [400, 400, 400, 400, 422, 422, 413, 405, 400, 200]
+    assert statuses == [400, 400, 400, 400, 422, 422, 422, 413, 405, 400, 200]
 
 
 def test_no_option_of_a_request_names_a_file() -> None:
@@ -134,6 +136,10 @@ def test_no_option_of_a_request_names_a_file() -> None:
             parse_request(((name, "1"),))
     taken = [p for p in _command.params if p.name not in _REFUSED and p.opts[-1] != "--help"]
     assert not [p.name for p in taken if p.metavar in {"FILE", "DIR", "PATH"}]
+
+
+def test_a_request_may_ask_for_the_mask_of_the_model() -> None:
+    assert parse_request((("mask", "model"),)).detail.mask is DepthMask.MODEL
 
 
 def test_answers_429_when_the_queue_is_full(cli: Cli) -> None:

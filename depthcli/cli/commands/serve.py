@@ -129,7 +129,7 @@ def _options(
     camera: options.CameraOptions,
     anchors: options.AnchorOptions,
     read: options.ReadOptions,
-    detail: options.DetailOptions,
+    detail: options.MapOptions,
     writing: options.WritingOptions,
 ) -> Any:  # noqa: ANN401 - Asked
     """Options of a request."""
