@@ -6,7 +6,6 @@ Only modules of the standard library are imported here, so that help and version
 from __future__ import annotations
 
 import gc
-import io
 import os
 import sys
 import warnings
@@ -17,7 +16,7 @@ from depthcli.cli.table import PROGRAM, help_text
 TYPE_CHECKING = False  # checkers take it for typing's, which would be a quarter of ``--help``
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import Any, NoReturn
+    from typing import NoReturn
 
 _GC_THRESHOLD = 50_000
 
@@ -33,14 +32,12 @@ def _run_process() -> int:
     """Run the command of this process."""
     if not sys.warnoptions:  # libraries' warnings are for developers
         warnings.simplefilter("ignore")
-    stdout = open_streams()
-    code = _run(sys.argv[1:], is_process=True)
-    problem = stdout.problem
-    if problem is None:
-        return code
-    from depthcli.cli.screen.console import report_lost_output
-
-    return report_lost_output(problem, code)
+    open_streams()
+    try:
+        return _run(sys.argv[1:], is_process=True)
+    except OSError as error:
+        sys.stderr.write(f"depthcli: error: cannot write standard output: {error.strerror}\n")
+        return 1
 
 
 def _prepare() -> None:
@@ -95,44 +92,11 @@ def _run(arguments: list[str], *, is_process: bool = False) -> int:
     return code
 
 
-_SETTINGS = ("encoding", "errors", "line_buffering", "write_through")
-
-
-class Stream(io.TextIOWrapper):
-    """A standard stream that stores the first error (``problem``) instead of raising it.
-
-    A broken pipe is raised if ``needs_reader`` is set, as for standard output.
-    """
-
-    problem: OSError | None = None
-    needs_reader = False
-
-    def write(self, text: str) -> int:
-        """Write as much as possible."""
-        try:
-            return super().write(text)
-        except OSError as error:
-            self._store(error)
-            return len(text)
-
-    def flush(self) -> None:
-        """Flush as much as possible."""
-        try:
-            super().flush()
-        except OSError as error:
-            self._store(error)
-
-    def _store(self, error: OSError) -> None:
-        if self.needs_reader and isinstance(error, BrokenPipeError):
-            raise error
-        self.problem = self.problem or error
-
-
-def open_streams() -> Stream:
-    """Make closed streams raise on reading and writing, and the others store errors.
+def open_streams() -> None:
+    """Make streams that are closed raise on reading and writing.
 
     If a stream were left closed, the next file that is opened would get its number, and C libraries
-    would write warnings into that file. Returns standard output.
+    would write warnings into that file.
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
@@ -142,12 +106,3 @@ def open_streams() -> Stream:
                 os.close(handle)
             os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
-    sys.stderr = _wrap(sys.stderr)
-    sys.stdout = stdout = _wrap(sys.stdout)
-    stdout.needs_reader = True
-    return stdout
-
-
-def _wrap(original: Any) -> Stream:  # noqa: ANN401 - TextIO has no detach
-    settings = {name: getattr(original, name) for name in _SETTINGS}
-    return Stream(original.detach(), **settings)

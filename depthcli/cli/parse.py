@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from depthcli.cli import options as groups
 from depthcli.core.camera import DEPTH_M, HFOV_DEG, UNKNOWN_CAMERA, Anchor, Intrinsics
@@ -15,6 +15,7 @@ from depthcli.core.options import (
     Colormap,
     DepthEncoding,
     DepthMask,
+    Eye,
     Near,
     ReadOptions,
     UpsamplingOptions,
@@ -117,10 +118,10 @@ def _kept(name: str, given: Intrinsics) -> Intrinsics:
     )
 
 
-def reading(options: groups.ReadOptions) -> ReadOptions:
-    """Options of reading images, without the eye, which only some commands choose."""
+def reading(options: groups.ReadOptions, eye: Eye | None = None) -> ReadOptions:
+    """Options of reading images; only some commands choose the eye."""
     names = [name for name in ReadOptions._fields if name != "eye"]
-    return ReadOptions(**{name: getattr(options, name) for name in names})
+    return ReadOptions(**{name: getattr(options, name) for name in names}, eye=eye)
 
 
 def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> DepthReadOptions:
@@ -178,6 +179,29 @@ def anchors(
     if options.baseline is not None and options.anchors_kind is not DepthEncoding.DISPARITY:
         raise UsageError("", "{baseline} is for {anchors_kind} disparity")
     return files
+
+
+def map_options(
+    seen: groups.CameraOptions,
+    known: groups.AnchorOptions,
+    read: groups.ImageOptions,
+    upsampling: groups.MapOptions,
+    writing: groups.WritingOptions,
+    *,
+    is_folder: bool | None = False,
+    eye: Eye | None = None,
+) -> dict[str, Any]:
+    """Values of the fields of :class:`~depthcli.jobs.options.MapOptions`."""
+    seen_by = camera(seen)
+    return {
+        "writing": writer_options(writing),
+        "camera": seen_by,
+        "anchors": anchors(known, seen_by, is_folder=is_folder),
+        "anchors_fit": known.anchors_fit,
+        "reading": reading(read, eye),
+        "detail": detail(upsampling),
+        "max_pixels": read.max_pixels,
+    }
 
 
 def _refuse_alternatives(values: Mapping[str, object]) -> None:

@@ -113,8 +113,8 @@ def _unexpected(error: Exception) -> str:
     """Message of an error that is not depthcli's own, or how to install what it needs."""
     if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _TRAIN_EXTRA:
         return f"this command needs {error.name}; install it with: {INSTALL_TRAIN}"
-    if isinstance(error, OSError) and error.strerror and error.filename:
-        return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and error.strerror:
+        return ": ".join(str(part) for part in (error.filename, error.strerror) if part)
     return f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
 
 

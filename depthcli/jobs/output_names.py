@@ -3,13 +3,9 @@
 import hashlib
 import os
 import unicodedata
-from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from depthcli.io.listing.folder import is_exr, is_media, is_own_picture
 from depthcli.io.storage.paths import RemotePath
@@ -83,57 +79,36 @@ class TreeNames:
     That is the input's name without suffix (``a`` for ``a.jpg``). If another input in its folder
     has the same, it is the full name (``a.jpg``); if names differ only in ways that some file
     systems ignore (``A.jpg``, ``a.jpg``), the full name and a checksum of it.
-
-    A name takes 24 bytes of memory, for hashes. A hash collision makes a name longer than
-    necessary, in the same way each time.
     """
 
     def __init__(self, names: Iterable[str] = (), stem: Callable[[str], str] = stem) -> None:
-        """Hash the names of inputs, paths from the root with ``/``; ``stem`` removes suffixes."""
+        """Take the names of inputs, paths from the root with ``/``; ``stem`` removes suffixes."""
         self._stem = stem
-        self._hashes = array("Q")
-        self._ambiguous: tuple[set[int], set[int]] | None = None
+        # By hash, which takes less memory than names: the only name, or None for several.
+        self._whole: dict[int, int | None] = {}
+        self._stems: dict[int, int | None] = {}
         for name in names:
             self.add(name)
 
     def add(self, name: str) -> None:
-        """Hash another name; one that was added already is not counted again."""
-        short = comparable(self._stem(name))
-        self._hashes.extend((_hash(name), _hash(comparable(name)), _hash(short)))
-        self._ambiguous = None
+        """Take another name; one that was added already is not counted again."""
+        own = hash(name)
+        for owners, key in ((self._whole, name), (self._stems, self._stem(name))):
+            place = hash(comparable(key))
+            owners[place] = own if owners.get(place, own) == own else None
 
     def base(self, name: str) -> str:
         """Path of an input's outputs from the output folder, without a suffix."""
-        alike, shared = self._ambiguous = self._ambiguous or self._find_ambiguous()
-        if _hash(comparable(name)) in alike:
+        if self._whole.get(hash(comparable(name)), 0) is None:
             return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
-        short = self._stem(name)
-        return name if _hash(comparable(short)) in shared else short
+        return name if self.is_shared(name) else self._stem(name)
 
     def is_shared(self, name: str) -> bool:
-        """Whether another name has the same stem."""
-        return self.base(name) != self._stem(name)
-
-    def _find_ambiguous(self) -> tuple[set[int], set[int]]:
-        """Hashes of full names that are alike, and of stems that are shared."""
-        names, whole, stems = np.array(self._hashes, np.uint64).reshape(-1, 3).T
-        _, first = np.unique(names, return_index=True)
-        alike, stems = _repeated(whole[first]), stems[first]
-        # np.intersect1d and np.isin would load numpy.ma, at 15 ms.
-        whole = np.sort(whole)
-        both = stems[np.take(whole, np.searchsorted(whole, stems), mode="clip") == stems]
-        return alike, _repeated(stems) | {*both.tolist()}
-
-
-def _hash(name: str) -> int:
-    data = name.encode("utf-8", "surrogatepass")
-    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), "big")
-
-
-def _repeated(hashes: NDArray[np.uint64]) -> set[int]:
-    """Hashes that occur more than once."""
-    found, counts = np.unique(hashes, return_counts=True)
-    return {*found[counts > 1].tolist()}
+        """Whether another name has the same stem, or is that stem."""
+        stem = self._stem(name)
+        place, own = hash(comparable(stem)), hash(name)
+        others = {self._stems.get(place, own), self._whole.get(place, own)}
+        return others != {own}
 
 
 def output_bases(sources: Sequence[Path | None]) -> list[str]:

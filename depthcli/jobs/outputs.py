@@ -15,6 +15,7 @@ from depthcli.io.formats.table import Format, suffix_of
 from depthcli.io.listing.folder import RealPaths, is_exr
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.paths import check_writable, path_of, safe_name
+from depthcli.jobs.output_names import STDIN_STEM, output_bases
 from depthcli.video.formats import VideoFormat
 from depthcli.video.numbering import base_name, is_pattern
 
@@ -216,8 +217,6 @@ def _base_paths(sources: Sequence[Path | None], destination: Destination[FormatT
     out = destination.path
     if out is not None and destination.kind is not Kind.FOLDER:
         return [out]
-    from depthcli.jobs.output_names import STDIN_STEM, output_bases  # noqa: PLC0415 - loads NumPy
-
     bases = output_bases(sources)
     folders = [out or (Path() if source is None else source.parent) for source in sources]
     stems = [

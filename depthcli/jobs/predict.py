@@ -10,39 +10,23 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import (
-    AS_STATED,
-    DEFAULT_UPSAMPLING,
-    MAX_PIXELS,
-    AnchorsFit,
-    ReadOptions,
-    UpsamplingOptions,
-)
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.table import FILE_SUFFIXES, Format, WriterOptions, format_of, stem_of
+from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.paths import path_of, safe_name
-from depthcli.jobs.outputs import (
-    STDIO,
-    Destination,
-    FormatRules,
-    Kind,
-    OutputPlan,
-    plan_outputs,
-)
+from depthcli.jobs import outputs
+from depthcli.jobs.options import MapOptions
+from depthcli.jobs.outputs import STDIO, Destination, Kind, OutputPlan
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from typing import BinaryIO
 
-    from depthcli.core.camera import Anchor
     from depthcli.core.types import DepthMap
-    from depthcli.io.depth.anchors import AnchorFiles
     from depthcli.jobs.write import FailedInput
 
-_RULES = FormatRules(
+_RULES = outputs.FormatRules(
     (Format.PNG16, Format.PREVIEW), format_of, stem_of, FILE_SUFFIXES, stdout=Format.PNG16
 )
 
@@ -55,19 +39,12 @@ def picture_destination(
 
 
 @dataclass(frozen=True, slots=True)
-class PredictRequest:
+class PredictRequest(MapOptions):
     """Pictures, and how to process them."""
 
     pictures: tuple[str, ...]  #: names of files; ``-`` is ``stdin``
     destination: Destination[Format] = field(default_factory=picture_destination)
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
-    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
-    anchors: AnchorFiles | tuple[Anchor, ...] = ()  #: known depth, or where files have it
-    anchors_fit: AnchorsFit | None = None  #: to these; None for the best that the model can
-    reading: ReadOptions = AS_STATED  #: how images are read
-    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
-    detail: UpsamplingOptions = DEFAULT_UPSAMPLING  #: how depth becomes that of a full-size picture
-    max_pixels: int = MAX_PIXELS  #: larger pictures are refused
     overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read; None for that of the process
     stdout: BinaryIO | None = None  #: where ``-`` is written; None for that of the process
@@ -119,7 +96,7 @@ def plan_pictures(
         raise UsageError("'-' is standard input and can be read once", "give it once")
     sources = [None if name == STDIO else path_of(name) for name in names]
     if destination.kind is not Kind.STDOUT:
-        plans = plan_outputs(sources, destination)
+        plans = outputs.plan_outputs(sources, destination)
     elif len(names) == len(destination.wanted) == 1:
         plans = [OutputPlan(sources[0], dict.fromkeys(destination.wanted, Path(STDIO)))]
     else:

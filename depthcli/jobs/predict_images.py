@@ -1,6 +1,5 @@
 """Processing pictures one after another, from the file to the outputs."""
 
-import errno
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -100,5 +99,4 @@ def _read_picture(request: PredictRequest, plan: OutputPlan[Format]) -> Frame:
             plan.source, data, max_pixels=request.max_pixels, **request.reading._asdict()
         )
     except OSError as error:
-        reason = "it is closed" if error.errno == errno.EBADF else error.strerror
-        raise InputError(f"cannot read standard input: {reason}") from error
+        raise InputError(f"cannot read standard input: {error.strerror}") from error

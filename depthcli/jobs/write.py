@@ -1,6 +1,5 @@
 """Writing the outputs of a picture, atomically to files or to a stream."""
 
-import errno
 from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -49,8 +48,7 @@ def write_stream(
     except BrokenPipeError:
         raise  # the reader has exited, which is not an error
     except OSError as error:
-        reason = "it is closed" if error.errno == errno.EBADF else error.strerror
-        raise OutputError(f"cannot write standard output: {reason}") from error
+        raise OutputError(f"cannot write standard output: {error.strerror}") from error
     return warnings
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 OPTIONS = BatchOptions(
     (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),
-    WriterOptions(png_scale=256.0, colormap="turbo", legend=True),
+    writing=WriterOptions(png_scale=256.0, colormap="turbo", legend=True),
     anchors=(Anchor(3, 4, 2.5),),
     detail=UpsamplingOptions(Upsampling.BILINEAR),
     max_pixels=10_000,

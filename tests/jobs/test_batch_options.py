@@ -34,7 +34,9 @@ def test_a_file_in_a_batch_becomes_what_it_becomes_alone(
     pictures(tmp_path)
     clip = with_sound(tmp_path / "in" / "clip.mkv", seconds=0.12)
     formats = (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON)
-    asked = request(tmp_path, options=BatchOptions(formats, WRITING, camera, detail=DETAIL))
+    asked = request(
+        tmp_path, options=BatchOptions(formats, writing=WRITING, camera=camera, detail=DETAIL)
+    )
     results = {result.row.input: result.row for result in Batch(asked)}
     alone, loader = f"{tmp_path}/alone/", asked.model
     picture = str(tmp_path / "in" / "a.png")

@@ -51,7 +51,7 @@ def test_valid_outputs_are_kept(tmp_path: Path) -> None:
         BatchOptions(camera=Intrinsics(hfov_deg=80.0)),
         BatchOptions(reading=ReadOptions(white_level=4095)),
         BatchOptions(anchors=(Anchor(3, 4, 2.5),)),
-        BatchOptions((Format.PREVIEW,), WriterOptions(legend=True)),
+        BatchOptions((Format.PREVIEW,), writing=WriterOptions(legend=True)),
     ],
 )
 def test_a_changed_option_is_done_again(tmp_path: Path, options: BatchOptions) -> None:

@@ -130,7 +130,7 @@ def test_a_picture_beyond_the_memory_fails_alone(
 
 def test_options_that_fit_no_picture_end_the_batch(tmp_path: Path) -> None:
     pictures(tmp_path)
-    options = BatchOptions((Format.PREVIEW,), WriterOptions(vmin=2.0, vmax=1.0))
+    options = BatchOptions((Format.PREVIEW,), writing=WriterOptions(vmin=2.0, vmax=1.0))
     with pytest.raises(UsageError):
         list(Batch(request(tmp_path, options=options)))
 

@@ -99,10 +99,8 @@ class EngineOptions:
         min=1,
         max=groups.MAX_THREADS,
     )
-    max_failures: str | None = groups.option(
-        "Stop when more than N inputs have failed, or more than N% of the last 100 that "
-        "were processed (at the beginning, too: after more than N failures). Default: never.",
-        metavar="N|N%",
+    max_failures: int | None = groups.option(
+        "Stop when more than N inputs have failed. Default: never.", min=0
     )
     engine: EngineName = groups.option(
         "What processes the inputs: this process, or a Ray cluster.", default=EngineName.THREADS
@@ -175,18 +173,11 @@ def batch(
     from depthcli.jobs.batch.tasks import BatchOptions
 
     formats = (*(output.formats or (Format.PNG16,)), *([Format.JSON] if output.sidecar else ()))
-    seen_by = parse.camera(camera)
     options = BatchOptions(
         formats=tuple(dict.fromkeys(formats)),
-        writing=parse.writer_options(writing),
-        camera=seen_by,
-        detail=parse.detail(detail),
-        max_pixels=read.max_pixels,
         overwrite=output.overwrite,
-        anchors=parse.anchors(anchors, seen_by, is_folder=True),
-        anchors_fit=anchors.anchors_fit,
-        reading=parse.reading(read),
         column=inputs.column,
+        **parse.map_options(camera, anchors, read, detail, writing, is_folder=True),
     )
     changed = _changes(folder, output.out, inputs, camera.cameras)
     plan = _plan(folder, output.out, inputs, camera.cameras)
@@ -263,7 +254,7 @@ def _request(
 ) -> BatchRequest:
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
-    from depthcli.jobs.batch.run import BatchRequest, FailureBudget
+    from depthcli.jobs.batch.run import BatchRequest
 
     workers, batch_size, threads = engine.workers, engine.batch_size, model.runtime.threads
     if engine.is_ray:
@@ -271,14 +262,13 @@ def _request(
         batch_size = batch_size or (GPU_BATCH if engine.gpus_per_worker else None)
     else:
         workers, threads = share_cores(workers, threads)
-    limit = engine.max_failures
     return BatchRequest(
         plan=plan,
         options=options,
         model=parse.session_loader(model.model, model.runtime, threads),
         workers=workers,
         batch_size=batch_size,
-        budget=None if limit is None else FailureBudget.parse(limit),
+        max_failures=engine.max_failures,
     )
 
 

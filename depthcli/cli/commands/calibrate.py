@@ -89,7 +89,7 @@ def calibrate(
         shift = f", shift {scale.shift_m:+.3f} m" if scale.shift_m else ""
         source = f"{scale.points} known depths in {scale.images} images"
         told = f"scale {scale.scale:.4f}{shift} for model {scale.model}"
-        console.report(f"{name}: {told}, from {source}{error}")
+        console.out(f"{name}: {told}, from {source}{error}")
         console.warn_all(done.warnings)
     return ExitCode.OK
 

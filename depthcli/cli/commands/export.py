@@ -112,7 +112,7 @@ def export_onnx(
         facts = {"path": str(done.path), "sha256": made.sha256, "bytes": made.size_bytes}
         console.out_json(facts | dataclasses.asdict(parity))
     elif not screen.quiet:
-        console.report(
+        console.out(
             f"{done.path}  {(made.size_bytes or 0) / 1e6:.1f} MB  sha256 {made.sha256}\n"
             f"parity at {sizes} size{'s' * (sizes != 1)}: max {parity.max_abs:.2g}, "
             f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"

@@ -70,5 +70,5 @@ def merge_parts(
     if as_json:
         console.out_json({"manifest": path})
     else:
-        console.report(one_line(f"manifest: {path}"))
+        console.out(one_line(f"manifest: {path}"))
     return ExitCode.OK

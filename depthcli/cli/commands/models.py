@@ -95,7 +95,7 @@ def add_model_file(
         return ExitCode.OK
     if quiet:
         return ExitCode.OK
-    console.report(one_line(f"{name}: {output_text(model.card)}, in {folder}"))
+    console.out(one_line(f"{name}: {output_text(model.card)}, in {folder}"))
     verified = "not verified" if check is None else f"verified: {check.verified}"
     facts = f"{metres_text(model.card)}; licence {model.card.license}; {verified}"
     console.note(one_line(facts))
@@ -128,7 +128,7 @@ def remove_models(
     for name in models:
         added_model(name)  # raises before any is removed
     for name in dict.fromkeys(models):
-        console.report(f"removed {one_line(str(remove_model(name)))}")
+        console.out(f"removed {one_line(str(remove_model(name)))}")
     return ExitCode.OK
 
 

@@ -73,19 +73,12 @@ def predict(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     destination = picture_destination(output.out, output.formats or (), sidecar=output.sidecar)
     pictures, own = split_own_outputs(images)
-    seen_by = parse.camera(camera)
     request = PredictRequest(
         pictures=tuple(pictures),
         destination=destination,
         overwrite=output.overwrite,
         model=parse.session_loader(model.model, model.runtime),
-        camera=seen_by,
-        anchors=parse.anchors(anchors, seen_by),
-        anchors_fit=anchors.anchors_fit,
-        reading=parse.reading(read)._replace(eye=eye),
-        writing=parse.writer_options(writing),
-        detail=parse.detail(detail),
-        max_pixels=read.max_pixels,
+        **parse.map_options(camera, anchors, read, detail, writing, eye=eye),
     )
     results = job.predict(request)
     if not screen.quiet:

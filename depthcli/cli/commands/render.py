@@ -65,5 +65,5 @@ def rooms(
     if screen.as_json:
         console.out_json({"out": str(out), "rooms": count, "rendered": rendered})
     elif not screen.quiet:
-        console.report(f"{out}: {count} rooms, {rendered} rendered now")
+        console.out(f"{out}: {count} rooms, {rendered} rendered now")
     return ExitCode.OK

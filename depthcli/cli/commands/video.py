@@ -177,20 +177,13 @@ def video(
     is_normalized = writing.png.png_normalize or writing.png.png_inverse
     if is_normalized and {VideoFormat.MKV, VideoFormat.PNG16} <= set(destination.formats):
         raise UsageError("mkv is in millimetres", "leave out mkv, or write png16 in metres")
-    seen_by = parse.camera(camera)
     settings = VideoSettings(
-        writing=parse.writer_options(writing),
+        **parse.map_options(camera, anchors, read, detail, writing, is_folder=None),
         span=parse_span(frames.start, frames.end, frames.every),
         smooth_s=detail.smooth,
         lock_s=preview.lock,
-        camera=seen_by,
-        anchors=parse.anchors(anchors, seen_by, is_folder=None),
-        anchors_fit=anchors.anchors_fit,
-        reading=parse.reading(read),
-        detail=parse.detail(detail),
         stream=frames.stream,
         eye=frames.eye,
-        max_pixels=read.max_pixels,
         fps=None if frames.fps is None else parse_fps(frames.fps),
         segment_s=None if output.segment is None else parse_segment(output.segment),
         start_number=output.start_number,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import re
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, cast
 
 from depthcli.core.options import one_line
 from depthcli.core.progress import exit_hook
-from depthcli.errors import ExitCode, Message, about
+from depthcli.errors import Message, OutputError, about
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -44,7 +43,6 @@ _OPTIONS = {
     "eye_distance_m": "eye-distance",
     "convergence_m": "convergence",
 }  #: names of options that differ from those of their parameters
-_printed: set[str] = set()  #: kinds of lines printed to standard output: "results", "files"
 _bars: list[Progress] = []  #: the active progress bar, if there is one
 
 
@@ -79,21 +77,18 @@ def _clear_bar() -> None:
 
 def out(text: str) -> None:
     """Print a line of results to standard output."""
-    _printed.add("results")
-    _write_line(sys.stdout, text)
-
-
-def report(text: str) -> None:
-    """Print a line about written files to standard output."""
-    _printed.add("files")
     _write_line(sys.stdout, text)
 
 
 def out_json(values: Mapping[str, object]) -> None:
     """Print a JSON object as one line to standard output, and flush."""
-    _printed.add("results")
-    sys.stdout.write(json.dumps(values, ensure_ascii=True, allow_nan=False) + "\n")
-    sys.stdout.flush()
+    try:
+        sys.stdout.write(json.dumps(values, ensure_ascii=True, allow_nan=False) + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise  # the reader has exited, which is not an error
+    except OSError as error:
+        raise OutputError(f"cannot write standard output: {error.strerror}") from error
 
 
 def worded(text: str) -> str:
@@ -122,23 +117,6 @@ def warn_all(texts: Iterable[str], name: str = "") -> None:
 def error(text: str) -> None:
     """Print an error as one line to standard error."""
     _write_line(sys.stderr, f"depthcli: error: {one_line(worded(text))}")
-
-
-def report_lost_output(problem: OSError, code: int) -> int:
-    """Report that standard output could not be written; an error if results were lost.
-
-    Returns the exit code, by that of the command so far.
-    """
-    if code and not _printed:  # another error, which was printed
-        return code
-    is_closed = problem.errno == errno.EBADF
-    reason = "it is closed" if is_closed else problem.strerror or str(problem)
-    if _printed != {"files"}:
-        error(f"cannot write standard output: {reason}")
-        return code or ExitCode.SOME_FAILED
-    if not is_closed:  # closed streams are intended
-        warn(f"cannot write standard output: {reason}")
-    return code
 
 
 def _write_line(stream: TextIO, text: str) -> None:

@@ -82,7 +82,7 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
             show(result)
         _print_failures(batch, quiet=quiet)
         if not quiet:
-            _print_counts(plan, batch, console.note if as_json else console.report)
+            _print_counts(plan, batch, console.note if as_json else console.out)
             if resumes and tally.completed < tally.total and not batch.stopped:
                 console.note("stopped early; run the same command again to resume")
 
@@ -161,7 +161,7 @@ def print_result(
         console.out_json(picture_json(known) if is_picture else video_json(known))
     elif not screen.quiet:
         text = picture_text(known) if is_picture else video_text(known)
-        (console.note if to_stderr else console.report)(text)
+        (console.note if to_stderr else console.out)(text)
         console.warn_all(result.warnings, name=result.name)
     if not isinstance(result, PictureResult) and result.problem:
         console.error(about(result.name, f"{result.problem}; frames written: {result.frames}"))
@@ -242,7 +242,7 @@ def print_conversion(done: ConvertResult, screen: ScreenOptions) -> None:
                 f"  round trip: max error {trip.max_error:.3g}{unit}, "
                 f"mean {trip.mean_error:.3g}{unit}, {trip.lost} pixels lost"
             )
-        console.report(one_line(line))
+        console.out(one_line(line))
         console.warn_all(done.warnings)
 
 
@@ -293,7 +293,7 @@ def print_conversions(
         parts += [skip_summary(plan.skipped)] if plan and plan.skipped else []
         trips = f"; round trip: max error {max_error:.3g}{in_metres}, {lost} pixels lost"
         text = ", ".join(parts) + (trips if max_error >= 0 else "")
-        (console.note if screen.as_json else console.report)(text)
+        (console.note if screen.as_json else console.out)(text)
     if warned and not (screen.quiet or screen.as_json):
         first = console.worded(warned[0])
         console.warn(f"{len(warned)} {unit} have warnings, the first: {first}")

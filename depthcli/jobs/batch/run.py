@@ -1,20 +1,18 @@
 """Running a batch: processes all inputs with an engine and writes the manifest."""
 
 import hashlib
-import re
 import time
-from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 from depthcli.core.options import GPU_BATCH
 from depthcli.core.parallel import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.errors import InputError, OutputError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.providers import CPU
@@ -38,8 +36,6 @@ class Tally:
     done: int = 0  #: inputs that were processed, including the failed ones
     kept: int = 0  #: inputs whose outputs of an earlier run are still valid
     failures: list[tuple[str, str]] = field(default_factory=list)  #: name and reason
-    #: whether each of the last hundred processed inputs failed
-    recent_failed: deque[bool] = field(default_factory=lambda: deque(maxlen=100))
     start_s: float = field(default_factory=time.monotonic)
 
     def add(self, result: BatchResult) -> None:
@@ -49,7 +45,6 @@ class Tally:
             self.kept += 1
         else:
             self.done += 1
-            self.recent_failed.append(error is not None)
         if error is not None:
             self.failures.append((result.row.input, error))
 
@@ -57,35 +52,6 @@ class Tally:
     def completed(self) -> int:
         """Inputs that are done or kept."""
         return self.done + self.kept
-
-
-@dataclass(frozen=True, slots=True)
-class FailureBudget:
-    """Allowed failures: among all inputs, or as a percentage of the last hundred processed ones.
-
-    The percentage is of a hundred from the first input on: missing ones count as successful. So a
-    run that fails from the start stops as soon as one that starts to fail after days.
-    """
-
-    maximum: int
-    is_percentage: bool = False
-
-    @classmethod
-    def parse(cls, word: str) -> Self:
-        """Parse ``20`` or ``20%``; UsageError if it is neither, or more than 100%."""
-        found = re.fullmatch(r"([0-9]{1,9})(%?)", word)
-        if found is None or (found[2] and int(found[1]) > 100):  # noqa: PLR2004 - per cent
-            raise UsageError(
-                f"{word} is not a number or a percentage, such as 20 or 5%", option="max_failures"
-            )
-        return cls(int(found[1]), bool(found[2]))
-
-    def reason(self, tally: Tally) -> str | None:
-        """Why a batch has to stop; None if it may continue."""
-        failed = sum(tally.recent_failed) if self.is_percentage else len(tally.failures)
-        which = "% of the last 100" if self.is_percentage else " of the"
-        too_many = f"more than {self.maximum}{which} inputs failed"
-        return too_many if failed > self.maximum else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +65,7 @@ class BatchRequest:
     model: SessionLoader = field(default_factory=SessionLoader)
     workers: int | None = None  #: images, or chunks of them, in parallel; None for one per core
     batch_size: int | None = None  #: images per inference; None for the provider's default
-    budget: FailureBudget | None = None  #: failures after which it stops; None for no limit
+    max_failures: int | None = None  #: it stops after more; None for no limit
 
 
 class Batch(Iterator[BatchResult]):
@@ -148,7 +114,7 @@ class Batch(Iterator[BatchResult]):
                 remove_stale(folder)
         self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings, *focal)
         self.tally = Tally(len(plan.inputs))
-        self._budget = request.budget
+        self._max_failures = request.max_failures
         self.stopped: str | None = None
         self.late: tuple[BatchResult, ...] = ()
         self._recorded: dict[str, BatchResult] = {}
@@ -174,9 +140,10 @@ class Batch(Iterator[BatchResult]):
                     del self._recorded[result.row.input]
                     self.tally.add(result)
                     yield result
-                    if self._budget and self.tally.completed < self.tally.total:
-                        self.stopped = self._budget.reason(self.tally)
-                    if self.stopped is not None:
+                    most = self._max_failures
+                    is_over = most is not None and len(self.tally.failures) > most
+                    if is_over and self.tally.completed < self.tally.total:
+                        self.stopped = f"more than {most} of the inputs failed"
                         return
         finally:
             self._finish()

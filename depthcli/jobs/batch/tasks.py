@@ -7,17 +7,16 @@ import re
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from depthcli.core import options as core_options
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
+from depthcli.core.camera import Intrinsics
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.anchors import AnchorFiles, read_known_depth
-from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile, RealPaths, is_archive, is_video
 from depthcli.io.manifest import files as manifest
 from depthcli.io.manifest.journal import Rows
@@ -25,26 +24,17 @@ from depthcli.io.storage.atomic import Guard, is_same_file
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan
+from depthcli.jobs.options import MapOptions
 from depthcli.jobs.outputs import Destination, Kind
 from depthcli.jobs.write import failure_reason, output_guard
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
 
 @dataclass(frozen=True, slots=True)
-class BatchOptions:
+class BatchOptions(MapOptions):
     """Options of processing an input."""
 
     formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
-    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
-    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
-    anchors: AnchorFiles | tuple[Anchor, ...] = ()  #: known depth, or where files have it
-    #: how depth is fitted to these; None for the best that the model can
-    anchors_fit: core_options.AnchorsFit | None = None
-    reading: core_options.ReadOptions = core_options.AS_STATED  #: how images are read
-    detail: core_options.UpsamplingOptions = (
-        core_options.DEFAULT_UPSAMPLING
-    )  #: upsampling and tiles
-    max_pixels: int = core_options.MAX_PIXELS  #: larger pictures are refused
     column: str | None = None  #: of archives, the one with the images; None for the only one
     overwrite: bool = False  #: whether outputs may replace files of other programs
 

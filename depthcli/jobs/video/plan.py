@@ -10,21 +10,13 @@ from fractions import Fraction
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, BinaryIO, cast
 
-from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.options import (
-    AS_STATED,
-    DEFAULT_UPSAMPLING,
-    MAX_PIXELS,
-    AnchorsFit,
-    Eye,
-    ReadOptions,
-    UpsamplingOptions,
-)
+from depthcli.core.options import Eye
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.table import Format, WriterOptions, format_of
+from depthcli.io.formats.table import Format, format_of
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage import atomic, paths
+from depthcli.jobs.options import MapOptions
 from depthcli.jobs.output_names import comparable, names_near, output_bases
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
 from depthcli.video import container, numbering
@@ -43,7 +35,6 @@ from depthcli.video.live import LiveStream
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
-    from depthcli.io.depth.anchors import AnchorFiles
     from depthcli.video.live_source import LiveCounts
 
 _ON_GRID = 1e-6
@@ -52,22 +43,14 @@ LOCK_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class VideoSettings:
+class VideoSettings(MapOptions):
     """Options that affect the outputs."""
 
-    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     span: Span = WHOLE  #: the frames to process
     smooth_s: float = 0.0  #: time constant of the depth's smoothing in seconds; 0 for none
     lock_s: float = LOCK_S  #: time constant of the preview's range in seconds; 0 for each frame's
-    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
-    #: known depth, of all frames or of each; empty for none
-    anchors: AnchorFiles | tuple[Anchor, ...] = ()
-    anchors_fit: AnchorsFit | None = None  #: to that; None for the best that the model can
-    reading: ReadOptions = AS_STATED  #: how the images of a sequence are read
-    detail: UpsamplingOptions = DEFAULT_UPSAMPLING  #: how depth becomes that of a full-size frame
     stream: int | None = None  #: number of the video stream; None for the one with most frames
     eye: Eye | None = None  #: view of a stereo video; None for whole frames
-    max_pixels: int = MAX_PIXELS  #: videos with larger frames are refused
     fps: Fraction | None = None  #: frames per second of an image sequence; None for what it states
     segment_s: float | None = None  #: length of a file in seconds; None for one file
     start_number: int | None = None  #: of the first frame in file names; None for the input's
