@@ -9,21 +9,8 @@ import typer
 
 from depthcli.cli import completion
 from depthcli.cli.groups import OPTION, USUAL, group
+from depthcli.core import options as choices
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
-from depthcli.core.options import (
-    EXPOSURE,
-    MAX_PIXELS,
-    AnchorsFit,
-    Colormap,
-    DepthEncoding,
-    DepthMask,
-    Near,
-    Projection,
-    Rule,
-    StereoLayout,
-    Upsampling,
-    Weights,
-)
 from depthcli.errors import UsageError
 
 _LARGEST_M = 1e9
@@ -39,7 +26,7 @@ class ExrChannel(StrEnum):
     DEPTH_Z = "depth.Z"
 
 
-def checked(rule: Rule) -> Callable[[float | None], float | None]:
+def checked(rule: choices.Rule) -> Callable[[float | None], float | None]:
     """A callback of typer that refuses a value outside a range, unless it is None."""
 
     def check(value: float | None) -> float | None:
@@ -50,10 +37,10 @@ def checked(rule: Rule) -> Callable[[float | None], float | None]:
     return check
 
 
-_finite = checked(Rule("a number up to 1e9", lambda x: abs(x) <= _LARGEST_M))
-positive = checked(Rule("greater than 0", lambda x: 0 < x < float("inf")))
-not_negative = checked(Rule("0 or greater", lambda x: 0 <= x < float("inf")))
-png_scale_range = checked(Rule("from 0.001 to 1000000", lambda x: 1e-3 <= x <= 1e6))  # noqa: PLR2004
+_finite = checked(choices.Rule("a number up to 1e9", lambda x: abs(x) <= _LARGEST_M))
+positive = checked(choices.Rule("greater than 0", lambda x: 0 < x < float("inf")))
+not_negative = checked(choices.Rule("0 or greater", lambda x: 0 <= x < float("inf")))
+png_scale_range = checked(choices.Rule("from 0.001 to 1000000", lambda x: 1e-3 <= x <= 1e6))  # noqa: PLR2004
 field_of_view = checked(HFOV_DEG)
 focal_length = checked(FOCAL_PX)
 
@@ -70,7 +57,7 @@ def usual(text: str, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as 
 
 
 UpsampleOption = Annotated[
-    Upsampling,
+    choices.Upsampling,
     typer.Option(
         help="Upsampling to the image's size: guided by the image's edges, bilinear, or as the "
         "model's authors do."
@@ -177,7 +164,7 @@ class DepthFileOptions:
         "the file, else 1000 for PNG and video, 1 for floats. Of disparity, units per pixel.",
         callback=png_scale_range,
     )
-    from_kind: DepthEncoding | None = usual(
+    from_kind: choices.DepthEncoding | None = usual(
         "Meaning of the numbers in a file that does not state it: metric (depth along the camera "
         "axis, the default), distance (along the ray of each pixel), disparity (stereo, needs "
         "--baseline), inverse (1/depth, metric with --from-scale) or relative. Distance and "
@@ -199,7 +186,7 @@ class DepthFileOptions:
     @property
     def needs_camera(self) -> bool:
         """Whether depth depends on the camera."""
-        return self.from_kind in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}
+        return self.from_kind in {choices.DepthEncoding.DISTANCE, choices.DepthEncoding.DISPARITY}
 
 
 @group
@@ -217,11 +204,7 @@ class PatternOptions:
 
     @property
     def patterns(self) -> tuple[str, str] | None:
-        """Patterns of images and depth; None for a known layout.
-
-        Raises:
-            UsageError: only one is given.
-        """
+        """Patterns of images and depth; None for a known layout."""
         if (self.rgb is None) != (self.depth is None):
             raise UsageError("", "give both {rgb} and {depth}")
         return (self.rgb, self.depth) if self.rgb and self.depth else None
@@ -257,7 +240,7 @@ class AnchorOptions:
         "for NPY), 1 for floats.",
         callback=png_scale_range,
     )
-    anchors_kind: DepthEncoding | None = option(
+    anchors_kind: choices.DepthEncoding | None = option(
         "Meaning of the numbers in --anchors, as --from-kind of 'convert': distance along the "
         "ray and disparity (with --baseline) need --focal-px, --hfov or --calibration.",
     )
@@ -265,7 +248,7 @@ class AnchorOptions:
         "Distance between the two cameras of --anchors-kind disparity in metres.",
         callback=positive,
     )
-    anchors_fit: AnchorsFit | None = option(
+    anchors_fit: choices.AnchorsFit | None = option(
         "How depth follows known points: global by scale and shift alone; local also by what that "
         "leaves, spread over the image; network by a model that takes them. Default: network, if "
         "the model does, else local."
@@ -291,14 +274,14 @@ class ReadOptions:
     exposure: float = option(
         "Exposure of EXR images in stops: 1 doubles their linear light, -1 halves it.",
         default=0.0,
-        callback=checked(EXPOSURE),
+        callback=checked(choices.EXPOSURE),
         metavar="STOPS",
     )
     layer: str | None = option(
         "Layer or part of EXR images to read, such as 'beauty'. Default: that without a "
         "name, else the likeliest by its name."
     )
-    projection: Projection | None = option(
+    projection: choices.Projection | None = option(
         "Projection of the images: equirectangular for panoramas of all directions, whose depth "
         "is then along the ray. Default: pinhole."
     )
@@ -312,14 +295,16 @@ class ReadOptions:
 class ImageOptions(ReadOptions):
     """Reading images."""
 
-    max_pixels: int = option("Maximum number of pixels of an image.", default=MAX_PIXELS, min=1)
+    max_pixels: int = option(
+        "Maximum number of pixels of an image.", default=choices.MAX_PIXELS, min=1
+    )
 
 
 @group
 class DetailOptions:
     """Detail."""
 
-    upsample: UpsampleOption = Upsampling.GUIDED
+    upsample: UpsampleOption = choices.Upsampling.GUIDED
     tile: str | None = option(
         "Refine the depth in tiles of this width; auto is 3/4 of the image's width.",
         metavar="auto|PIXELS",
@@ -330,9 +315,9 @@ class DetailOptions:
 class MapOptions(DetailOptions):
     """Detail."""
 
-    mask: DepthMask = option(
+    mask: choices.DepthMask = option(
         "Pixels without depth: none, or those that the model's own mask excludes, such as sky.",
-        default=DepthMask.NONE,
+        default=choices.DepthMask.NONE,
     )
 
 
@@ -370,10 +355,10 @@ class ExrOptions:
 class PreviewOptions:
     """Preview."""
 
-    colormap: Colormap | None = usual(
+    colormap: choices.Colormap | None = usual(
         "Colormap of the preview. Default: inferno, or gray with --near white or black."
     )
-    near: Near | None = option(
+    near: choices.Near | None = option(
         "Colour of near depth: warm, or white or black with gray. Default: warm, or white "
         "with gray."
     )
@@ -415,9 +400,9 @@ class PlyOptions:
 class StereoOptions:
     """Stereo pair."""
 
-    stereo_layout: StereoLayout = option(
+    stereo_layout: choices.StereoLayout = option(
         "Views side by side, or as an anaglyph for red and cyan glasses.",
-        default=StereoLayout.SIDE_BY_SIDE,
+        default=choices.StereoLayout.SIDE_BY_SIDE,
     )
     eye_distance_m: float = option(
         "Distance between the eyes in metres; larger is deeper.",
@@ -496,7 +481,7 @@ WorkersOption = Annotated[
     ),
 ]
 WeightsOption = Annotated[
-    Weights,
+    choices.Weights,
     typer.Option(
         help="averaged: the moving average, if the run keeps one; raw: those of the last step."
     ),

@@ -9,18 +9,9 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 from depthcli.cli import options as groups
+from depthcli.core import options as choices
 from depthcli.core.camera import DEPTH_M, HFOV_DEG, UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.options import (
-    AUTO_TILE,
-    Colormap,
-    DepthEncoding,
-    DepthMask,
-    Eye,
-    Near,
-    ReadOptions,
-    UpsamplingOptions,
-    short_repr,
-)
+from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FORMATS, WriterOptions
@@ -56,9 +47,9 @@ def session_loader(
 def detail(options: groups.DetailOptions) -> UpsamplingOptions:
     """Upsampling, tiles and mask; UsageError if the tile is neither ``auto`` nor a width."""
     tile = options.tile
-    mask = options.mask if isinstance(options, groups.MapOptions) else DepthMask.NONE
+    mask = options.mask if isinstance(options, groups.MapOptions) else choices.DepthMask.NONE
     if tile in {None, "auto"}:
-        return UpsamplingOptions(options.upsample, AUTO_TILE if tile else None, mask)
+        return UpsamplingOptions(options.upsample, choices.AUTO_TILE if tile else None, mask)
     if not re.fullmatch(r"0*[1-9][0-9]{0,8}", str(tile)):
         raise UsageError(f"{short_repr(tile)} is neither auto nor a width in pixels", option="tile")
     return UpsamplingOptions(options.upsample, int(str(tile)), mask)
@@ -79,13 +70,15 @@ def writer_options(options: groups.WritingOptions) -> WriterOptions:
     return WriterOptions(**{name: value for name, value in values.items() if value is not None})
 
 
-def _colours(options: groups.PreviewOptions) -> tuple[Colormap | None, Near | None]:
+def _colours(options: groups.PreviewOptions) -> tuple[choices.Colormap | None, choices.Near | None]:
     """Colormap and near colour; either selects gray."""
     colormap, near = options.colormap, options.near
-    if near in {None, Near.WARM} and (near is None or colormap is not Colormap.GRAY):
+    if near in {None, choices.Near.WARM} and (
+        near is None or colormap is not choices.Colormap.GRAY
+    ):
         return colormap, near
-    if near is not Near.WARM and colormap in {None, Colormap.GRAY}:
-        return Colormap.GRAY, near
+    if near is not choices.Near.WARM and colormap in {None, choices.Colormap.GRAY}:
+        return choices.Colormap.GRAY, near
     advice = "white and black are for gray, warm is for the other colormaps"
     raise UsageError(f"{near} does not fit {colormap}", advice, option="near")
 
@@ -118,7 +111,7 @@ def _kept(name: str, given: Intrinsics) -> Intrinsics:
     )
 
 
-def reading(options: groups.ReadOptions, eye: Eye | None = None) -> ReadOptions:
+def reading(options: groups.ReadOptions, eye: choices.Eye | None = None) -> ReadOptions:
     """Options of reading images; only some commands choose the eye."""
     names = [name for name in ReadOptions._fields if name != "eye"]
     return ReadOptions(**{name: getattr(options, name) for name in names}, eye=eye)
@@ -129,7 +122,7 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
     from depthcli.io.depth.read import DepthReadOptions
 
     kind, baseline_m, layer = options.from_kind, options.baseline, options.from_layer
-    if baseline_m is not None and kind is not DepthEncoding.DISPARITY:
+    if baseline_m is not None and kind is not choices.DepthEncoding.DISPARITY:
         raise UsageError("", "{baseline} is for {from_kind} disparity")
     found = DepthReadOptions(options.from_scale, kind, layer=layer, frame=options.frame)
     return replace(found, camera=camera, baseline_m=baseline_m)
@@ -176,7 +169,7 @@ def anchors(
     if is_local and is_folder is not None and place.is_dir() != is_folder:
         kind = "a folder with a file for each image" if is_folder else "a file"
         raise UsageError(f"{safe_name(path)} is not {kind}", option="anchors")
-    if options.baseline is not None and options.anchors_kind is not DepthEncoding.DISPARITY:
+    if options.baseline is not None and options.anchors_kind is not choices.DepthEncoding.DISPARITY:
         raise UsageError("", "{baseline} is for {anchors_kind} disparity")
     return files
 
@@ -189,7 +182,7 @@ def map_options(
     writing: groups.WritingOptions,
     *,
     is_folder: bool | None = False,
-    eye: Eye | None = None,
+    eye: choices.Eye | None = None,
 ) -> dict[str, Any]:
     """Values of the fields of :class:`~depthcli.jobs.options.MapOptions`."""
     seen_by = camera(seen)
@@ -234,11 +227,7 @@ def pixel(word: str) -> tuple[int, int]:
 
 
 def area(word: str) -> tuple[int, ...] | str:
-    """Parse ``X,Y``, a box ``X0,Y0,X1,Y1``, or the name of a file with a mask.
-
-    Raises:
-        UsageError: numbers that are neither a pixel nor a box.
-    """
+    """Parse ``X,Y``, a box ``X0,Y0,X1,Y1``, or the name of a file with a mask."""
     if not re.fullmatch(r"[-+.\d\s]*,[-+.,\d\s]*", word):
         return word
     if word.count(",") != _BOX_COMMAS:

@@ -21,7 +21,6 @@ from depthcli.video.formats import VideoFormat, video_format_of
 FILE_NAME = "depthcli.toml"
 _MAX_BYTES = 2**20
 _NOT_IN_PROFILES = frozenset({"help", "debug", "profile", "out"})
-_FORMAT = "format"
 
 
 def profile_files() -> tuple[Path, ...]:

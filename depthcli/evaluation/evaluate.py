@@ -103,11 +103,6 @@ def evaluate(
     """Make the table of trivial rows, predictors and published rows.
 
     Training runs that differ only in their seed are one row.
-
-    Raises:
-        DatasetError: a pair cannot be read or does not fit the protocol, or no pixel counts.
-        UsageError: no alignment suits a predictor, runs of one name differ in more than their
-            seed, or there is no row to compare with the others.
     """
     lines = _lines(task, predictors, options)
     trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()

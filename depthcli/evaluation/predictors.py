@@ -73,11 +73,7 @@ class Predictor(ABC):
 
     @abstractmethod
     def predict(self, sample: Sample) -> DepthMap:
-        """Depth of one image, any size.
-
-        Raises:
-            DepthcliError: the prediction fails.
-        """
+        """Depth of one image, any size."""
 
 
 @dataclass(frozen=True, slots=True)

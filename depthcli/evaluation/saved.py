@@ -27,12 +27,7 @@ _WORDS = ("name", "description")  # of a protocol, made of its other fields
 
 
 def read_report(path: Path) -> EvalReport:
-    """The report of ``eval --json``, with scores of each image if it has them.
-
-    Raises:
-        InputError: the file cannot be read.
-        UsageError: it is something else.
-    """
+    """The report of ``eval --json``, with scores of each image if it has them."""
     try:
         document: Any = parsed_json(read_bytes(path))
         stated, split = document["protocol"], document["split"]
@@ -75,10 +70,6 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
     """The rows of two reports, and differences of the first's from the second's.
 
     If both have scores of each image, all are of the images that both have.
-
-    Raises:
-        InputError: a file cannot be read.
-        UsageError: one is no report, or they are of other data or protocols.
     """
     reports = [read_report(first), read_report(second)]
     one, other = reports

@@ -275,9 +275,6 @@ def check_parity(
     """Compare torch with onnxruntime on noise and on smooth pictures, (batch, height, width).
 
     Given pictures, (B, C, H, W), are used instead for int8, which is accurate for real ones only.
-
-    Raises:
-        ParityError: a difference is larger than the tolerance.
     """
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
     names = [given.name for given in session.get_inputs()]

@@ -165,15 +165,7 @@ class ExportResult:
 
 
 def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> ExportResult:
-    """Export the generator of a checkpoint to an ONNX file, with its card beside it.
-
-    Raises:
-        CheckpointError: the checkpoint cannot be used.
-        UsageError: the value of an option is not valid in a card, or the card there is that of
-            another model.
-        ParityError: the ONNX model differs from torch's network; nothing is written.
-        OutputError: a file cannot be written.
-    """
+    """Export the generator of a checkpoint to an ONNX file, with its card beside it."""
     own_card = card_path(out)
     if own_card.is_file() and catalog.file_of_card(own_card) != out.name:
         raise UsageError(f"{own_card} is not the card of {out.name}; choose another -o")

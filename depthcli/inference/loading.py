@@ -26,13 +26,7 @@ class SessionLoader:
     provider_options: Mapping[str, str] = field(default_factory=dict)
 
     def load(self) -> Session:
-        """Find the model and load it.
-
-        Raises:
-            ModelError: the model is not there or is damaged.
-            ProviderError: the named provider is not available.
-            UsageError: no provider has that name, or it takes no options and some are given.
-        """
+        """Find the model and load it."""
         return self.start().result()
 
     def start(self) -> Background[Session]:

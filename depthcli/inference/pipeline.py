@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from depthcli.core import options
 from depthcli.core.anchors import ROBUST_FROM, AnchorPoints, fitted
 from depthcli.core.arrays import Float32Array
 from depthcli.core.camera import (
@@ -17,35 +18,13 @@ from depthcli.core.camera import (
     Intrinsics,
     hfov_deg,
 )
-from depthcli.core.options import (
-    AUTO_TILE,
-    DEFAULT_UPSAMPLING,
-    AnchorsFit,
-    DepthMask,
-    Projection,
-    Upsampling,
-    UpsamplingOptions,
-)
+from depthcli.core.options import DEFAULT_UPSAMPLING, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
 from depthcli.errors import InputError, Message, ModelError, UsageError
-from depthcli.inference.camera import (
-    frame_warnings,
-    intrinsics_of,
-    metric_camera,
-    metric_scale,
-    with_own_view,
-)
+from depthcli.inference import camera as lenses
+from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
-from depthcli.inference.transforms import (
-    Layout,
-    coarse_depth,
-    enlarged,
-    full_size,
-    lacks_depth,
-    prepare,
-    prompt_input,
-    without_depth,
-)
+from depthcli.inference.transforms import Layout, prepare
 from depthcli.models.card import InputSpec, ModelCard, OutputSpec
 
 _STEP = 4  # pixels between those that are counted
@@ -122,17 +101,17 @@ class Pipeline:
         cameras: Sequence[Intrinsics],
         anchors: Sequence[AnchorPoints | None],
     ) -> list[Prediction]:
-        if any(frame.projection is Projection.EQUIRECTANGULAR for frame in frames):
+        if any(frame.projection is options.Projection.EQUIRECTANGULAR for frame in frames):
             tasks = zip(frames, cameras, anchors, strict=True)
             return [
                 self._predict_batch([frame], [camera], [points])[0]
-                if frame.projection is Projection.PINHOLE
+                if frame.projection is options.Projection.PINHOLE
                 else _finished(*self._panorama(frame, camera), frame, points)
                 for frame, camera, points in tasks
             ]
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
-        own = [intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
+        own = [lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
         frames = [
             frame
             if camera.pixel_aspect in {None, frame.pixel_aspect}
@@ -164,19 +143,19 @@ class Pipeline:
         if not anchors:
             return None
         if not self.card.input.prompt:
-            if anchors.fit is AnchorsFit.NETWORK:
+            if anchors.fit is options.AnchorsFit.NETWORK:
                 raise InputError(
                     f"model {self.card.name!r} takes no known depth",
                     "give another {model}, or another {anchors_fit}",
                 )
             return None
-        if anchors.fit not in {None, AnchorsFit.NETWORK} or len(anchors) < ROBUST_FROM:
+        if anchors.fit not in {None, options.AnchorsFit.NETWORK} or len(anchors) < ROBUST_FROM:
             return None
         try:
             points = anchors.within(*frame.display_size_px)
         except UsageError as error:
             raise InputError(str(error)) from error
-        return prompt_input(self.card.output, points, frame, layout)
+        return transforms.prompt_input(self.card.output, points, frame, layout)
 
     def _model_depth(
         self,
@@ -194,8 +173,8 @@ class Pipeline:
         if spec.points:
             raw = _of_points(spec, raw, camera, frame)
         own_deg = None if raw.hfov_deg is None else float(raw.hfov_deg)
-        camera = with_own_view(camera, own_deg, frame.width)
-        coarse = coarse_depth(spec, raw.maps, layout)
+        camera = lenses.with_own_view(camera, own_deg, frame.width)
+        coarse = transforms.coarse_depth(spec, raw.maps, layout)
         if not np.isfinite(coarse).any():
             where = frame.path or "an image"
             told = f"{self.session.model.path} gives no depth for {where}, no finite number"
@@ -207,17 +186,17 @@ class Pipeline:
             columns = coarse.shape[1]
             coarse = refine(spec, coarse, frame, tile_px, self._coarse)
             radius = math.ceil(coarse.shape[1] / columns)
-        if tile_px is None and self.detail.upsampling is Upsampling.MODEL:
-            values = enlarged(spec, raw.maps, layout, frame)
+        if tile_px is None and self.detail.upsampling is options.Upsampling.MODEL:
+            values = transforms.enlarged(spec, raw.maps, layout, frame)
         else:
-            values = full_size(spec, coarse, frame, self.detail.upsampling, radius)
-        scale = 1.0 if is_prompted else metric_scale(self.card, frame, layout, camera)
+            values = transforms.full_size(spec, coarse, frame, self.detail.upsampling, radius)
+        scale = 1.0 if is_prompted else lenses.metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
         if camera.scale is not None:
             values = self._calibrated(values, camera.scale)
         if self.detail.mask is DepthMask.MODEL and spec.mask and raw.mask is not None:
-            values[without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
+            values[transforms.without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
         source = self._provenance(frame, (layout.width, layout.height), camera)
         depth = DepthMap(values, self.card.output.kind, source)
         warnings = flat_warnings(depth) or _range_warnings(spec, depth, scale)
@@ -241,7 +220,7 @@ class Pipeline:
         if camera.has_focal or camera.centre_px:
             told = "an equirectangular image has no focal length and no principal point"
             raise InputError(told, "leave them out, or give {projection} pinhole")
-        if metric_camera(self.card) is None:
+        if lenses.metric_camera(self.card) is None:
             told = f"model {self.card.name!r} gives no metres of a known camera for a panorama"
             raise InputError(told, "give another {model}")
         view, size_px = Intrinsics(hfov_deg=HFOV_DEG), (0, 0)
@@ -258,7 +237,7 @@ class Pipeline:
 
     def _coarse(self, frame: Frame) -> Float32Array:
         batch, layout = prepare(self.card.input, frame)
-        return coarse_depth(self.card.output, self.session.run(batch)[0], layout)
+        return transforms.coarse_depth(self.card.output, self.session.run(batch)[0], layout)
 
     def _run(
         self, inputs: Sequence[Float32Array], known: Sequence[Float32Array | None]
@@ -306,7 +285,7 @@ def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Fra
 
     has_depth = None
     if spec.mask is not None and raw.mask is not None:
-        has_depth = ~lacks_depth(spec.mask, raw.mask)
+        has_depth = ~transforms.lacks_depth(spec.mask, raw.mask)
     is_known = camera.focal_px is not None and camera.source is not CameraSource.CARD
     known = hfov_deg(camera.focal_px, frame.width) if is_known and camera.focal_px else None
     found = depth_of_points(raw.maps, has_depth, known)
@@ -344,7 +323,7 @@ def _finished(
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
     found, of_anchors = fitted(depth, anchors, frame.windows)
     source = depth.provenance.camera_source if depth.provenance and not anchors else None
-    of_file = frame_warnings(frame, source)
+    of_file = lenses.frame_warnings(frame, source)
     return Prediction(found, (*warnings, *of_file, *of_anchors))
 
 
@@ -353,7 +332,7 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> i
     if detail.tile_px is None:
         return None
     width, chosen = frame.width, detail.tile_px
-    if chosen == AUTO_TILE:
+    if chosen == options.AUTO_TILE:
         chosen = max(-(-3 * width // 4), spec.width)
     finest_px = math.ceil(
         math.sqrt(spec.width * spec.height * width / (_MAX_CELLS_A_PIXEL * frame.height))

@@ -5,19 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from depthcli.core import imageops as colour
+from depthcli.core import imageops
 from depthcli.core.anchors import AnchorPoints, pixels_of
 from depthcli.core.arrays import BoolArray, Float32Array
-from depthcli.core.imageops import (
-    resize_antialiased,
-    resize_area,
-    resize_area_or_cubic,
-    resize_bilinear,
-    resize_corners,
-    resize_cubic,
-    shrink_bands,
-    upsample_guided,
-)
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.models.card import (
@@ -32,19 +22,23 @@ from depthcli.models.card import (
     Side,
 )
 
-_PLANES = {Colour.VALUE: colour.value_channel, Colour.LUMA: colour.luma, Colour.RGB: colour.rgb}
+_PLANES = {
+    Colour.VALUE: imageops.value_channel,
+    Colour.LUMA: imageops.luma,
+    Colour.RGB: imageops.rgb,
+}
 _RESIZES = {
-    Resize.AREA: resize_area,
-    Resize.LINEAR: resize_bilinear,
-    Resize.CUBIC: resize_cubic,
-    Resize.AREA_CUBIC: resize_area_or_cubic,
-    Resize.LINEAR_CORNERS: resize_corners,
+    Resize.AREA: imageops.resize_area,
+    Resize.LINEAR: imageops.resize_bilinear,
+    Resize.CUBIC: imageops.resize_cubic,
+    Resize.AREA_CUBIC: imageops.resize_area_or_cubic,
+    Resize.LINEAR_CORNERS: imageops.resize_corners,
 }
 _ANTIALIASED = frozenset({Resize.LINEAR_ANTIALIAS, Resize.CUBIC_ANTIALIAS})
 _ENLARGINGS = {
-    Enlarging.LINEAR: resize_bilinear,
-    Enlarging.LINEAR_CORNERS: resize_corners,
-    Enlarging.CUBIC: resize_cubic,
+    Enlarging.LINEAR: imageops.resize_bilinear,
+    Enlarging.LINEAR_CORNERS: imageops.resize_corners,
+    Enlarging.CUBIC: imageops.resize_cubic,
 }
 _LARGE_PIXELS = 4_000_000  # larger pictures are converted to float in bands
 # Times the shorter side; longer pictures are padded to that. Chosen on held-out pairs, on which a
@@ -89,7 +83,7 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[Float32Array, Layout]:
     layout = input_layout(spec, frame.width * frame.pixel_aspect, frame.height)
     planes, size = _PLANES[spec.colour], (layout.inner_width, layout.inner_height)
     if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
-        small = shrink_bands(frame.pixels, planes, *size)
+        small = imageops.shrink_bands(frame.pixels, planes, *size)
     else:
         small = planes(frame.pixels)
         if spec.fit is Fit.LONGEST_SIDE:
@@ -135,7 +129,9 @@ def _resized(spec: InputSpec, values: Float32Array, width: int, height: int) -> 
     """Colours at another size, as the card says."""
     if spec.resize in _ANTIALIASED:
         is_cubic = spec.resize is Resize.CUBIC_ANTIALIAS
-        return resize_antialiased(values, width, height, cubic=is_cubic, eight_bit=spec.eight_bit)
+        return imageops.resize_antialiased(
+            values, width, height, cubic=is_cubic, eight_bit=spec.eight_bit
+        )
     resize = _RESIZES[spec.resize]
     if not spec.eight_bit:
         return resize(values, width, height)
@@ -277,10 +273,12 @@ def full_size(
     ``coarse`` is (h, w) float32 of the whole picture, ``radius`` that of the guided filter in it.
     """
     if upsampling is not Upsampling.GUIDED:
-        depth = in_range(spec, resize_bilinear(coarse, frame.width, frame.height))
+        depth = in_range(spec, imageops.resize_bilinear(coarse, frame.width, frame.height))
     else:
         coarse, in_log = in_range(spec, coarse), blends_in_log(spec)
-        depth = in_range(spec, upsample_guided(coarse, frame, in_log=in_log, radius=radius))
+        depth = in_range(
+            spec, imageops.upsample_guided(coarse, frame, in_log=in_log, radius=radius)
+        )
     if spec.kind is DepthKind.METRIC and not blends_in_log(spec):
         depth[depth == 0] = np.nan
     return depth
@@ -296,7 +294,7 @@ def enlarged(spec: OutputSpec, raw: Float32Array, layout: Layout, frame: Frame) 
 def without_depth(spec: MaskSpec, mask: Float32Array, layout: Layout, frame: Frame) -> BoolArray:
     """Pixels of a picture, (H, W), to which the network's mask (h, w) gives no depth."""
     inner = _crop(mask, layout) if layout.is_padded else mask
-    full = resize_bilinear(inner, frame.width, frame.height)
+    full = imageops.resize_bilinear(inner, frame.width, frame.height)
     return lacks_depth(spec, full)
 
 
@@ -327,7 +325,7 @@ def _crop(depth: Float32Array, layout: Layout) -> Float32Array:
     stride = max(1, layout.width // depth.shape[1])
     is_smaller = depth.shape == (layout.height // stride, layout.width // stride)
     if not is_smaller or any(length % stride for length in layout):
-        depth, stride = resize_bilinear(depth, layout.width, layout.height), 1
+        depth, stride = imageops.resize_bilinear(depth, layout.width, layout.height), 1
     top, left = layout.top // stride, layout.left // stride
     rows = slice(top, top + layout.inner_height // stride)
     columns = slice(left, left + layout.inner_width // stride)

@@ -78,10 +78,6 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
     The scale is the median over images of the median of true ÷ predicted depth. A shift is
     used if, fitted to one half of the images (of the points of a single one) and tried on the
     other, both ways, it lowers the mean of |error| ÷ depth by 2 % or more.
-
-    Raises:
-        InputError: an image or its known depth cannot be read.
-        UsageError: there is no known depth, or the model gives no metres.
     """
     if request.pipeline.card.output.kind is not DepthKind.METRIC:
         raise UsageError(f"model {request.pipeline.card.name!r} gives no metres to correct")

@@ -19,23 +19,17 @@ from depthcli.io.depth.read import StoredDepth
 from depthcli.io.depth.scale import NORMALIZED
 from depthcli.io.formats import table
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import (
-    ANY,
-    HIDDEN,
-    InputFile,
-    NameFilter,
-    Skipped,
-    is_own_picture,
-    list_folder,
-    skip_summary,
-)
+from depthcli.io.listing import folder as folders
+from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
 from depthcli.io.storage import atomic, paths
 from depthcli.jobs import inspect, output_names, outputs
 from depthcli.jobs.write import FailedInput, failure_reason, output_guard
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.numbering import is_pattern, numbered_name
+from depthcli.video.numbering import numbered_name
 
-_RULES = outputs.FormatRules((), table.format_of, table.stem_of, table.FILE_SUFFIXES)
+_RULES = outputs.FormatRules(
+    (), table.format_of, table.stem_of, table.FILE_SUFFIXES, of_pattern=table.format_of
+)
 _FRAME = r"(?i)\.depth\.\d{6,}$"  #: end of the stem of a numbered file, ``clip.depth.000001``
 _OTHER_BIN = r"(?i)(?<!geometric)(?<!photometric)(?<!depth)\.bin$"
 """Files that have the suffix of COLMAP's depth maps and not their names."""
@@ -89,15 +83,8 @@ class ConvertResult:
 
 
 def convert(request: ConvertRequest) -> ConvertResult:
-    """Write a depth file in another format.
-
-    Raises:
-        InputError: the source or the picture cannot be used.
-        OutputError: the target cannot be written, is an input, or is another program's file.
-        UsageError: the request does not fit the source, or the target is of no format.
-    """
-    is_plain = is_pattern(paths.path_of(request.source).name)
-    destination = target_destination(request.target, request.format, is_plain=is_plain)
+    """Write a depth file in another format."""
+    destination = target_destination(request.target, request.format)
     stored = inspect.read_map(paths.path_of(request.source), request.stated)
     return _write_converted(stored, request, destination)
 
@@ -141,14 +128,10 @@ def _write_converted(
 
 
 def target_destination(
-    target: str, asked: table.Format | None, *, is_plain: bool = False
+    target: str, asked: table.Format | None
 ) -> outputs.Destination[table.Format]:
-    """Where a converted map goes, and its format: the one asked for, or that of the suffix.
-
-    ``is_plain`` is whether a placeholder such as ``%04d`` is part of the name.
-    """
-    formats = () if asked is None else (asked,)
-    found = outputs.Destination.parse(target, formats, _RULES, is_plain=is_plain)
+    """Where a converted map goes, and its format: the one asked for, or that of the suffix."""
+    found = outputs.Destination.parse(target, () if asked is None else (asked,), _RULES)
     if found.kind in {outputs.Kind.FOLDER, outputs.Kind.STDOUT}:
         folder = "" if target == outputs.STDIO else f"{target.rstrip('/')}/"
         raise UsageError(f"{target} is not a file", f"name one, for example {folder}depth.exr")
@@ -188,7 +171,7 @@ class FolderPlan:
     loops: tuple[str, ...]  #: links to a folder above them, which are not followed
 
 
-def plan_folder(request: ConvertRequest, wanted: NameFilter = ANY) -> FolderPlan:
+def plan_folder(request: ConvertRequest, wanted: NameFilter = folders.ANY) -> FolderPlan:
     """List the depth files of a folder that are wanted, and name their outputs.
 
     ``hall/a.depth.png`` becomes ``hall/a.depth.exr``. Names depend on all files of the folder, not
@@ -201,7 +184,7 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = ANY) -> FolderPlan
     paths.check_writable(paths.path_of(out))
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         raise UsageError(f"{out} is the folder of the inputs", "choose another {out}")
-    listing = list_folder(root, leave_out=out, skip=wanted.excludes, refusal=_why_no_depth)
+    listing = folders.list_folder(root, leave_out=out, skip=wanted.excludes, refusal=_why_no_depth)
     names = output_names.TreeNames((file.name for file in listing.media), _stem)
     inputs, skipped, where = list[InputFile](), listing.skipped, paths.safe_name(root)
     for file in listing.media:
@@ -210,7 +193,7 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = ANY) -> FolderPlan
             inputs.append(file)
         else:
             skipped.append(Skipped(file.name, refusal))
-    rest = f": {skip_summary(skipped)}" if skipped else ""
+    rest = f": {folders.skip_summary(skipped)}" if skipped else ""
     if listing.media and not inputs:
         raise UsageError(f"nothing of {where} is left{rest}", "change {include} or {exclude}")
     if not inputs:
@@ -253,11 +236,11 @@ def _why_no_depth(path: str) -> str | None:
     """Why a file in a folder is not an input; None if it may hold depth."""
     name = PurePosixPath(path)
     if name.name.startswith("."):
-        return HIDDEN
+        return folders.HIDDEN
     if name.suffix.lower() not in table.READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
         return name.suffix.lower() or "without suffix"
     found = table.format_of(name)
-    is_image = found is not None and not found.facts.is_readable and is_own_picture(path)
+    is_image = found is not None and not found.facts.is_readable and folders.is_own_picture(path)
     return str(found) if is_image else None
 
 
@@ -273,27 +256,10 @@ def _target(base: str, wanted: table.Format) -> str:
     return base + (suffix.removeprefix(".depth") if re.search(_FRAME, base) else suffix)
 
 
-def is_sequence_name(target: str, source: str) -> bool:
-    """Whether a target is the name of numbered files, such as ``depth.%04d.exr``.
-
-    It is that of one file if the source is a depth file with a placeholder in its own name.
-    """
-    place = paths.path_of(source)
-    is_plain = is_pattern(place.name) and not inspect.is_depth_video(place)
-    is_numbered = is_pattern(paths.path_of(target).name) and not outputs.is_folder(target)
-    return is_numbered and not is_plain
-
-
 def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertResult, None, None]:
-    """Convert every frame of a depth video, in their order; the target is a pattern for numbers.
-
-    Raises:
-        InputError: the video is damaged; the frames before are written.
-        OutputError: a file cannot be written, or is one that depthcli did not write.
-        UsageError: the source is no depth video, or the request is for a single map.
-    """
+    """Convert every frame of a depth video, in their order; the target is a pattern for numbers."""
     _check_sequence(request)
-    destination = target_destination(request.target, request.format, is_plain=True)
+    destination = target_destination(request.target, request.format)
     pattern = destination.path or paths.path_of(request.target)
     problem: InputError | None = None
 

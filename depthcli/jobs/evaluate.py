@@ -77,13 +77,7 @@ def run_evaluation(
     progress: Progress = NO_PROGRESS,
     warn: Callable[[str], object] = lambda _text: None,
 ) -> EvalResult:
-    """Make the table; ``warn`` is called with warnings about models and predictions.
-
-    Raises:
-        UsageError: there is nothing to compare, a requested row or image is not compared, no
-            alignment suits a predictor, or runs cannot be compared.
-        DatasetError: the data set or a prediction is missing or cannot be read.
-    """
+    """Make the table; ``warn`` is called with warnings about models and predictions."""
     options, failed = request.options, list[str]()
     runs = _open_runs(request.runs, failed) if request.runs else []
     task = _plan_task(request, runs)

@@ -112,9 +112,6 @@ def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | npt.NDArray[np.b
     Args:
         depth: the map.
         area: first column and row, and those after the last ones; or (H, W) bool.
-
-    Raises:
-        UsageError: it has no pixel, or another size than the map.
     """
     size = f"the map of {depth.width}×{depth.height} pixels"
     if isinstance(area, tuple):
@@ -135,11 +132,7 @@ def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | npt.NDArray[np.b
 
 
 def read_mask(file: str) -> npt.NDArray[np.bool_]:
-    """The pixels of an image that are above 0 in any channel, (H, W) bool.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """The pixels of an image that are above 0 in any channel, (H, W) bool."""
     pixels = read_image(file).pixels
     return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2), np.bool_)
 

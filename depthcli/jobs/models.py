@@ -122,10 +122,6 @@ def add_model(
         force: replace a model of this name, or override a bundled one.
         sha256: checksum that the file must have, 64 hex digits; None for any.
         progress: of the download.
-
-    Raises:
-        UsageError: the name is invalid or taken, or there is no such card.
-        ModelError: the file is not a model that matches the card, or fails to run.
     """
     if name is not None:
         folder_to_add(valid_name(name), force=force)  # before anything is downloaded

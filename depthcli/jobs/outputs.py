@@ -64,19 +64,13 @@ class Destination(Generic[FormatT]):
         asked: Sequence[FormatT],
         rules: FormatRules[FormatT],
         sidecar: FormatT | None = None,
-        *,
-        is_plain: bool = False,
     ) -> Self:
         """Parse ``-o/--out``: a file or URI, a folder, a pattern, ``-``, or None for beside inputs.
 
         A folder exists, or ends in ``/``. If no formats are asked for, the suffix chooses, or the
-        command's rules; ``sidecar`` is written besides. With ``is_plain``, a placeholder such as
-        ``%04d`` is part of the name of one file.
-
-        Raises:
-            UsageError: it is of a kind that the command does not write, or of another format.
+        command's rules; ``sidecar`` is written besides.
         """
-        kind = _kind_of(out, is_bare_folder=rules.is_bare_folder, is_plain=is_plain)
+        kind = _kind_of(out, is_bare_folder=rules.is_bare_folder)
         path = None if out is None or kind is Kind.STDOUT else path_of(out)
         if path is not None:
             check_writable(path)
@@ -107,21 +101,16 @@ class Destination(Generic[FormatT]):
         return {self.formats[0]: path, **beside}
 
 
-def is_folder(out: str) -> bool:
-    """Whether ``-o`` names a folder: it exists as one, or it ends in a separator."""
-    return out.endswith(("/", os.sep)) or path_of(out).is_dir()
-
-
-def _kind_of(out: str | None, *, is_bare_folder: bool, is_plain: bool) -> Kind:
+def _kind_of(out: str | None, *, is_bare_folder: bool) -> Kind:
     if out is None:
         return Kind.BESIDE
     if not out:
         raise UsageError("is empty", "name a file or a folder, or omit it", option="out")
-    if is_folder(out):
+    if out.endswith(("/", os.sep)) or path_of(out).is_dir():
         return Kind.FOLDER
     if out == STDIO:
         return Kind.STDOUT
-    if is_pattern(path_of(out).name) and not is_plain:
+    if is_pattern(path_of(out).name):
         return Kind.PATTERN
     return Kind.FOLDER if is_bare_folder and not path_of(out).suffix else Kind.FILE
 
@@ -195,10 +184,6 @@ def plan_outputs(
     same stem is in the input's folder, or goes to the same folder, the output's name keeps the
     input's suffix (``a.jpg.depth.png``, ``a.png.depth.png``), so that names do not depend on the
     order or choice of the inputs. A folder without a name, such as ``.`` or ``/``, gets no outputs.
-
-    Raises:
-        UsageError: two inputs share an output, an output is an input, or the destination is no
-            folder but there are several inputs.
     """
     if destination.kind not in {Kind.BESIDE, Kind.FOLDER} and len(sources) != 1:
         path = destination.path or Path(STDIO)
@@ -248,8 +233,6 @@ def check_collisions(plans: Sequence[OutputPlan[FormatT]]) -> None:
             if place in inputs:
                 raise UsageError(f"{path} is an input", "choose another {out}")
             if place in owners:
-                if places.of(plan.source or "") == places.of(owners[place] or ""):
-                    raise UsageError(f"{plan.source} is given twice", "give it once")
                 raise UsageError(
                     f"{plan.source} and {owners[place]} would both become {path}",
                     "run them one by one with different {out}",

@@ -47,13 +47,7 @@ class TrainResult:
 
 
 def train(request: TrainRequest, callback: Callback) -> TrainResult:
-    """Train until the schedule, the time limit or a signal ends it.
-
-    Raises:
-        UsageError: the accelerator or settings do not fit together.
-        CheckpointError: the folder holds another run, or a checkpoint cannot be read or written.
-        TrainingError: training cannot continue; the last checkpoint is kept.
-    """
+    """Train until the schedule, the time limit or a signal ends it."""
     config, out, wanted = request.config, request.out, request.config.data
     init_weights = [weights_file(source) for source in request.init_weights]
     own_callbacks = [imported(name) for name in request.callbacks]

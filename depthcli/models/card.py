@@ -469,9 +469,6 @@ def fit_to_graph(
 
     With ``adapt`` the graph's size replaces the card's, for networks that are exported at several
     sizes. Pictures are then stretched to it if the card has a dynamic size.
-
-    Raises:
-        ModelError: the card states another size.
     """
     spec = card.input
     height, width = fixed_size[0] or spec.height, fixed_size[1] or spec.width

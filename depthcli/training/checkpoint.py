@@ -92,11 +92,7 @@ class Checkpoint:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a checkpoint; no code in it is executed.
-
-        Raises:
-            CheckpointError: missing, truncated, foreign, or of a newer version.
-        """
+        """Read a checkpoint; no code in it is executed."""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # torch warns of files in other formats

@@ -94,9 +94,6 @@ class PairStore:
         valid_mask: (N, 1, h, w) bool, False in the holes; None if no pair has one.
         tan_half_fov: (N, 2, 2) float64, of each picture and of its depth, which differ only in
             unpaired data: the tangent of half the angle of view, across and down.
-
-    Raises:
-        DatasetError: there is no pair, or one without depth.
     """
 
     def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:

@@ -87,10 +87,6 @@ def load_init_weights(
             A file of a pretrained encoder, or :data:`HUB`, is loaded into that of the generator.
         provenance: of the run; returned with the origin of the weights and, as far as they are
             known, the pairs that they were trained on.
-
-    Raises:
-        CheckpointError: a file cannot be read, or holds another network.
-        ModelError: the card of a model cannot be read.
     """
     origin = _origin(paths)
     if isinstance(generator, EncoderGenerator) and _is_encoder_file(paths[0]):

@@ -27,11 +27,7 @@ _PROJECT = "depthcli"
 
 
 class Logger(Callback):
-    """Logs every step and every validated epoch of the run in a folder.
-
-    Raises:
-        TrainingError: the package that it needs is not installed, or refuses to start.
-    """
+    """Logs every step and every validated epoch of the run in a folder."""
 
     def __init__(self, folder: Path, config: TrainConfig) -> None:
         self.folder, self.config = folder, config

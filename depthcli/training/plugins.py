@@ -9,11 +9,7 @@ from depthcli.errors import UsageError
 
 
 def imported(name: str) -> Any:  # noqa: ANN401
-    """The object ``module:name`` of an installed package or of the working directory.
-
-    Raises:
-        UsageError: it cannot be imported.
-    """
+    """The object ``module:name`` of an installed package or of the working directory."""
     if os.getcwd() not in sys.path:  # noqa: PTH109
         sys.path.append(os.getcwd())  # noqa: PTH109
     try:

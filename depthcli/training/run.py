@@ -19,16 +19,8 @@ from depthcli.core.parallel import usable_cores
 from depthcli.core.progress import Interrupt
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError, UsageError
-from depthcli.training import callbacks, provenance
-from depthcli.training.checkpoint import (
-    BEST_CHECKPOINT,
-    CHECKPOINT,
-    METRICS_LOG,
-    Checkpoint,
-    TrainState,
-    saved_checkpoint,
-    write_errors,
-)
+from depthcli.training import callbacks, checkpoint, provenance
+from depthcli.training.checkpoint import Checkpoint, TrainState, write_errors
 from depthcli.training.config import OptimConfig, Precision, TrainConfig
 from depthcli.training.data import Batches, PairStore, TrainingBatch
 from depthcli.training.init_weights import load_init_weights
@@ -58,7 +50,7 @@ def set_threads(given: int | None, folder: Path) -> None:
 
     Another number would change the last digits of a resumed run.
     """
-    saved = saved_checkpoint(folder) if given is None else None
+    saved = checkpoint.saved_checkpoint(folder) if given is None else None
     if saved is not None:
         given = min(usable_cores(), saved.state.threads)
     torch.set_num_threads(given or usable_cores())
@@ -294,12 +286,6 @@ def fit(
         max_minutes: wall-clock minutes after which it stops and saves.
         max_steps: steps from here after which it does.
         interrupt: entered here; after a signal, it does at the end of the step.
-
-    Raises:
-        CheckpointError: the folder holds another run, or a checkpoint cannot be written; the one
-            before is kept.
-        TrainingError: a loss or a weight is not finite, or the folder cannot be written; the last
-            checkpoint is kept.
     """
     interrupt = interrupt or Interrupt()
     run, batches, validation = _set_up(config, data, folder, fabric, init_weights)
@@ -325,7 +311,7 @@ def fit(
             stops = over or interrupt.number is not None
             due = epoch_ends and run.state.epoch % config.save_every == 0
             if due or stops or step == run.steps:
-                run.save(folder / CHECKPOINT)
+                run.save(folder / checkpoint.CHECKPOINT)
             if epoch_ends:
                 callback.on_epoch_end(run.state)
             if stops:
@@ -346,9 +332,9 @@ def _end_epoch(
         with write_errors(folder):
             callbacks.write_samples(folder, epoch, validation, run.ema_generator, run.fabric)
     with write_errors(folder):
-        callbacks.append_log(folder / METRICS_LOG, run.state, losses)
+        callbacks.append_log(folder / checkpoint.METRICS_LOG, run.state, losses)
     if run.state.best_epoch == epoch:
-        run.save(folder / BEST_CHECKPOINT)
+        run.save(folder / checkpoint.BEST_CHECKPOINT)
 
 
 def _set_up(
@@ -385,8 +371,8 @@ def _set_up(
         run.provenance = load_init_weights(run.method.generator, init_weights, found)
         if run.average:
             run.average = WeightAverage(run.method.generator, config.optim.ema)
-    run.resume(folder / CHECKPOINT)
+    run.resume(folder / checkpoint.CHECKPOINT)
     run.state = replace(run.state, threads=torch.get_num_threads())
     with write_errors(folder):
-        callbacks.truncate_log(folder / METRICS_LOG, run.state.step)
+        callbacks.truncate_log(folder / checkpoint.METRICS_LOG, run.state.step)
     return run, batches, validation

@@ -30,10 +30,6 @@ def resolve_config(
 
     Later ones override earlier ones. If ``folder`` has a checkpoint, its configuration is returned.
     The method ``prompted`` takes the network of ``init``, a checkpoint or a model.
-
-    Raises:
-        UsageError: a name or a value is wrong.
-        CheckpointError: the checkpoint has another configuration.
     """
     usual = default_config(method)
     if usual.generator.prompt and init is not None:

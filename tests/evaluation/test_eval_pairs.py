@@ -100,11 +100,6 @@ def test_predictions_scale_is_independent_of_png_scale(
         shown = capsys.readouterr()
         assert best <= json.loads(shown.out)["rows"][0]["scores"]["abs_rel"] <= worst
         assert ("millimetres are assumed" in shown.err) is (not more)
-    for option in (("--predictions-scale", "256"), ("--predictions-kind", "inverse")):
-        assert main(["eval", "pairs", str(data), *option]) == ExitCode.USAGE
-        assert f"{option[0]}: " in capsys.readouterr().err
-    for option in (("--upsample", "guided"), ("--tile", "auto")):
-        assert main([*words, *option]) == ExitCode.USAGE
 
 
 @pytest.mark.parametrize(

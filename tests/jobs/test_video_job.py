@@ -128,7 +128,6 @@ def test_the_sidecar_says_what_the_outputs_mean(
         ("clip.mp4", ()),
         ("link.mp4", ()),
         ("a.gif", ()),
-        ("-", ()),
         ("-", (VideoFormat.EXR,)),
         ("-", (VideoFormat.MKV, VideoFormat.MP4)),
         ("a.mkv", (VideoFormat.PNG16,)),

@@ -14,7 +14,6 @@ from depthcli.cli.screen import console
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from depthcli.inference.pipeline import Pipeline
     from depthcli.jobs.calibrate import KnownObject
 
 app = typer.Typer(rich_markup_mode=None)
@@ -55,6 +54,7 @@ def calibrate(
     is a folder with known depth for each.
     """
     from depthcli.cli import parse
+    from depthcli.inference.pipeline import Pipeline
     from depthcli.io.kept_cameras import keep_camera
     from depthcli.jobs.calibrate import CalibrationRequest
     from depthcli.jobs.calibrate import calibrate as measure
@@ -70,7 +70,7 @@ def calibrate(
         raise UsageError("", "{anchor} and {known_object} are for one image")
     request = CalibrationRequest(
         name,
-        pipeline=_pipeline(model),
+        pipeline=Pipeline(parse.session_loader(model.model, model.runtime).load()),
         images=tuple(images or ()),
         pairs=known.pairs,
         anchors=anchors,
@@ -92,13 +92,6 @@ def calibrate(
         console.out(f"{name}: {told}, from {source}{error}")
         console.warn_all(done.warnings)
     return ExitCode.OK
-
-
-def _pipeline(model: options.ModelOptions) -> Pipeline:
-    from depthcli.cli import parse
-    from depthcli.inference.pipeline import Pipeline
-
-    return Pipeline(parse.session_loader(model.model, model.runtime).load())
 
 
 def _object(word: str) -> KnownObject:

@@ -92,6 +92,7 @@ def convert(
     from depthcli.core.parallel import share_cores
     from depthcli.io.storage.paths import path_of, safe_name
     from depthcli.jobs import convert as job
+    from depthcli.jobs.outputs import Kind
 
     if (target is None) == (out is None):
         raise UsageError(f"name one output: depthcli convert {safe_name(source)} OUT")
@@ -100,8 +101,8 @@ def convert(
     if is_folder and form is None:
         raise UsageError("", "name the format of the outputs with {format}, for example exr")
     side_by_side = writing.preview.side_by_side
-    format_ = form if is_folder else None
-    format_ = format_ or job.target_destination(output, form, is_plain=True).formats[0]
+    destination = None if is_folder else job.target_destination(output, form)
+    format_ = destination.formats[0] if destination else form or Format.EXR
     if format_ is Format.PREVIEW and side_by_side != (inputs.picture is not None):
         raise UsageError("", "give both {side_by_side} and {picture}, or neither")
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
@@ -131,7 +132,7 @@ def convert(
         converted = job.convert_folder(request, plan, count)
         failed = print_conversions(converted, "files", screen, plan)
         return ExitCode.SOME_FAILED if failed else ExitCode.OK
-    if job.is_sequence_name(output, source):
+    if destination and destination.kind is Kind.PATTERN:
         print_conversions(job.convert_video(request, count), "frames", screen)
     else:
         print_conversion(job.convert(request), screen)

@@ -128,8 +128,6 @@ class TableOptions:
     def shown_ids(self) -> tuple[str, ...] | None:
         """Ids of images for the figures; empty for some of each scene type, None for no figures."""
         if not (self.figures or self.html):
-            if self.ids:
-                raise UsageError("it needs figures", "give {figures} or {html}", option="ids")
             return None
         return tuple(name.strip() for name in (self.ids or "").split(",") if name.strip())
 
@@ -327,10 +325,6 @@ def _request(
         names = [None]
     if models.per_image and not table.screen.as_json:
         raise UsageError("scores of each image are part of the JSON output", "add {json}")
-    if not names and (models.detail.upsample, models.detail.tile) != (protocol.upsampling, None):
-        raise UsageError("no model is compared", "remove {upsample} and {tile}")
-    if models.prompt and not names:
-        raise UsageError("no model is compared", "remove {prompt}")
     if models.anchors_fit and not models.prompt:
         raise UsageError("", "{anchors_fit} is for {prompt}: give both or neither")
     workers, threads = share_cores(models.workers, table.runtime.threads)
@@ -370,15 +364,11 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
         raise UsageError(
             "it needs {baseline}", "disparity up to a factor is inverse", option="predictions_kind"
         )
-    stated = DepthReadOptions(
+    return DepthReadOptions(
         kind=models.predictions_kind,
         unstated_scale=models.predictions_scale,
         baseline_m=models.baseline if is_disparity else None,
     )
-    if stated != DepthReadOptions() and not models.predictions:
-        option = "predictions_kind" if models.predictions_kind else "predictions_scale"
-        raise UsageError("it is about depth files", "give {predictions} as well", option=option)
-    return stated
 
 
 def _run(request: "EvalRequest", table: TableOptions) -> int:

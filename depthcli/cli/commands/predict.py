@@ -94,7 +94,7 @@ def predict(
     for result in results:
         print_result(result, screen, to_stderr=to_stdout)
         if isinstance(result, FailedInput):
-            failed.append(one_line(result.name) or "''")
+            failed.append(one_line(result.name))
     if failed and len(pictures) > 1:
         console.note(f"{len(failed)} of {len(pictures)} inputs failed: {', '.join(failed)}")
     return ExitCode.SOME_FAILED if failed else ExitCode.OK

@@ -6,13 +6,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, grouped
-from depthcli.cli.options import (
-    DepthFileOptions,
-    FileArgument,
-    JsonOption,
-    StatedCameraOptions,
-)
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
@@ -26,7 +21,7 @@ app = typer.Typer(rich_markup_mode=None)
 @app.command(cls=Command)
 @grouped
 def probe(
-    file: FileArgument,
+    file: groups.FileArgument,
     places: list[str] = typer.Argument(
         ...,
         metavar="PLACE...",
@@ -34,9 +29,9 @@ def probe(
         "which are not in it), or an image of the same size, whose pixels above 0 are meant.",
     ),
     *,
-    depth_file: DepthFileOptions,
-    camera: StatedCameraOptions,
-    as_json: JsonOption = False,
+    depth_file: groups.DepthFileOptions,
+    camera: groups.StatedCameraOptions,
+    as_json: groups.JsonOption = False,
 ) -> int:
     """Show the depth at pixels of a depth file, or its spread in boxes and masks."""
     from depthcli.cli import parse
@@ -75,7 +70,7 @@ def _text(found: float | AreaDepth | None, unit: str | None) -> str:
     if found is None:
         return "no depth"
     if isinstance(found, float):
-        return _depth_text(found, unit)
+        return f"{found:.4g} {unit}" if unit else f"{found:.6g} (no unit)"
     if found.quantiles["median"] is None:
         return f"no depth in {found.pixels} pixels"
     values = (f"{k} {v:.4g}" for k, v in found.quantiles.items() if v is not None)
@@ -83,7 +78,3 @@ def _text(found: float | AreaDepth | None, unit: str | None) -> str:
         f"{', '.join(values)} {unit or '(no unit)'} in {found.pixels} pixels, "
         f"{found.without_depth:.1%} without depth"
     )
-
-
-def _depth_text(value: float, unit: str | None) -> str:
-    return f"{value:.4g} {unit}" if unit else f"{value:.6g} (no unit)"

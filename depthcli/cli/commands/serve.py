@@ -151,11 +151,7 @@ _command = typer.main.get_command(_request)
 
 
 def parse_request(query: Sequence[tuple[str, str]]) -> Asked:
-    """Options of a request by the names of ``predict``, such as ``focal_px``.
-
-    Raises:
-        UsageError: a name is not known, or a value is not valid.
-    """
+    """Options of a request by the names of ``predict``, such as ``focal_px``."""
     try:
         asked: Asked = _command.main(
             list(_words(query)), prog_name="/predict", standalone_mode=False

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
@@ -201,8 +200,6 @@ def video(
         workers=workers,
         live=stream,
         raw=None if frames.raw is None else parse_raw(frames.raw),
-        stdin=sys.stdin.buffer if file == STDIO and sys.stdin else None,
-        stdout=sys.stdout.buffer if to_stdout and sys.stdout else None,
     )
     if not screen.quiet:
         of_images = {*parse.INPUT_OPTIONS} - {"videos"}

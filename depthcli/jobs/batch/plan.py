@@ -266,10 +266,6 @@ def plan_files(
     Their folders are listed, so that their outputs have the names that a batch of the folder gives.
     Relative paths start from ``root``, whose tree is kept; None for the working directory, while
     absolute paths keep all their folders. Files of other shards take no memory.
-
-    Raises:
-        UsageError: the patterns exclude everything, or the table of cameras is of other inputs.
-        InputError: all listed files are outputs of depthcli.
     """
     root = None if root is None else paths.without_file_scheme(root)
     collector = InputCollector(paths.without_file_scheme(out), wanted, shard, cameras)

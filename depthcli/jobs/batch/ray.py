@@ -225,7 +225,6 @@ class WorkerPool:
 
 
 _CHUNKS_PER_CALL = 8
-_CONNECT_TIMEOUT_S = 5.0
 _SHUTDOWN_TIMEOUT_S = 5.0
 _POLL_INTERVAL_S = 0.5
 LOCAL_CLUSTER: dict[str, Any] = {
@@ -252,17 +251,12 @@ class RayEngine:
         Without an address, to ``RAY_ADDRESS``, or the cluster that this machine belongs to. By
         default, there are as many workers as it has free resources for. While waiting, ``progress``
         is called with 0, so that it can stop the work by raising.
-
-        Raises:
-            EngineError: there is no such cluster, or no machine of it has room for a worker.
         """
         try:
             import ray  # noqa: PLC0415 - an extra
         except ImportError:
             raise UsageError(f"it needs Ray; {INSTALL_RAY}", option="engine") from None
         address = address or os.environ.get("RAY_ADDRESS") or "auto"
-        if address not in ("auto", "local"):
-            _check_reachable(address)
         self._ray, self._is_own = ray, not ray.is_initialized()
         if self._is_own:
             _connect(ray, address)
@@ -327,18 +321,6 @@ def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
     finally:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, before)
-
-
-def _check_reachable(address: str) -> None:
-    """Try to connect first; Ray itself would retry for a minute, then end the process."""
-    host, _, port = address.removeprefix("ray://").rpartition(":")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), _CONNECT_TIMEOUT_S).close()
-    except (OSError, OverflowError, ValueError) as error:
-        raise EngineError(
-            f"no Ray cluster at {address}: {error}",
-            "give {ray_address} HOST:PORT, ray://HOST:PORT or local; see 'ray status' there",
-        ) from error
 
 
 def _worker_capacity(ray: Any, cpus: float, gpus: float) -> int:  # noqa: ANN401 - a module

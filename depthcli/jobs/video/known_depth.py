@@ -41,11 +41,7 @@ class FrameAnchors:
     def __init__(
         self, stated: AnchorFiles | tuple[Anchor, ...], fit: AnchorsFit | None = None
     ) -> None:
-        """List the folder, or read the file.
-
-        Raises:
-            InputError: it cannot be read, or has no file for any frame, or two for one.
-        """
+        """List the folder, or read the file."""
         self._stated, self._fit, self.paths = stated, fit, list[Path]()
         self._of_all: AnchorPoints | None = None
         self._by_number: Mapping[int, _Points] = {}
@@ -70,9 +66,6 @@ class FrameAnchors:
             number: of the frame in its video or sequence.
             time_s: seconds from the first frame.
             within_s: points of the nearest time count, if it is at most this far away.
-
-        Raises:
-            InputError: its file cannot be read.
         """
         found: _Points | None = self._of_all or self._by_number.get(number)
         if self._by_time_s:

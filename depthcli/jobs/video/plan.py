@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import TYPE_CHECKING, BinaryIO
 
 from depthcli.core.options import Eye
 from depthcli.errors import InputError, UsageError
@@ -19,17 +20,8 @@ from depthcli.io.storage import atomic, paths
 from depthcli.jobs.options import MapOptions
 from depthcli.jobs.output_names import comparable, names_near, output_bases
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
-from depthcli.video import container, numbering
-from depthcli.video.formats import (
-    SEQUENCES,
-    Codec,
-    PreviewCodec,
-    VideoFormat,
-    preview_codec,
-    sequence_of,
-    video_format_of,
-    video_stem_of,
-)
+from depthcli.video import container, formats, numbering
+from depthcli.video.formats import SEQUENCES, Codec, PreviewCodec, VideoFormat
 from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
 from depthcli.video.live import LiveStream
 
@@ -58,19 +50,19 @@ class VideoSettings(MapOptions):
 
 def _of_name(name: str) -> VideoFormat | None:
     """The format of a video, or of numbered files, that a file's suffix chooses."""
-    found = video_format_of(name) or _of_pattern(name)
+    found = formats.video_format_of(name) or _of_pattern(name)
     return None if found is VideoFormat.JSON else found
 
 
 def _of_pattern(name: str) -> VideoFormat | None:
     """The format of numbered files that a name's suffix chooses; previews of a video are videos."""
-    return None if format_of(name) is Format.PREVIEW else sequence_of(name)
+    return None if format_of(name) is Format.PREVIEW else formats.sequence_of(name)
 
 
 _RULES = FormatRules(
     (VideoFormat.MKV, VideoFormat.MP4),
     _of_name,
-    video_stem_of,
+    formats.video_stem_of,
     (".mkv", ".mp4", ".webm", ".mov"),
     stdout=VideoFormat.MKV,
     of_pattern=_of_pattern,
@@ -88,11 +80,11 @@ def video_destination(
     None for the video's own folder. By default, the formats are that of its suffix, else depth and
     a preview. UsageError as of :meth:`Destination.parse`, or if JSON is the only format.
     """
-    formats = [which for which in asked if which is not VideoFormat.JSON]
-    if asked and not formats:
+    wanted = [which for which in asked if which is not VideoFormat.JSON]
+    if asked and not wanted:
         raise UsageError("json only describes other outputs", "give another {format} with it")
     json_ = VideoFormat.JSON if sidecar or VideoFormat.JSON in asked else None
-    return Destination.parse(output, formats, _RULES, json_)
+    return Destination.parse(output, wanted, _RULES, json_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +101,10 @@ class VideoRequest:
     settings: VideoSettings = field(default_factory=VideoSettings)
     workers: int | None = None  #: threads besides the one that writes; None for one per core
     overwrite: bool = False  #: whether outputs may replace files of other programs
-    stdin: BinaryIO | None = None  #: where ``-`` is read
+    stdin: BinaryIO | None = None  #: where ``-`` is read; None for that of the process
     live: LiveStream | None = None  #: the stream that ``video`` names; None for a file
     raw: container.RawVideo | None = None  #: frames without a container in ``-``; None for others
-    stdout: BinaryIO | None = None  #: where ``-`` is written
+    stdout: BinaryIO | None = None  #: where ``-`` is written; None for that of the process
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,13 +281,11 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     name, destination = request.video, request.destination
     if not name:  # as a path, it would be the working directory
         raise InputError("the input's name is empty; is a variable of the command not set?")
-    if name == STDIO and request.stdin is None:
-        raise UsageError("the input is '-' but there is no stdin; name a file")
     if name != STDIO and request.raw is not None:
         raise UsageError("frames without a container are read from '-'", option="raw")
     file = None if name == STDIO or request.live is not None else paths.path_of(name)
     if destination.kind is Kind.STDOUT:
-        folder, names = Path(), _stdout_name(destination.wanted, request.stdout)
+        folder, names = Path(), _stdout_name(destination.wanted)
     else:
         base = destination.path or (Path() if file is None else file.parent)
         if destination.kind in {Kind.BESIDE, Kind.FOLDER}:
@@ -310,15 +300,15 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         name=paths.safe_name(name),
         source=file
         or request.live
-        or container.InputPipe(cast("BinaryIO", request.stdin), request.raw),
+        or container.InputPipe(request.stdin or sys.stdin.buffer, request.raw),
         folder=folder,
         names=names,
         codecs={
-            which: preview_codec(PurePath(which.facts.suffix).suffix, request.codec)
+            which: formats.preview_codec(PurePath(which.facts.suffix).suffix, request.codec)
             for which in previews
         },
         has_audio=request.has_audio,
-        stdout=request.stdout if destination.kind is Kind.STDOUT else None,
+        stdout=(request.stdout or sys.stdout.buffer) if destination.kind is Kind.STDOUT else None,
         overwrite=request.overwrite,
         first_segment=first_segment,
     )
@@ -348,10 +338,8 @@ def _segments(
     return named, numbering.next_segment(folder, [named[which] for which in videos])
 
 
-def _stdout_name(wanted: Sequence[VideoFormat], stdout: BinaryIO | None) -> dict[VideoFormat, str]:
+def _stdout_name(wanted: Sequence[VideoFormat]) -> dict[VideoFormat, str]:
     if len(wanted) > 1 or wanted[0] in SEQUENCES:
         problem = f"'-' takes one of mkv, mp4, webm, mov and stereo, not {' and '.join(wanted)}"
         raise UsageError(problem, "name a folder", option="out")
-    if stdout is None:
-        raise UsageError("the output is '-' but there is no stdout; name a file or a folder")
     return {wanted[0]: STDIO}

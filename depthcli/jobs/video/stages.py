@@ -16,28 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core import temporal, types
 from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.core.temporal import (
-    ChangeDetector,
-    FlickerMeter,
-    RangeLock,
-    Smoother,
-    ema_decay,
-    from_log,
-    sample_cells,
-    thumbnail,
-    to_log,
-)
-from depthcli.core.types import (
-    DepthKind,
-    DepthMap,
-    Frame,
-    Windows,
-    masked_to_data_window,
-    over_window,
-)
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, about
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
@@ -86,10 +69,7 @@ def write_video(
             problem = f"cannot write {path}: {error.strerror}"
         if problem is not None:
             raise OutputError(problem, "choose another {out}")
-    with (
-        _open_source(plan, settings) as source,
-        ExitStack() as stack,
-    ):
+    with _open_source(plan, settings) as source, ExitStack() as stack:
         rate = settings.span.rate(source.rate)
         stated = settings.anchors
         anchors = FrameAnchors(stated, settings.anchors_fit) if stated else None
@@ -268,12 +248,12 @@ class FrameStages:
         self._journal, self._scale = journal or FrameJournal(), scale
         self.pipeline, self._settings, self._anchors = pipeline, settings, anchors
         self._shift, self._within_s = 0, math.inf  # of numbers; of the times of known depth
-        self._changes = ChangeDetector()
-        self._lock = RangeLock()
-        self._smoother = Smoother()
+        self._changes = temporal.ChangeDetector()
+        self._lock = temporal.RangeLock()
+        self._smoother = temporal.Smoother()
         self._kind = kind = DepthKind.METRIC if anchors else pipeline.card.output.kind
         self.unfitted: list[str] = []
-        self.raw, self.smoothed = FlickerMeter(kind), FlickerMeter(kind)
+        self.raw, self.smoothed = temporal.FlickerMeter(kind), temporal.FlickerMeter(kind)
         self.scenes = 0
         self.first: tuple[Frame, DepthMap] | None = None
         self.warnings: tuple[str, ...] = ()  # about the depth of the first frame
@@ -304,11 +284,11 @@ class FrameStages:
                 values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
                 depth = dataclasses.replace(depth, values=values)
         depth, shown = _in_windows(depth, image.windows, is_kept=kept is not None)
-        small_image = thumbnail(image.pixels)
-        small = DepthMap(sample_cells(shown, small_image.shape), depth.kind)
-        steps = to_log(depth) if self._settings.smooth_s else None
+        small_image = temporal.thumbnail(image.pixels)
+        small = DepthMap(temporal.sample_cells(shown, small_image.shape), depth.kind)
+        steps = temporal.to_log(depth) if self._settings.smooth_s else None
         frame = DepthFrame(image, depth, percentiles(small), is_kept=kept is not None)
-        return PredictedFrame(frame, unfitted, small_image, steps, to_log(small), warnings)
+        return PredictedFrame(frame, unfitted, small_image, steps, temporal.to_log(small), warnings)
 
     def _fitted(self, image: Frame, camera: Intrinsics) -> tuple[Prediction, str | None]:
         """Depth of a frame, and why it is not fitted to known depth, if the video has any."""
@@ -346,14 +326,14 @@ class FrameStages:
     def _smoothed(self, frame: PredictedFrame, interval_s: float) -> DepthFrame:
         change = self._changes.step(frame.thumbnail)
         self.scenes += change.is_cut
-        decay = ema_decay(interval_s, self._settings.lock_s)
+        decay = temporal.ema_decay(interval_s, self._settings.lock_s)
         spread = self._lock.step(*frame.shown.spread, decay, is_cut=change.is_cut)
         self.raw.step(frame.sampled, change)
         depth = frame.shown.depth
         if frame.steps is not None:
-            decay = ema_decay(interval_s, self._settings.smooth_s)
+            decay = temporal.ema_decay(interval_s, self._settings.smooth_s)
             steps = self._smoother.step(frame.steps, change, decay)
-            self.smoothed.step(sample_cells(steps, frame.thumbnail.shape), change)
+            self.smoothed.step(temporal.sample_cells(steps, frame.thumbnail.shape), change)
             depth = dataclasses.replace(depth, values=steps)
         return dataclasses.replace(frame.shown, depth=depth, spread=spread)
 
@@ -362,12 +342,12 @@ class FrameStages:
         if not self._settings.smooth_s:
             return frame
         depth = frame.depth
-        values = from_log(depth.values, depth.kind)
+        values = temporal.from_log(depth.values, depth.kind)
         return dataclasses.replace(frame, depth=dataclasses.replace(depth, values=values))
 
 
 def _in_windows(
-    depth: DepthMap, windows: Windows | None, *, is_kept: bool
+    depth: DepthMap, windows: types.Windows | None, *, is_kept: bool
 ) -> tuple[DepthMap, npt.NDArray[np.float32]]:
     """Depth over all pixels of its frame, without any where the file has no pixels.
 
@@ -377,8 +357,8 @@ def _in_windows(
     if windows is None:
         return depth, depth.values
     covered = windows.display if is_kept else windows.pixels
-    values = over_window(depth.values, covered, windows.pixels)
-    depth = masked_to_data_window(dataclasses.replace(depth, values=values), windows)
+    values = types.over_window(depth.values, covered, windows.pixels)
+    depth = types.masked_to_data_window(dataclasses.replace(depth, values=values), windows)
     return depth, windows.only(windows.display, depth.values)
 
 
