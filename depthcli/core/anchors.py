@@ -53,20 +53,12 @@ class AnchorPoints:
 
     @classmethod
     def of(cls, points: Sequence[Anchor]) -> Self:
-        """Points from a list.
-
-        Raises:
-            UsageError: a column or row is larger than in any picture.
-        """
+        """Points from a list."""
         return cls.of_table(np.array(points, np.float64).reshape(-1, _COLUMNS))
 
     @classmethod
     def of_table(cls, table: npt.NDArray[Any]) -> Self:
-        """Points from (N, 3) numbers: column, row, metres; each is of the nearest pixel.
-
-        Raises:
-            UsageError: a column or row is not finite, or too large.
-        """
+        """Points from (N, 3) numbers: column, row, metres; each is of the nearest pixel."""
         pixels = np.rint(table[:, :2].astype(np.float64))
         if not (np.abs(pixels) < _MAX_PIXEL).all():
             raise UsageError("the column or row of an anchor is not one of a picture")
@@ -103,10 +95,6 @@ class AnchorPoints:
 
         Points of a map of another size and the same aspect, such as the lidar map of a phone, are
         scaled to the image.
-
-        Raises:
-            UsageError: there are none, too many are outside, their map has another aspect, or a
-                depth is not 0.001 to 1e6 m.
         """
         if not len(self):
             raise UsageError("there are no anchors to fit the map to")
@@ -281,11 +269,6 @@ def fit_anchors(
     Returns:
         A metric map of the same size, with the points and the fit in its provenance; NaN where the
         fit puts a pixel at or behind the camera.
-
-    Raises:
-        UsageError: most points are outside, one has no depth, or one that is not 0.001 to 1e6 m;
-            there are none, or they are from a map of another aspect, or do not determine the fit;
-            or the best fit puts one at or behind the camera.
     """
     points = points if isinstance(points, AnchorPoints) else AnchorPoints.of(points)
     shown = displayed_depth(depth, windows)

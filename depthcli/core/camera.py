@@ -92,12 +92,7 @@ class Intrinsics:
         hfov_deg: float | None,
         centre_px: tuple[float, float] | None = None,
     ) -> Self:
-        """A camera of the user, whose focal length is in one of two forms.
-
-        Raises:
-            UsageError: both forms are given, or one is out of range, or the principal point is not
-                two finite numbers.
-        """
+        """A camera of the user, whose focal length is in one of two forms."""
         if focal_px is not None and hfov_deg is not None:
             raise UsageError("give the focal length or the field of view, not both")
         if centre_px is not None:
@@ -134,11 +129,7 @@ class Intrinsics:
         return None if self.focal_px is None else float(self.focal_px)
 
     def centre_for(self, width: int, height: int) -> tuple[float, float] | None:
-        """The principal point in pixels of an image, which may be resized; None for its middle.
-
-        Raises:
-            InputError: the image has another aspect ratio, so it is cropped or turned.
-        """
+        """The principal point in pixels of an image, which may be resized; None for its middle."""
         if self.size_px is None or self.centre_px is None:
             return self.centre_px
         own_width, own_height = self.size_px

@@ -214,11 +214,7 @@ def _file(path: Path | None) -> Path:
 
 
 def in_view(depth_m: Float32Array, pair: Pair, shape: tuple[int, int]) -> Float32Array:
-    """Depth, (H, W) float32 metres, at the rows and columns of an image of the same place.
-
-    Raises:
-        DatasetError: the two have other aspects, and the pair does not have both cameras.
-    """
+    """Depth, (H, W) float32 metres, at the rows and columns of an image of the same place."""
     (height, width), (rows, columns) = shape, depth_m.shape
     image, depth = pair.camera, pair.depth_camera
     if _is_of(image, width, height) and _is_of(depth, columns, rows):
@@ -261,12 +257,7 @@ def open_paired_folder(
     patterns: tuple[str, str] | None = None,
     plausible_m: tuple[float, float] = PLAUSIBLE_M,
 ) -> FolderDataset:
-    """Pair images and depth files by patterns of names, or by a known layout.
-
-    Raises:
-        DatasetError: the folder is missing or empty, a file has no partner or cannot be read, or
-            the depth is in another unit, by the range of its median, or of another view.
-    """
+    """Pair images and depth files by patterns of names, or by a known layout."""
     with as_dataset_error():
         listing = layouts.list_pairs(path, patterns)
     units = listing.units_per_metre

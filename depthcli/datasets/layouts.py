@@ -93,11 +93,6 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
         root: the folder.
         patterns: of the paths of images and of depth below it, in which ``*`` stands for what the
             two of a pair have in common; None for the first known layout that fits.
-
-    Raises:
-        DatasetError: there is no pair, two files are of one name, or in ``rgb/`` and ``depth/`` one
-            has no partner.
-        UsageError: a pattern has no ``*``.
     """
     if patterns:
         image, depth = map(_expression, patterns)

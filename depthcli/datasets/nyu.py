@@ -119,11 +119,7 @@ def located_nyu(path: Path) -> Path:
 
 
 def open_nyu(path: Path) -> DepthDataset:
-    """Open the .mat file, a folder that holds it, or one with rgb/, depth/ and index.csv.
-
-    Raises:
-        DatasetError: the set is missing, incomplete, damaged, or in another unit.
-    """
+    """Open the .mat file, a folder that holds it, or one with rgb/, depth/ and index.csv."""
     path = located_nyu(path)
     if path.is_file():
         return open_mat(path)

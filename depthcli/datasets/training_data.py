@@ -82,9 +82,6 @@ def open_training_data(
             data itself names "train", and ``paper`` is all of it.
         units_per_metre: value of one metre in the depth images of a folder of your own.
         patterns: of the names of images and depth in it; None for a known layout.
-
-    Raises:
-        DatasetError: the data is missing, incomplete, damaged, or in another unit.
     """
     path = nyu.located_nyu(path)
     opener = opener_of(path) if path.is_dir() else nyu.open_nyu

@@ -48,10 +48,6 @@ def members(path: Path, column: str | None = None) -> Iterator[Member]:
 
     The column is that of Parquet with the images; of tar, it is the part of the names after the
     first dot, such as ``rgb.png``.
-
-    Raises:
-        InputError: the archive is damaged.
-        UsageError: it has no such column, or several that could be meant.
     """
     return _parquet_members(path, column) if _is_parquet(path) else _tar_members(path, column)
 

@@ -80,10 +80,6 @@ def read_lenses(path: Path) -> dict[str, Intrinsics]:
     (horizontal field of view in degrees) or both. In a row with both, ``focal_px`` counts. ``cx``
     and ``cy``, the principal point in pixels of the picture, are optional. A row without any of
     these is left out. Other columns are ignored.
-
-    Raises:
-        InputError: it cannot be read, lacks a column, has an invalid number, or two different rows
-            of one id.
     """
     try:
         data = read_regular(path, _MAX_BYTES)

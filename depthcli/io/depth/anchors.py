@@ -59,12 +59,7 @@ class AnchorFiles:
         return self.path == SELF or bool(self.reconstruction)
 
     def read(self) -> AnchorPoints:
-        """Read the file.
-
-        Raises:
-            InputError: it cannot be read, or holds no known depth, or there is a scale and its
-                format has none.
-        """
+        """Read the file."""
         path = path_of(self.path)
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path} holds no known depth", f"give a file with {_ALTERNATIVES}")
@@ -93,10 +88,6 @@ class AnchorFiles:
 
         With ``shares_stem``, ``a.npy`` could be that of another picture, such as ``a.png``. The
         picture's own file is not its known depth, whatever its suffix.
-
-        Raises:
-            InputError: there is none, or several, or only one that could be that of another
-                picture.
         """
         folder = path_of(self.path)
         above, slash, own = name.rpartition("/")

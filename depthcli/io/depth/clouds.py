@@ -27,11 +27,7 @@ _Values = npt.NDArray[np.float64]
 
 
 def read_cloud(path: Path) -> _Values:
-    """The points of a PLY or PCD file: (N, 3) float64, as they are stored; NaN is no point.
-
-    Raises:
-        InputError: it cannot be read, or a library is missing.
-    """
+    """The points of a PLY or PCD file: (N, 3) float64, as they are stored; NaN is no point."""
     data = read_bytes(path)
     try:
         return _of_pcd(data) if path.suffix.lower() == ".pcd" else _of_ply(data)
@@ -60,9 +56,6 @@ def read_extrinsics(path: Path) -> _Values:
 
     A text of 3×4 or 4×4 numbers by rows; or of KITTI's objects or odometry, for camera 2 as of
     :func:`depthcli.io.calibration.read_calibration`.
-
-    Raises:
-        InputError: it cannot be read, or is no rotation and translation.
     """
     try:
         text = read_bytes(path).decode()
@@ -119,9 +112,6 @@ def projected(cloud: _Values, camera: Intrinsics, units_per_m: float = 1.0) -> A
         cloud: (N, 3) float64.
         camera: with a focal length and a principal point in pixels.
         units_per_m: of the cloud.
-
-    Raises:
-        InputError: the camera lacks either.
     """
     if camera.focal_px is None or camera.centre_px is None:
         told = "points in three dimensions need the focal length and the principal point in pixels"

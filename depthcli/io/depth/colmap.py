@@ -48,9 +48,6 @@ def read_reconstruction(
         files: of cameras, images and points, binary or text, in one folder.
         image: whose path ends in one that the reconstruction states.
         units_per_m: of the reconstruction; None to keep its unit.
-
-    Raises:
-        InputError: it cannot be read, has no such image, or no points of it.
     """
     found = _read(files, tuple(file.stat().st_mtime_ns for file in files))
     folder = files[0].parent

@@ -266,9 +266,6 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
     Returns:
         (H, W); NaN where there is no depth. Its provenance is what the file or the sidecar beside
         it states of model, camera, anchors and orientation.
-
-    Raises:
-        InputError: missing, damaged, without depth, or metric integers in NPY without a scale.
     """
     path = path_of(path)
     which = readable_format(path)

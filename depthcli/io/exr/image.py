@@ -87,11 +87,7 @@ def primaries_matrix(
 
 
 def _to_xyz(chromaticities: Sequence[float]) -> tuple[Float64Array, Float64Array]:
-    """The matrix from linear RGB to CIE XYZ, and XYZ of white, whose Y is 1.
-
-    Raises:
-        LinAlgError, ValueError: there is none.
-    """
+    """The matrix from linear RGB to CIE XYZ, and XYZ of white, whose Y is 1."""
     x, y = np.reshape(np.asarray(chromaticities, np.float64), (4, 2)).T
     if not y[3] > 0:
         msg = "white has no light"
@@ -114,9 +110,6 @@ def read_exr_image(
     They are linear light of Rec. 709 primaries in the sRGB curve, clipped; 0 where there is no
     data. ``overscan`` is the window to read, relative to the corner of the display window; None for
     the display window and all that the data window has around it.
-
-    Raises:
-        InputError: missing, damaged, without colours or the layer, or too large.
     """
     # OpenEXR is slow to load.
     from depthcli.io.exr.file import colour_channels, read_exr_channels  # noqa: PLC0415

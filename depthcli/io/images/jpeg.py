@@ -53,11 +53,7 @@ def _stereo_offsets(index: bytes) -> list[int]:
 
 
 def image_of_eye(data: bytes, eye: Eye) -> bytes:
-    """The image of an eye in a JPEG of a stereo camera (MPO), as a file.
-
-    Raises:
-        InputError: it has no such image.
-    """
+    """The image of an eye in a JPEG of a stereo camera (MPO), as a file."""
     index_at = data.find(_MULTI_PICTURE) + len(_MULTI_PICTURE)
     offsets = _stereo_offsets(data[index_at:])
     at = index_at + offsets[1] if len(offsets) == len(Eye) else 0

@@ -113,11 +113,7 @@ class CheckedImage(NamedTuple):
 
 
 def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
-    """Check an image, whose file is ``data``, by its header, without decoding it.
-
-    Raises:
-        InputError: empty, truncated, not an image, too large, or in need of an extra.
-    """
+    """Check an image, whose file is ``data``, by its header, without decoding it."""
     if not data:
         raise InputError(f"{name} is empty")
     if data.startswith(TIFF_STARTS) and name.lower().endswith(CAMERA_RAW):

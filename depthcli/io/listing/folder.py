@@ -202,9 +202,6 @@ def list_folder(
         leave_out: a folder that is not entered, under any of its names; it may be missing.
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
         refusal: why a file of this path is no input; None if it is one.
-
-    Raises:
-        UsageError: a store cannot be listed, or there is nothing below the root.
     """
     place = path_of(root)
     if isinstance(place, RemotePath):

@@ -86,12 +86,7 @@ def _key(name: str) -> bytes:
 
 
 def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
-    """The rows of earlier batches in an output folder, which is not changed.
-
-    Raises:
-        OutputError: it cannot be read.
-        UsageError: a manifest there was not written by depthcli.
-    """
+    """The rows of earlier batches in an output folder, which is not changed."""
     source = RowsFolder(folder)
     with _as_output_error(folder):
         return Rows([RowFile(path) for path in row_files(source.path, shard)], shard, source)
@@ -106,12 +101,7 @@ class Journal(Rows):
     """
 
     def __init__(self, folder: Path, shard: Shard = WHOLE) -> None:
-        """Open or create the journal of an output folder, which is created if it is missing.
-
-        Raises:
-            OutputError: the folder cannot be written.
-            UsageError: another batch is writing there, or a manifest is another program's.
-        """
+        """Open or create the journal of an output folder, which is created if it is missing."""
         self._path = folder / shard.journal_name
         self.manifest = folder / shard.manifest_name
         self._shard = shard
@@ -145,9 +135,6 @@ class Journal(Rows):
 
         Names are those of the inputs in the manifest's order; None for all, in the order of their
         names. After a batch of a part of the files, failed inputs of earlier batches are kept.
-
-        Raises:
-            OutputError: the manifest cannot be written; the journal stays.
         """
         write_manifest(self.manifest, self._rows(names, keep_failed=keep_failed))
         with _as_output_error(self._path), self._opened:

@@ -41,9 +41,6 @@ class Guard:
         """Check that an output may be written to a path.
 
         In an object store, that takes one request.
-
-        Raises:
-            OutputError: the path is an input, or an existing file that depthcli did not write.
         """
         if self.inputs and _identity(path) in self.inputs:
             raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
@@ -165,10 +162,6 @@ def workspace(root: Path) -> Iterator[Path]:
 
     New folders are prepared there and then renamed; folders that are moved there are removed. After
     a killed process, the next one clears it.
-
-    Raises:
-        OutputError: the folder, or what the block writes, cannot be written.
-        UsageError: another process has locked it.
     """
     work = root / _WORK
     try:

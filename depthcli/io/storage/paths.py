@@ -118,12 +118,7 @@ _MAX_INPUT_BYTES = 2**32  # more than an image of 250 million pixels takes in fl
 
 
 def read_bytes(path: Path, first: int = -1) -> bytes:
-    """Content of an input file, or its ``first`` bytes.
-
-    Raises:
-        InputError: it is missing, a folder, a pipe, a device, unreadable, too large, or a link that
-            leads nowhere.
-    """
+    """Content of an input file, or its ``first`` bytes."""
     try:
         return read_regular(path, _MAX_INPUT_BYTES, first=first)
     except FileNotFoundError as error:
