@@ -22,7 +22,7 @@ _HOMES = {
     "depthcli.api.model": ("DepthModel", "load_model"),
     "depthcli.core.camera": ("Anchor", "CameraSource", "Intrinsics"),
     "depthcli.core.options": ("Detail", "Projection", "Upsampling", "UpsamplingOptions"),
-    "depthcli.core.point_cloud": ("PointCloud",),
+    "depthcli.core.surface": ("PointCloud",),
     "depthcli.core.types": ("AnchorFit", "DepthKind", "Frame", "Provenance"),
     "depthcli.errors": (
         *("CheckpointError", "DatasetError", "DepthcliError", "DepthcliWarning", "EngineError"),

@@ -14,7 +14,7 @@ from depthcli.core.camera import Intrinsics as Intrinsics
 from depthcli.core.options import Projection as Projection
 from depthcli.core.options import Upsampling as Upsampling
 from depthcli.core.options import UpsamplingOptions as UpsamplingOptions
-from depthcli.core.point_cloud import PointCloud as PointCloud
+from depthcli.core.surface import PointCloud as PointCloud
 from depthcli.core.types import AnchorFit as AnchorFit
 from depthcli.core.types import DepthKind as DepthKind
 from depthcli.core.types import Frame as Frame

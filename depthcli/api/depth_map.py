@@ -15,7 +15,7 @@ from depthcli.core import types
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, Colormap, Near, StereoLayout, short_repr
-from depthcli.core.point_cloud import PointCloud, point_cloud
+from depthcli.core.surface import PointCloud, point_cloud
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats.html import HtmlWriter

@@ -103,7 +103,7 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
 
 def _kept(name: str, given: Intrinsics) -> Intrinsics:
     """A calibrated camera, with the focal length and principal point that are given."""
-    from depthcli.io.kept_cameras import kept_camera
+    from depthcli.io.calibration import kept_camera
 
     kept = kept_camera(name)
     return replace(

@@ -127,8 +127,6 @@ class Windows:
 
     def only(self, window: Window, values: Float32Array) -> Float32Array:
         """Values, (H, W) float32 over ``pixels``, with NaN outside a window."""
-        if window == self.pixels:
-            return values
         return over_window(over_window(values, self.pixels, window), window, self.pixels)
 
 

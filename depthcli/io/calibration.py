@@ -1,19 +1,21 @@
-"""Reading camera calibrations of ROS, OpenCV, Kalibr, COLMAP, nerfstudio, SLAM and KITTI."""
+"""Camera calibrations of other programs, and cameras whose scale was measured, kept by name."""
 
+import json
 import math
 import os
 import re
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from depthcli.core.camera import FOCAL_PX, Intrinsics, hfov_deg
+from depthcli.core.camera import FOCAL_PX, CameraScale, Intrinsics, hfov_deg
 from depthcli.core.validation import parsed_json
-from depthcli.errors import InputError
-from depthcli.io.storage.paths import path_of, read_bytes
+from depthcli.errors import InputError, UsageError
+from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.paths import config_folder, path_of, read_bytes, read_regular
 
 _ADVICE = "name the calibration of a camera"
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"))
@@ -298,3 +300,38 @@ def _numbers(value: Any) -> list[float]:  # noqa: ANN401 - of any file
         return [float(value)]
     except (TypeError, ValueError, OverflowError):
         return [math.nan]
+
+
+_KEPT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+def keep_camera(scale: CameraScale, hfov_deg: float | None) -> Path:
+    """Write a camera's scale and field of view; an earlier camera of the name is replaced."""
+    path = _kept_path(scale.name)
+    document = {"hfov_deg": hfov_deg, **asdict(scale)}
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=2) + "\n", "utf-8")
+    return path
+
+
+def kept_camera(name: str) -> Intrinsics:
+    """The camera of a name."""
+    path = _kept_path(name)
+    try:
+        document: Any = parsed_json(read_regular(path, _MAX_BYTES))
+        hfov_deg = document.pop("hfov_deg")
+        return Intrinsics(hfov_deg=hfov_deg, scale=CameraScale(**document))
+    except FileNotFoundError as error:
+        there = sorted(file.stem for file in path.parent.glob("*.json"))
+        known = f"there are {', '.join(there)}" if there else "there is none"
+        raise UsageError(
+            f"no camera named {name!r}: {known}", "make it with 'depthcli calibrate'"
+        ) from error
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise UsageError(f"{path} is no calibrated camera", "calibrate it again") from error
+
+
+def _kept_path(name: str) -> Path:
+    if not _KEPT_NAME.fullmatch(name):
+        raise UsageError(f"{name!r} is not a name of letters, digits, '-', '_' and '.'")
+    return config_folder() / "cameras" / f"{name}.json"

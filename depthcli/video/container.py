@@ -1,20 +1,23 @@
-"""Opening a video with FFmpeg's libraries, from a file or a pipe, with an error of one line."""
+"""Opening a video with FFmpeg's libraries, with an error of one line; names of live streams."""
 
 from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError
 from depthcli.io.listing.folder import HEIF_SUFFIXES
-from depthcli.io.storage.paths import regular_size
+from depthcli.io.storage.paths import regular_size, safe_name
 from depthcli.video.numbering import SINGLE_IMAGE_ADVICE, is_single_image
 
 if TYPE_CHECKING:
     from fractions import Fraction
-    from pathlib import Path
 
     from av.container import InputContainer
     from av.video.stream import VideoStream
@@ -160,9 +163,6 @@ def open_video(
         container.close()
     if isinstance(source, InputPipe):
         source.check()
-    elif source.suffix.lower() == ".webp":
-        advice = "use 'depthcli predict', or convert the animation to GIF or APNG first"
-        raise InputError(f"{source} is an image, or an animation that FFmpeg does not read", advice)
     elif _is_image(source):
         raise InputError(f"{source} is a single image", SINGLE_IMAGE_ADVICE)
     raise InputError(
@@ -215,3 +215,45 @@ def _check_file(path: Path) -> None:
         raise InputError(f"{path} is empty")
     if path.suffix.lower() in HEIF_SUFFIXES:  # FFmpeg would take its first tile for a video
         raise InputError(f"{path} is a single image", SINGLE_IMAGE_ADVICE)
+
+
+_ADDRESS = re.compile(r"(?i)(rtsps?|https?)://")
+_PLAYLIST = re.compile(r"(?i)https?://[^?#]*\.m3u8([?#]|$)")
+_DEVICE = re.compile(r"/dev/video\d+", re.ASCII)
+_CAMERA_FORMATS = {"linux": "v4l2", "darwin": "avfoundation"}
+
+
+@dataclass(frozen=True, slots=True)
+class LiveStream:
+    """A camera or an address, which is read until it is stopped."""
+
+    address: str  #: what FFmpeg opens: an address, or a camera's device
+    device_format: str | None = None  #: FFmpeg's reader of cameras; None for an address
+    stop: threading.Event = field(default_factory=threading.Event)  #: ends the frames once set
+    say: Callable[[str], object] = str  #: told, in another thread, when it is lost and found again
+
+    def __str__(self) -> str:
+        return safe_name(self.address)
+
+
+def live_stream(
+    name: str, *, is_live: bool = False, say: Callable[[str], object] = str
+) -> LiveStream | None:
+    """The stream that an input's name stands for; None for a file.
+
+    That is a camera by its number or device, and an address of RTSP or an HLS playlist; with
+    ``is_live``, any address of HTTP, which is a file otherwise. UsageError if a file is to be live,
+    or this system's cameras cannot be read.
+    """
+    is_camera = _DEVICE.fullmatch(name) or (name.isdecimal() and not Path(name).exists())
+    if is_camera:
+        reader = _CAMERA_FORMATS.get(sys.platform)
+        if reader is None:
+            raise UsageError(f"{name}: cameras can be read on Linux and macOS only")
+        device = f"/dev/video{name}" if name.isdecimal() and reader == "v4l2" else name
+        return LiveStream(device, reader, say=say)
+    if _PLAYLIST.match(name) or (_ADDRESS.match(name) and (is_live or name[:4].lower() == "rtsp")):
+        return LiveStream(name, say=say)
+    if is_live:
+        raise UsageError(f"{safe_name(name)} is neither a camera nor an address", option="live")
+    return None

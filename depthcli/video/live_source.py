@@ -25,11 +25,10 @@ from depthcli.core.options import (
 from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, UsageError
 from depthcli.io.images.pixels import full_range, upright
-from depthcli.video.container import STREAMED_FORMATS, video_streams
+from depthcli.video.container import STREAMED_FORMATS, LiveStream, video_streams
 from depthcli.video.decoder import FrameDecoder
 from depthcli.video.facts import camera_warnings, view_of
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
-from depthcli.video.live import LiveStream
 from depthcli.video.source import TRANSPOSED, orientation_of, rgb_pixels
 
 MOST_ATTEMPTS = 10  #: to open a lost stream again, before it is given up
@@ -133,7 +132,6 @@ class LiveReader:
             self._news.notify()
 
     def _read(self) -> None:
-
         attempts, stop = 0, self._stream.stop
         while not stop.is_set():
             before, reason = self.counts.received, "it ended"
@@ -261,7 +259,6 @@ class LiveSource(FrameSource):
         self.problem = self._reader.problem
 
     def _converted(self) -> Frame:
-
         options = self._options
         pixels = rgb_pixels(self._current.picture, self._reformatter)
         pixels = upright(pixels[self._view], self._orientation)

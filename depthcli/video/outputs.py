@@ -1,8 +1,8 @@
-"""The outputs of a video: lossless depth, a preview, or a file for each frame."""
+"""The outputs of a video: lossless depth, a preview, a file for each frame; in segments."""
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -59,6 +59,18 @@ class DepthFrame:
         """The frame without overscan, which formats without a display window cannot mark."""
         depth = displayed_depth(self.depth, self.image.windows)
         return replace(self, image=displayed_frame(self.image), depth=depth)
+
+
+class _WarningCount:
+    """The first of several warnings, and how many there were."""
+
+    def __init__(self) -> None:
+        self.count, self.first = 0, ""
+
+    def add(self, warnings: Sequence[str]) -> None:
+        """Count further warnings."""
+        self.first = self.first or next(iter(warnings), "")
+        self.count += len(warnings)
 
 
 class VideoOutput(ExitStack, ABC):
@@ -369,7 +381,7 @@ class SequenceOutput(VideoOutput):
         super().__init__()
         self._label, self._folder, self._name = label, folder, name
         self._writer, self._guard = writer, guard
-        self._warned, self._warning = 0, ""
+        self._warnings = _WarningCount()
 
     def encode(self, frame: DepthFrame) -> tuple[str, ...]:
         """Write the file; in any order."""
@@ -380,13 +392,62 @@ class SequenceOutput(VideoOutput):
             return self._writer.write(frame.depth, temporary, frame.image)
 
     def append(self, encoded: tuple[str, ...]) -> None:
-        """Remember the first warning, and count them."""
-        if encoded:
-            self._warning = self._warning or encoded[0]
-            self._warned += 1
+        """Remember the first warning, and count the frames with one."""
+        self._warnings.add(encoded[:1])
 
     def finish(self) -> tuple[str, ...]:
         """Return the first warning, with their number."""
-        if not self._warned:
-            return ()
-        return (f"{self._label}: {self._warned} frames, the first: {self._warning}",)
+        told = self._warnings
+        return (f"{self._label}: {told.count} frames, the first: {told.first}",) * bool(told.count)
+
+
+class SegmentedOutput(VideoOutput):
+    """Outputs that follow each other, cut at multiples of a length."""
+
+    def __init__(
+        self, opened: Callable[[int], VideoOutput], length_s: float, number: int = 0
+    ) -> None:
+        """Prepare the output.
+
+        ``opened`` makes the output of a segment by its number, from ``number`` on, to be entered;
+        ``length_s`` is seconds from the first frame on.
+        """
+        super().__init__()
+        self._opened, self._length_s, self._number = opened, length_s, number
+        self._output = opened(number)
+        self.has_overscan = self._output.has_overscan
+        self._first_s: float | None = None
+        self._passed, self._warnings = 0, _WarningCount()
+
+    def __enter__(self) -> Self:
+        self._output.__enter__()
+        self.push(self._exit_last)
+        return self
+
+    def _exit_last(self, *error: Any) -> None:  # noqa: ANN401 - as of any exit
+        self._output.__exit__(*error)
+
+    def encode(self, frame: DepthFrame) -> tuple[float, Any]:
+        """Encode a frame, for whichever segment it falls into; also returns its time in seconds."""
+        return frame.time_s, self._output.encode(frame)
+
+    def append(self, encoded: tuple[float, Any]) -> None:
+        """Write a frame; complete the segment before if it is the first one of another."""
+        time_s, part = encoded
+        self._first_s = time_s if self._first_s is None else self._first_s
+        passed = int((time_s - self._first_s) // self._length_s)
+        if passed > self._passed:
+            self._warnings.add(self._output.finish())
+            self._output.__exit__(None, None, None)
+            self._passed, self._number = passed, self._number + 1
+            self._output = self._opened(self._number)
+            self._output.__enter__()
+        self._output.append(part)
+
+    def finish(self) -> tuple[str, ...]:
+        """Complete the last segment, and return the first warning of all, with their number."""
+        told = self._warnings
+        told.add(self._output.finish())
+        if told.count <= 1:
+            return (told.first,) * told.count
+        return (f"{told.count} segments, the first: {told.first}",)

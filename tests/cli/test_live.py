@@ -14,8 +14,8 @@ from helpers.live import Camera
 from helpers.videos import NTSC, encode, flat_frames, write_video
 
 from depthcli.errors import InputError, UsageError
+from depthcli.video.container import live_stream
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.live import live_stream
 from depthcli.video.live_source import LiveSource
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.point_cloud import point_cloud
+from depthcli.core.surface import point_cloud
 from depthcli.core.types import DepthKind, DepthMap, Frame, with_camera
 from depthcli.errors import UsageError
 

@@ -14,7 +14,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import Projection
-from depthcli.core.point_cloud import point_cloud
+from depthcli.core.surface import point_cloud
 from depthcli.core.types import DepthMap, Frame, Provenance, panorama_rays
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.panorama import HFOV_DEG, panorama_distance

@@ -227,15 +227,6 @@ def test_a_manifest_of_another_program_is_left_alone(tmp_path: Path) -> None:
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("name", ["manifest.parquet", "manifest-1-of-2.parquet"])
-def test_a_manifest_in_parquet_is_named_and_kept(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).mkdir()
-    for opened in (Journal, known_rows):
-        with pytest.raises(UsageError, match=name):
-            opened(tmp_path)
-    assert names(tmp_path) == [name]
-
-
 def test_a_manifest_that_cannot_be_written_loses_nothing(tmp_path: Path) -> None:
     _finished(tmp_path, "a")
     journal = Journal(tmp_path)

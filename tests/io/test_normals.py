@@ -9,7 +9,7 @@ import pytest
 
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import OutputError
-from depthcli.io.formats.normals import NormalsWriter
+from depthcli.io.formats.geometry import NormalsWriter
 from depthcli.io.formats.table import is_own
 
 if TYPE_CHECKING:

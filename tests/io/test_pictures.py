@@ -145,15 +145,6 @@ def test_an_animated_avif_is_warned_of(tmp_path: Path) -> None:
     assert "only the first image" in warning
 
 
-def test_a_side_that_no_decoder_reads_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "long.png"
-    path.write_bytes(made.png([bytes(1_000_001)], 1_000_001, 8, 0))
-    with pytest.raises(InputError, match="no side may be longer than 1,000,000"):
-        read_image(path)
-    path.write_bytes(made.png([bytes(1_000_000)], 1_000_000, 8, 0))
-    assert read_image(path).pixels.shape == (1, 1_000_000)
-
-
 def test_a_tiff_with_empty_tags_is_an_ordinary_one(tmp_path: Path) -> None:
     data = bytearray(made.tiff(PICTURE, longs={254: 1, 330: 8}))
     path = tmp_path / "a.tif"

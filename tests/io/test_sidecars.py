@@ -73,26 +73,6 @@ def test_a_sidecar_of_another_size_is_ignored(suffix: str, tmp_path: Path) -> No
         assert (stored.depth.provenance is not None) is expected
 
 
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        (DEPTH_M.astype(np.float16), True),
-        (DEPTH_M.astype(np.float64), True),
-        (np.where(DEPTH_M == 1, np.inf, DEPTH_M), True),
-        (DEPTH_M * 0.99, False),
-        (np.maximum(DEPTH_M, 0.6), False),
-        (np.minimum(DEPTH_M, 8), False),
-        (DEPTH_M * np.nan, False),
-    ],
-)
-def test_a_sidecar_of_another_range_is_not_that_of_an_npy(
-    values: np.ndarray, expected: bool, tmp_path: Path
-) -> None:
-    np.save(tmp_path / "a.npy", values)
-    SidecarWriter().write(DEPTH, tmp_path / "a.json")
-    assert is_used(read_stored_depth(tmp_path / "a.npy")) is expected
-
-
 def test_a_sidecar_of_another_camera_is_not_that_of_a_png(tmp_path: Path) -> None:
     Png16Writer().write(DEPTH, tmp_path / "a.png")
     for focal_px in (3.0, 5.0):

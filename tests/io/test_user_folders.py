@@ -1,4 +1,4 @@
-"""Where a user's own models and profiles lie; without a home nothing is written anywhere."""
+"""Where a user's own models and profiles lie."""
 
 from __future__ import annotations
 
@@ -17,27 +17,6 @@ if TYPE_CHECKING:
 def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "HOME"):
         monkeypatch.delenv(name, raising=False)
-
-
-def test_without_a_home_nothing_is_there_and_nothing_is_written(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    pwd = pytest.importorskip("pwd")
-
-    def unknown(_user: int) -> None:
-        raise KeyError
-
-    monkeypatch.setattr(pwd, "getpwuid", unknown)  # as in a container with a number for a user
-    for folder in (config_folder(), data_folder()):
-        assert folder.is_absolute()
-        assert not folder.exists()
-        with pytest.raises(OSError, match="Not a directory"):
-            folder.mkdir(parents=True)
-
-
-def test_a_home_that_is_there_is_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert config_folder().is_relative_to(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def calibrate(
     """
     from depthcli.cli import parse
     from depthcli.inference.pipeline import Pipeline
-    from depthcli.io.kept_cameras import keep_camera
+    from depthcli.io.calibration import keep_camera
     from depthcli.jobs.calibrate import CalibrationRequest
     from depthcli.jobs.calibrate import calibrate as measure
 

@@ -166,7 +166,7 @@ def video(
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
     from depthcli.jobs.write import FailedInput
-    from depthcli.video.live import live_stream
+    from depthcli.video.container import live_stream
     from depthcli.video.numbering import is_sequence
 
     to_stdout = output.out == STDIO

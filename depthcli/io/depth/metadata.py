@@ -1,7 +1,5 @@
 """The metadata of a depth map in files and reports: texts by name, the same names everywhere."""
 
-import math
-import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, TypeAlias
@@ -127,20 +125,16 @@ def of_size(
     """Metadata whose camera is that of a map of this size, which another program may have resized.
 
     If one factor explains both sides, focal length and principal point are scaled by it. Of a crop,
-    and of another size in a file before 0.16, which does not state the size, nothing of the camera
-    is left but ``camera_size_px``. A warning names the file.
+    nothing of the camera is left but ``camera_size_px``. A warning names the file.
     """
-    texts, focal_px = dict(metadata), positive_number(metadata.get("focal_px"))
-    own = _size_px(metadata.get("camera_size_px"))
+    texts, own = dict(metadata), _size_px(metadata.get("camera_size_px"))
     width, height = size_px
-    if own is None and focal_px is not None:
-        own = _width_in_text(metadata.get("camera", ""), focal_px, width), height
     if own is None or own == size_px:
         return texts, ()
     now, then = f"{width}×{height}", f"{own[0]}×{own[1]}"
-    if "camera_size_px" in metadata and abs(width * own[1] - height * own[0]) < max(own):
+    if abs(width * own[1] - height * own[0]) < max(own):
         scale = width / own[0]
-        if focal_px is not None:
+        if focal_px := positive_number(metadata.get("focal_px")):
             texts["focal_px"] = _value_text(focal_px * scale)
         if centre := _centre_px(metadata.get("centre_px")):
             x, y = ((along + 0.5) * scale - 0.5 for along in centre)
@@ -148,31 +142,12 @@ def of_size(
         texts["camera_size_px"] = f"{width},{height}"
         resized = f"{name} was resized from {then} to {now} pixels, and its focal length is scaled"
         return texts, (Message(resized, "if it was cropped instead, give {focal_px}"),)
-    advice = "give {focal_px} in its pixels for a point cloud"
-    if "camera_size_px" in metadata:
-        texts["camera_size_px"] = f"{own[0]},{own[1]}"
-    else:
-        then, texts["camera_size_px"] = f"about {own[0]} columns", f"{own[0]}"
-        hfov = metadata["camera"].partition("°")[0].removeprefix("hfov ")
-        advice += f", or {{hfov}} {hfov} if it was only resized"
     for one in _CAMERA_TEXTS:
         texts.pop(one, None)
     problem = (
         f"{name} has {now} pixels, and its focal length is for {then}: it was cropped or resized"
     )
-    return texts, (Message(problem, advice),)
-
-
-def _width_in_text(camera: str, focal_px: float, width: int) -> int:
-    """Columns of an image by its focal length and field of view, whose text has one decimal."""
-    found = re.match(r"hfov (\d+\.\d)°", camera)
-    if found is None:
-        return width
-    low, high = (
-        2 * focal_px * math.tan(math.radians(max(0.0, float(found[1]) + error)) / 2)
-        for error in (-0.06, 0.06)
-    )
-    return width if low - 1 <= width <= high + 1 else round((low + high) / 2)
+    return texts, (Message(problem, "give {focal_px} in its pixels for a point cloud"),)
 
 
 def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:

@@ -177,12 +177,7 @@ def stored_depth(
     """
     height, width = stored.shape
     size_px = frame.display_size_px if frame else (width, height)
-    known = None
-    if not own and frame is None and stored.dtype.kind == "f":
-        with np.errstate(over="ignore"):
-            units = options.scale or options.unstated_scale or 1
-            known = np.asarray(stored / units, np.float32)
-    return StoredDepth.of(path, stored, with_sidecar(path, own, size_px, known), options, frame)
+    return StoredDepth.of(path, stored, with_sidecar(path, own, size_px), options, frame)
 
 
 def _unnormalized(steps: AnyArray, texts: Mapping[str, str]) -> Float32Array:

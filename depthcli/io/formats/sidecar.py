@@ -1,7 +1,6 @@
 """A JSON file with the metadata of the other outputs, and what it adds to a file that is read."""
 
 import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,17 +8,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame, Provenance, has_depth
+from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame, Provenance
 from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import (
     ORIGIN_FIELDS,
     SOFTWARE,
     anchor_fields,
-    kind_named,
     number,
     of_size,
     origin_fields,
@@ -79,22 +74,17 @@ class _Sidecar(NamedTuple):
     fields: dict[str, object]
 
 
-def with_sidecar(
-    path: Path,
-    own: Mapping[str, str],
-    size_px: tuple[int, int],
-    values: npt.NDArray[np.float32] | None = None,
-) -> FileMetadata:
+def with_sidecar(path: Path, own: Mapping[str, str], size_px: tuple[int, int]) -> FileMetadata:
     """The metadata of a depth file, completed from its sidecar, or from that of its video.
 
-    ``own`` is what the file itself states, ``size_px`` (columns, rows) of its map, ``values`` those
-    of a file that states nothing. A warning tells if the sidecar is that of another map.
+    ``own`` is what the file itself states, ``size_px`` (columns, rows) of its map. A warning tells
+    if the sidecar is that of another map.
     """
     own, warnings = of_size(own, size_px, path.name)
     found = _find_sidecar(path)
     if found is None:
         return FileMetadata(own, warnings)
-    if not _describes(found.fields, own, size_px, values):
+    if not _describes(found.fields, own, size_px):
         ignored = f"{found.path} describes another map than {path.name} and is ignored"
         advice = Message(ignored, "remove it, or write it again with {sidecar}")
         return FileMetadata(own, (*warnings, advice))
@@ -156,10 +146,7 @@ def _parsed(sidecar: bytes) -> object:
 
 
 def _describes(
-    fields: Mapping[str, object],
-    own: Mapping[str, str],
-    size_px: tuple[int, int],
-    values: npt.NDArray[np.float32] | None,
+    fields: Mapping[str, object], own: Mapping[str, str], size_px: tuple[int, int]
 ) -> bool:
     """Whether a sidecar is that of this map, as far as both state the same facts."""
     # A video's camera is that of its first frame.
@@ -167,19 +154,7 @@ def _describes(
     if any(fields.get(name) != own[name] for name in names if name in own):
         return False
     width, height = size_px
-    if (fields.get("width", width), fields.get("height", height)) != size_px:
-        return False
-    return values is None or "min" not in fields or _has_range(fields, values)
-
-
-def _has_range(fields: Mapping[str, object], values: npt.NDArray[np.float32]) -> bool:
-    known = values[has_depth(values, kind_named(_text(fields.get("kind"))))]
-    low, high = (number(_text(fields.get(name))) for name in ("min", "max"))
-    if low is None or high is None or not known.size:
-        return low is None and high is None and not known.size
-    pairs = ((low, float(known.min())), (high, float(known.max())))
-    # The map may have been saved again as half floats.
-    return all(math.isclose(stated, found, rel_tol=1e-3) for stated, found in pairs)
+    return (fields.get("width", width), fields.get("height", height)) == size_px
 
 
 def _shared_texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[str, str]:

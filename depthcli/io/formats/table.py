@@ -10,6 +10,7 @@ import re
 import sys
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import PurePath
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
@@ -92,6 +93,17 @@ _PNG = ("png_scale", "png_normalize", "png_inverse")
 _SURFACE = ("stride", "max_depth_m", "keep_edges")
 _STEREO = ("stereo_layout", "eye_distance_m", "convergence_m")
 _PNG_MARK = f"{SOFTWARE_KEY}\0".encode()
+_EXR_MARK = f"{SOFTWARE_KEY}\0string\0".encode()
+_PGM_MARK = f"# {SOFTWARE_KEY} ".encode()
+_PLY_MARK = f"comment {KEY_PREFIX}".encode()
+_HTML_MARK = b'name="generator" content="depthcli '
+_JSON_MARK = b'"software": "depthcli '
+_image = partial(FormatFacts, shows_image=True)
+_stated = partial(FormatFacts, has_camera=True)
+_scene = partial(_stated, shows_image=True)
+_steps = partial(_stated, is_readable=True)
+_exact = partial(_steps, is_exact=True)
+_floats = partial(FormatFacts, "raster:FloatWriter", is_readable=True, is_exact=True)
 
 
 class Format(StrEnum):
@@ -108,106 +120,21 @@ class Format(StrEnum):
         (member.facts,) = facts
         return member
 
-    PNG16 = (
-        "png16",
-        FormatFacts(
-            *("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK, _PNG),
-            has_camera=True,
-            is_readable=True,
-        ),
-    )
-    EXR = (
-        "exr",
-        FormatFacts(
-            *("exr:ExrWriter", ".depth.exr", ".exr", f"{SOFTWARE_KEY}\0string\0".encode(), _EXR),
-            has_overscan=True,
-            has_camera=True,
-            is_readable=True,
-            is_exact=True,
-        ),
-    )
+    PNG16 = "png16", _steps("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK, _PNG)
+    EXR = "exr", _exact("exr:ExrWriter", ".depth.exr", ".exr", _EXR_MARK, _EXR, has_overscan=True)
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True)
-    PREVIEW = (
-        "preview",
-        FormatFacts(
-            *("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS), shows_image=True
-        ),
-    )
-    PLY = (
-        "ply",
-        FormatFacts(
-            *("ply:PlyWriter", ".ply", ".ply", f"comment {KEY_PREFIX}".encode()),
-            (*_SURFACE, "faces"),
-            shows_image=True,
-            has_camera=True,
-        ),
-    )
-    GLB = (
-        "glb",
-        FormatFacts(
-            *("glb:GlbWriter", ".glb", ".glb", b'"generator":"depthcli ', _SURFACE),
-            shows_image=True,
-            has_camera=True,
-        ),
-    )
-    HTML = (
-        "html",
-        FormatFacts(
-            *("html:HtmlWriter", ".html", ".html", b'name="generator" content="depthcli '),
-            _SURFACE,
-            shows_image=True,
-            has_camera=True,
-        ),
-    )
-    NORMALS = (
-        "normals",
-        FormatFacts("normals:NormalsWriter", ".normals.png", None, _PNG_MARK, has_camera=True),
-    )
-    STEREO = (
-        "stereo",
-        FormatFacts(
-            *("stereo:StereoWriter", ".stereo.png", None, _PNG_MARK, _STEREO),
-            shows_image=True,
-            has_camera=True,
-        ),
-    )
-    PFM = (
-        "pfm",
-        FormatFacts("raster:FloatWriter", ".depth.pfm", ".pfm", is_readable=True, is_exact=True),
-    )
-    TIFF = (
-        "tiff",
-        FormatFacts("raster:FloatWriter", ".depth.tiff", ".tiff", is_readable=True, is_exact=True),
-    )
-    PGM = (
-        "pgm",
-        FormatFacts(
-            *("png16:Png16Writer", ".depth.pgm", ".pgm", f"# {SOFTWARE_KEY} ".encode(), _PNG),
-            has_camera=True,
-            is_readable=True,
-        ),
-    )
-    NPZ = (
-        "npz",
-        FormatFacts(
-            *("npy:NpzWriter", ".depth.npz", ".npz", b"depthcli.npy"),
-            has_camera=True,
-            is_readable=True,
-            is_exact=True,
-        ),
-    )
-    COLMAP = (
-        "colmap",
-        FormatFacts("raster:FloatWriter", ".depth.bin", ".bin", is_readable=True, is_exact=True),
-    )
-    # It describes the PNG beside it.
-    JSON = (
-        "json",
-        FormatFacts(
-            *("sidecar:SidecarWriter", ".depth.json", ".json", b'"software": "depthcli ', _PNG),
-            has_camera=True,
-        ),
-    )
+    PREVIEW = "preview", _image("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS)
+    PLY = "ply", _scene("ply:PlyWriter", ".ply", ".ply", _PLY_MARK, (*_SURFACE, "faces"))
+    GLB = "glb", _scene("glb:GlbWriter", ".glb", ".glb", b'"generator":"depthcli ', _SURFACE)
+    HTML = "html", _scene("html:HtmlWriter", ".html", ".html", _HTML_MARK, _SURFACE)
+    NORMALS = "normals", _stated("geometry:NormalsWriter", ".normals.png", None, _PNG_MARK)
+    STEREO = "stereo", _scene("stereo:StereoWriter", ".stereo.png", None, _PNG_MARK, _STEREO)
+    PFM = "pfm", _floats(".depth.pfm", ".pfm")
+    TIFF = "tiff", _floats(".depth.tiff", ".tiff")
+    PGM = "pgm", _steps("png16:Png16Writer", ".depth.pgm", ".pgm", _PGM_MARK, _PNG)
+    NPZ = "npz", _exact("npy:NpzWriter", ".depth.npz", ".npz", b"depthcli.npy")
+    COLMAP = "colmap", _floats(".depth.bin", ".bin")
+    JSON = "json", _stated("sidecar:SidecarWriter", ".depth.json", ".json", _JSON_MARK, _PNG)
 
 
 FORMATS = {format_: format_.facts for format_ in Format}

@@ -15,7 +15,6 @@ from depthcli.errors import InputError
 ANIMATED = "is animated; only the first image is used"  #: a warning
 _WEBP_ANIMATION = 0x02  # of the flags of an extended file
 _GIF_FRAME = b"\0\x21\xf9\x04"  # the end of a block, and a graphic control extension
-_BMP_OS2_BYTES = 12  # of the header of OS/2, whose colours OpenCV makes gray
 _NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"
 _NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?\s")
 """Width, height and, except for bitmaps, the value of white."""
@@ -71,9 +70,7 @@ def gif_header(data: bytes) -> Header:
 
 def bmp_header(data: bytes) -> Header:
     """Header of a BMP."""
-    size, width, height = struct.unpack_from("<Iii", data, 14)
-    if size == _BMP_OS2_BYTES:
-        raise InputError("is a BMP of OS/2, which is not read", "convert it to PNG")
+    width, height = struct.unpack_from("<ii", data, 18)
     return Header(width, abs(height))
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import csv
 import os
-from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from io import TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,9 +61,7 @@ def _remote_list(source: str, column: str | None) -> Iterator[str]:
 
 
 def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
-    data = path.open("rb")  # once: it may be a pipe
-    _check_encoding(data.peek(len(BOM_UTF8)))
-    file = TextIOWrapper(data, newline="", encoding="utf-8-sig", errors="surrogateescape")
+    file = path.open(newline="", encoding="utf-8-sig", errors="surrogateescape")
     rows = csv.reader(file, delimiter=delimiter)
     header = next(rows, [])
     # Without a first line of names, a list of one column begins with an image.
@@ -93,15 +90,9 @@ def parse_list(data: bytes) -> list[str]:
 
     One a line, or separated by NUL bytes (``find -print0``), which allows newlines in names.
     """
-    _check_encoding(data)
     data = data.removeprefix(BOM_UTF8)
     words = data.split(b"\0") if b"\0" in data else data.splitlines()
     return [os.fsdecode(word) for word in words if word]
-
-
-def _check_encoding(data: bytes) -> None:
-    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-        raise UsageError("the list of inputs is in UTF-16; save it in UTF-8")
 
 
 def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]:

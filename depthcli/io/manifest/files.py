@@ -139,7 +139,7 @@ def output_entry(folder: Path, path: Path) -> OutputFile:
     return OutputFile(path.relative_to(folder).as_posix(), found.bytes, found.sha256)
 
 
-_NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.(jsonl|parquet)")
+_NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.jsonl")
 _PREFIXES = (".depthcli-batch", "manifest")
 _UPLOAD_INTERVAL_S = 5.0
 _PART = re.compile(r"\.\d{20}-[0-9a-f]{8}$")
@@ -210,12 +210,8 @@ def row_files(folder: Path, shard: Shard) -> list[Path]:
     for path in (*folder.glob("manifest*"), *folder.glob(".depthcli-batch*")):
         match = _NAME.fullmatch(path.name)
         is_others = match and match[3] == str(shard.count) and match[2] != shard.tag
-        if match is None or is_others or not path.exists():
-            continue
-        if match[4] == "parquet":
-            told = f"{path} is a manifest in Parquet, which depthcli 0.15 was the last to read"
-            raise UsageError(told, "move it away to process its inputs again")
-        found.append(path)
+        if match and not is_others and path.exists():
+            found.append(path)
     return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 

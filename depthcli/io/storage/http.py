@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _TIMEOUT_S = 60
 _PART_BYTES = 8 << 20
-_PARTIAL, _RANGE_ERROR = 206, 416
+_PARTIAL = 206
 _TRANSIENT = frozenset((429, 500, 502, 503, 504))
 ERRORS = (HTTPException, OSError, ValueError)  #: of requests; OSError has no number
 _SAFE = "%/:=&?~+!$,;'@()*[]"
@@ -91,14 +91,9 @@ def fetch(
 
 def read_first(url: str, length: int) -> bytes:
     """The first bytes of a file; fewer if it is shorter."""
-    try:
-        with _opened(url, {"Range": f"bytes=0-{length - 1}"}) as answer:
-            found: bytes = answer.read(length)
-            return found
-    except HTTPError as error:
-        if error.code == _RANGE_ERROR:  # an empty file has no first byte
-            return b""
-        raise
+    with _opened(url, {"Range": f"bytes=0-{length - 1}"}) as answer:
+        found: bytes = answer.read(length)
+        return found
 
 
 def _opened(url: str, headers: dict[str, str] | None = None, method: str = "GET") -> Any:  # noqa: ANN401

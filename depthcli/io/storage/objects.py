@@ -18,7 +18,7 @@ from itertools import count
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from depthcli.core.options import INSTALL_CLOUD, INSTALL_WEB
+from depthcli.core.options import INSTALL_CLOUD
 from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ _REASONS = {
     "status code: 403": (errno.EACCES, "access denied; check the credentials and their rights"),
     "status code: 404": (errno.ENOENT, "no such object"),
     "status code: 5": (errno.EIO, "the store answers with errors; try again later"),
-    "status code: 416": (errno.ERANGE, "the range is beyond its end"),
+    "status code: 416": (errno.ERANGE, "it is empty"),
     "timed out": (errno.ETIMEDOUT, "no answer came in time; check the network"),
     "urlopen error": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
     "error sending request": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
@@ -230,12 +230,7 @@ def read_first(address: RemotePath, length: int) -> bytes:
     if address.is_http:
         with _as_os_errors(address):
             return bytes(_http().read_first(address.url, length))
-    try:
-        return bytes(_send_request("get_range", address, start=0, length=length))
-    except OSError as error:
-        if error.errno == errno.ERANGE:  # an empty object has no first byte
-            return b""
-        raise
+    return bytes(_send_request("get_range", address, start=0, length=length))
 
 
 def put(address: RemotePath, file: Path, metadata: Mapping[str, str] | None = None) -> None:
@@ -292,8 +287,7 @@ def _library(address: RemotePath) -> Any:  # noqa: ANN401 - a module
     try:
         import obstore.exceptions  # noqa: PLC0415 - in an extra
     except ModuleNotFoundError:
-        install = INSTALL_WEB if address.base.startswith("http") else INSTALL_CLOUD
-        reason = f"this needs obstore; install it with: {install}"
+        reason = f"this needs obstore; install it with: {INSTALL_CLOUD}"
         raise OSError(errno.ENOPKG, reason, str(address)) from None
     return obstore
 

@@ -148,8 +148,6 @@ def regular_size(path: Path) -> int:
 
 
 _PROGRAM = "depthcli"
-_NO_HOME = Path(os.path.abspath(os.devnull))  # noqa: PTH100 - Windows has it everywhere
-"""Stands for the home of a user without one: it has no files, and none can be written."""
 
 
 def data_folder() -> Path:
@@ -167,8 +165,6 @@ def _base_folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
     if os.path.isabs(stated):  # noqa: PTH117 - the XDG specification has relative ones ignored
         return Path(stated) / _PROGRAM
     home = Path(os.path.expanduser("~"))  # noqa: PTH111 - Path.home() raises where there is none
-    if not home.is_absolute():
-        home = _NO_HOME
     if sys.platform == "win32":
         base = os.environ.get(windows_variable)
         return (Path(base) if base else home) / _PROGRAM

@@ -21,9 +21,9 @@ from depthcli.jobs.options import MapOptions
 from depthcli.jobs.output_names import comparable, names_near, output_bases
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
 from depthcli.video import container, formats, numbering
+from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, Codec, PreviewCodec, VideoFormat
 from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
-from depthcli.video.live import LiveStream
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame

@@ -35,18 +35,18 @@ from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.jobs.write import output_guard
 from depthcli.video.audio import AudioTrack
+from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat, preview_codec
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.live import LiveStream
 from depthcli.video.numbering import base_name, numbered_name
 from depthcli.video.outputs import (
     DepthFrame,
     DepthVideoOutput,
     PreviewVideoOutput,
+    SegmentedOutput,
     SequenceOutput,
     VideoOutput,
 )
-from depthcli.video.segments import SegmentedOutput
 from depthcli.video.source import open_frames
 
 
