@@ -29,7 +29,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run_process() -> int:
-    """Run the command of this process."""
     if not sys.warnoptions:  # libraries' warnings are for developers
         warnings.simplefilter("ignore")
     open_streams()
@@ -41,7 +40,6 @@ def _run_process() -> int:
 
 
 def _prepare() -> None:
-    """Set up the process for a command."""
     import signal
 
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:

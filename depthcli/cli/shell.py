@@ -97,7 +97,6 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _explain(error: Exception) -> tuple[str, int]:
-    """One-line message and exit code of an error."""
     if isinstance(error, DepthcliError):
         return error.message, error.exit_code
     if isinstance(error, typer.Abort):

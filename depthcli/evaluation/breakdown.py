@@ -97,7 +97,6 @@ def _label(row: ReportRow) -> str:
 
 
 def _mean(images: Sequence[ImageScores]) -> Scores:
-    """Mean over the images with a valid pixel."""
     values = np.array([image.scores.values for image in images])
     known = values[np.isfinite(values).any(1)]
     return Scores(tuple(map(float, known.mean(0)))) if len(known) else Scores.of()

@@ -204,7 +204,6 @@ def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions
 def _mean_row(
     line: _Line, rows: Sequence[report.ReportRow], alignment: Alignment | None
 ) -> report.ReportRow:
-    """Means over the seeds of a training run."""
     seeds = [row for row in rows if row.alignment is alignment]
     values = np.array([row.scores.values for row in seeds])
     std = Scores(tuple(map(float, values.std(0, ddof=1)))) if len(seeds) > 1 else None

@@ -252,7 +252,6 @@ def _training_cells(training: Training | None) -> list[str]:
 
 
 def _row_json(row: ReportRow) -> dict[str, Any]:
-    """A row with its scores, and those of each image or seed if there are any."""
     entry: dict[str, Any] = {
         "name": row.name,
         "source": row.source,

@@ -103,7 +103,6 @@ def _compared(report: EvalReport) -> list[ReportRow]:
 
 
 def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
-    """A row over some of its images, in the order of their ids."""
     images = sorted((one for one in row.images if one.id in shared), key=lambda one: one.id)
     if len(images) == len(row.images):
         return replace(row, images=tuple(images))

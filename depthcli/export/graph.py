@@ -35,20 +35,14 @@ _KNOWN = 0.02  # share of known depth in comparisons
 _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
 
 
-def build_graph(
-    generator: nn.Module, *, opset: int = OPSET, mirror: bool = False
-) -> onnx.ModelProto:
+def build_graph(generator: nn.Module, *, opset: int = OPSET) -> onnx.ModelProto:
     """A checked model of a generator, with dynamic batch, height and width, and IR version 8.
 
     Its inputs are (B, C, H, W) in [-1, 1] and, if it follows known depth, that and its mask.
-
-    With ``mirror``, it averages with the prediction for the mirrored picture, at twice the cost.
     """
     network = fold_batch_norm(generator)
     example = torch.zeros(2, _channels(generator), *_TRACED_SIZE)
     inputs = example, *_prompts(network, example)
-    if mirror:
-        network = MirrorAverage(network)
     model = optimizer.optimize(_trace(network, inputs, opset))
     model.ir_version = min(model.ir_version, IR_VERSION)
     del model.graph.value_info[:]  # of the export tools, which this IR version does not have
@@ -64,7 +58,6 @@ def _prompts(network: nn.Module, images: torch.Tensor) -> tuple[torch.Tensor, ..
 
     Of the first of several images, nothing is known.
     """
-    network = network.network if isinstance(network, MirrorAverage) else network
     if not isinstance(network, PromptedGenerator):
         return ()
     random = torch.Generator().manual_seed(0)
@@ -100,20 +93,6 @@ def _trace(network: nn.Module, inputs: tuple[torch.Tensor, ...], opset: int) -> 
             dynamo=False,
         )
         return onnx.load(path)
-
-
-class MirrorAverage(nn.Module):
-    """Mean of a network's output and the mirrored output for the mirrored input."""
-
-    def __init__(self, network: nn.Module) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, *inputs: torch.Tensor) -> torch.Tensor:
-        """Raw output (B, 1, h, w) for inputs (B, C, H, W)."""
-        plain: torch.Tensor = self.network(*inputs)
-        mirrored = self.network(*(torch.flip(x, [3]) for x in inputs))
-        return (plain + torch.flip(mirrored, [3])) / 2
 
 
 def fold_batch_norm(network: nn.Module) -> nn.Module:

@@ -36,7 +36,6 @@ class ExportOptions:
     name: str = "custom"  #: of the model
     version: str = "1.0.0"  #: of the model
     half: bool = False  #: store weights as float16; computations are in float32
-    mirror: bool = False  #: average with the mirrored picture, at twice the cost
     opset: int = graph.OPSET  #: ONNX opset version
     #: maximum difference between torch and onnxruntime; None for the default
     tolerance: float | None = None
@@ -129,7 +128,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
     nyu = seen.get(datasets.NYU, ())
     is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
     # Parity keeps float16 near the weights that were validated; the others differ from them.
-    validated = averaged and is_new and not (options.mirror or is_int8)
+    validated = averaged and is_new and not is_int8
     facts = {
         "data": provenance.data,
         "pseudo_labels": provenance.pseudo_labels or None,
@@ -149,7 +148,6 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
         },
         "weights": None if averaged else str(Weights.RAW),
         "precision": "int8" if is_int8 else "float16" if options.half else None,
-        "mirror": options.mirror or None,
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
     return {name: value for name, value in facts.items() if value is not None}
@@ -170,7 +168,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     if own_card.is_file() and catalog.file_of_card(own_card) != out.name:
         raise UsageError(f"{own_card} is not the card of {out.name}; choose another -o")
     generator, saved = load_generator(checkpoint, options.weights)
-    model = graph.build_graph(generator, opset=options.opset, mirror=options.mirror)
+    model = graph.build_graph(generator, opset=options.opset)
     card = card_of(saved, options)
     folder = options.int8_pictures
     pictures = [] if folder is None else graph.calibration_batches(folder, card.input)
@@ -180,9 +178,8 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         graph.weights_to_float16(model)
     helper.set_model_props(model, {cards.METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
-    network = graph.MirrorAverage(graph.fold_batch_norm(generator)) if options.mirror else generator
     cases = _parity_cases(card.input)[: 1 if pictures else None]
-    parity = graph.check_parity(network, data, cases, options.max_difference, pictures)
+    parity = graph.check_parity(generator, data, cases, options.max_difference, pictures)
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
@@ -243,7 +240,6 @@ def open_run(folder: Path) -> TrainedRun:
 
 
 def _settings(config: TrainConfig, data: DataProvenance) -> str:
-    """Settings that seeds of one experiment have in common, as JSON."""
     settings = dataclasses.asdict(dataclasses.replace(config, seed=0))
     labels = [data.pseudo_labels, data.pseudo_label_ids, data.pseudo_label_fingerprint]
     sources = [data.data, data.train_ids, labels, data.init_weights]

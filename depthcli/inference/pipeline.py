@@ -214,7 +214,6 @@ class Pipeline:
         return np.where(found > 0, found, np.float32(np.nan))
 
     def _panorama(self, frame: Frame, camera: Intrinsics) -> Prediction:
-        """Metres along the rays of an equirectangular image."""
         from depthcli.inference.panorama import HFOV_DEG, panorama_distance  # noqa: PLC0415 - rare
 
         if camera.has_focal or camera.centre_px:

@@ -44,7 +44,6 @@ def _map_output(session: ort.InferenceSession, model: Model) -> str:
 
 
 def _check_outputs(session: ort.InferenceSession, model: Model, wanted: Iterable[str]) -> None:
-    """Check that the graph has the outputs that its card names."""
     names = {one.name for one in session.get_outputs()}
     for name in wanted:
         if name not in names:
@@ -206,7 +205,6 @@ class Session:
 def _start(
     model: Model, wanted: tuple[str, ...], threads: int | None, options: Mapping[str, str]
 ) -> ort.InferenceSession:
-    """A session on the first of the providers that starts."""
     for first in range(1, len(wanted)):
         try:
             return _load(model, wanted[first - 1 :], threads, options)

@@ -126,7 +126,6 @@ def prompt_input(
 
 
 def _resized(spec: InputSpec, values: Float32Array, width: int, height: int) -> Float32Array:
-    """Colours at another size, as the card says."""
     if spec.resize in _ANTIALIASED:
         is_cubic = spec.resize is Resize.CUBIC_ANTIALIAS
         return imageops.resize_antialiased(

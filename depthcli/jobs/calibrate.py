@@ -66,8 +66,6 @@ class Calibrated(NamedTuple):
 
 
 class _Sample(NamedTuple):
-    """Known points of one image."""
-
     predicted_m: _Values
     true_m: _Values
 
@@ -118,7 +116,6 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
 
 
 def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:
-    """Each image with its points."""
     if request.pairs is not None:
         dataset = open_paired_folder(request.pairs)
         for i in range(len(dataset)):
@@ -176,7 +173,6 @@ def _scale(samples: Sequence[_Sample]) -> ScaleShift:
 
 
 def _scale_shift(samples: Sequence[_Sample]) -> ScaleShift:
-    """Scale and shift of least relative errors, without wrong points."""
     predicted_m = np.concatenate([sample.predicted_m for sample in samples])
     true_m = np.concatenate([sample.true_m for sample in samples])
     fit, _ = robust(Pairs(predicted_m, true_m, true_m))

@@ -207,7 +207,6 @@ def _locked_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None:
-    """Append what a file lacks of the model's."""
     size = model.weights.size_bytes
     if size is not None and file.seek(0, os.SEEK_END) >= size:
         return

@@ -58,7 +58,6 @@ def names_near(folder: Path, own: Iterable[str]) -> Iterable[str]:
 
 
 def _names_starting(folder: RemotePath, starts: Iterable[str]) -> Iterator[str]:
-    """Names in a folder of a store with one of these beginnings."""
     names: Iterator[str] = iter(())
     name = ""
     for start in () if folder.is_http else sorted(starts):

@@ -154,7 +154,6 @@ def _format_of_pattern(
 
 
 def _check_suffix(path: Path, which: FormatT, *, is_numbered: bool = False) -> None:
-    """Check that the suffix of a file, which is that of a format, fits."""
     suffix = Path(f"a{which.facts.suffix}").suffix
     if "%" in which.facts.suffix and not is_numbered:
         advice = f"name a folder, or a pattern such as {path.stem}.%04d{suffix}"
@@ -198,7 +197,6 @@ def plan_outputs(
 
 
 def _base_paths(sources: Sequence[Path | None], destination: Destination[FormatT]) -> list[Path]:
-    """Path of each input's outputs, without suffix."""
     out = destination.path
     if out is not None and destination.kind is not Kind.FOLDER:
         return [out]

@@ -114,7 +114,6 @@ class DepthPixels:
 
 
 def _as_float64(values: FloatArray, out: Float64Array | None) -> Float64Array:
-    """A copy in float64."""
     if out is None:
         return values.astype(np.float64)
     np.copyto(out, values)

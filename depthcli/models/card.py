@@ -382,7 +382,6 @@ def _read_file_facts(values: object) -> None:
 
 
 def _check_input(spec: InputSpec) -> None:
-    """Check fields that depend on each other."""
     for name, numbers in (("mean", spec.mean), ("std", spec.std)):
         if len(numbers) not in {1, spec.colour.channels}:
             raise FieldError("has to be one number, or one a channel", f"input.{name}")
@@ -399,13 +398,11 @@ def _check_input(spec: InputSpec) -> None:
 
 
 def _check_prompt(card: "ModelCard") -> None:
-    """Check that known depth can be coded as the output."""
     if card.input.prompt and card.output.transform is not Transform.EXP:
         raise FieldError(f"has to be {Transform.EXP} with a prompt", "output.transform")
 
 
 def _check_output(spec: OutputSpec) -> None:
-    """Check fields that depend on each other."""
     for name, metres in (("min_m", spec.min_m), ("max_m", spec.max_m)):
         if metres is None and spec.kind is DepthKind.METRIC:
             raise FieldError("has to be a number, as the kind is metric", f"output.{name}")
@@ -414,7 +411,6 @@ def _check_output(spec: OutputSpec) -> None:
 
 
 def _check_camera(spec: CameraSpec | None) -> None:
-    """Check that one form of the camera is stated."""
     if spec is not None and (spec.hfov_deg is None) == (spec.focal_px is None):
         raise FieldError("or focal_px has to be stated, and one alone", "camera.hfov_deg")
 

@@ -127,7 +127,6 @@ class Checkpoint:
 
 
 def _from_version_1(content: dict[str, Any]) -> dict[str, Any]:
-    """A checkpoint of depthcli 0.15 or earlier in the present names."""
     config, progress = content["config"], content.pop("progress")
     config["data"]["pseudo_label_share"] = config["data"].pop("extra_share", 0.5)
     config["loss"]["pseudo_label_scale"] = config["loss"].pop("extra_scale", 0.0)

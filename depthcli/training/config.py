@@ -329,7 +329,6 @@ def check_config(config: TrainConfig) -> None:
 
 
 def _check_prompt(config: TrainConfig) -> None:
-    """Check the layers that take known depth."""
     generator = config.generator
     if bool(generator.prompt) != (config.method == "prompted"):
         raise UsageError("generator.prompt is for the method prompted, which needs it")

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -27,10 +27,22 @@ _PROJECT = "depthcli"
 
 
 class Logger(Callback):
-    """Logs every step and every validated epoch of the run in a folder."""
+    """Logs every step and every validated epoch of the run in a folder.
+
+    ``MODULE``, which a tracker's extra installs, is imported as ``package``.
+    """
+
+    TRACKER: ClassVar[Tracker]
+    MODULE: ClassVar[str]
 
     def __init__(self, folder: Path, config: TrainConfig) -> None:
         self.folder, self.config = folder, config
+        try:
+            self.package: Any = import_module(self.MODULE)
+        except ImportError as error:
+            told = f"the package {self.TRACKER} is missing: pip install '.[{self.TRACKER}]'"
+            raise TrainingError(told) from error
+        folder.mkdir(parents=True, exist_ok=True)
 
     @abstractmethod
     def log(self, values: Mapping[str, float], step: int) -> None:
@@ -60,15 +72,14 @@ class Logger(Callback):
 class TensorBoardLogger(Logger):
     """Event files in ``tensorboard/``; steps that a resumed run repeats replace the earlier."""
 
-    def __init__(self, folder: Path, config: TrainConfig) -> None:
-        super().__init__(folder, config)
-        self._writer_class = _package(Tracker.TENSORBOARD, "torch.utils.tensorboard").SummaryWriter
-        self._writer: Any = None
+    TRACKER, MODULE = Tracker.TENSORBOARD, "torch.utils.tensorboard"
+    _writer: Any = None
 
     def log(self, values: Mapping[str, float], step: int) -> None:
         """Add scalars to the event file of this run."""
         if self._writer is None:
-            self._writer = self._writer_class(str(self.folder / "tensorboard"), purge_step=step)
+            where = str(self.folder / "tensorboard")
+            self._writer = self.package.SummaryWriter(where, purge_step=step)
         for name, value in values.items():
             self._writer.add_scalar(name, value, step)
 
@@ -88,12 +99,12 @@ class TensorBoardLogger(Logger):
 class WandbLogger(Logger):
     """A run of Weights & Biases, with its local files in ``wandb/``; ``WANDB_*`` configure it."""
 
+    TRACKER, MODULE = Tracker.WANDB, "wandb"
+
     def __init__(self, folder: Path, config: TrainConfig) -> None:
         super().__init__(folder, config)
-        self._wandb = _package(Tracker.WANDB, "wandb")
-        folder.mkdir(parents=True, exist_ok=True)
         try:
-            self._run = self._wandb.init(
+            self._run = self.package.init(
                 project=os.environ.get("WANDB_PROJECT", _PROJECT),
                 name=folder.resolve().name,
                 dir=folder,
@@ -101,7 +112,7 @@ class WandbLogger(Logger):
                 resume="allow",
                 config=dataclasses.asdict(config),
             )
-        except self._wandb.Error as error:
+        except self.package.Error as error:
             raise TrainingError(
                 f"Weights & Biases: {error}", "log in, or set WANDB_MODE=offline"
             ) from error
@@ -112,7 +123,7 @@ class WandbLogger(Logger):
 
     def log_image(self, path: Path, step: int) -> None:
         """Log the file."""
-        self._run.log({"samples": self._wandb.Image(str(path))}, step=step)
+        self._run.log({"samples": self.package.Image(str(path))}, step=step)
 
     def close(self) -> None:
         """End the run, which sends what is left."""
@@ -122,27 +133,24 @@ class WandbLogger(Logger):
 class MlflowLogger(Logger):
     """A run of MLflow at ``MLFLOW_TRACKING_URI``, else in ``mlflow.db`` and ``mlruns/``."""
 
+    TRACKER, MODULE = Tracker.MLFLOW, "mlflow"
+
     def __init__(self, folder: Path, config: TrainConfig) -> None:
         super().__init__(folder, config)
-        self._mlflow = _package(Tracker.MLFLOW, "mlflow")
-        folder.mkdir(parents=True, exist_ok=True)
         where = os.environ.get("MLFLOW_TRACKING_URI")
         self._artifacts = None if where else (folder / "mlruns").resolve().as_uri()
         where = where or f"sqlite:///{(folder / 'mlflow.db').resolve()}"
         try:
-            self._client = self._mlflow.MlflowClient(where)
+            self._client = self.package.MlflowClient(where)
             self._id = _stored_id(folder / "mlflow.id", self._new_run)
             self._client.update_run(self._id, "RUNNING")
-        except self._mlflow.MlflowException as error:
+        except self.package.MlflowException as error:
             raise TrainingError(f"MLflow: {error}", "check MLFLOW_TRACKING_URI") from error
 
     def _new_run(self) -> str:
         found = self._client.get_experiment_by_name(_PROJECT)
-        experiment = (
-            found.experiment_id
-            if found
-            else self._client.create_experiment(_PROJECT, self._artifacts)
-        )
+        experiment = found.experiment_id if found else None
+        experiment = experiment or self._client.create_experiment(_PROJECT, self._artifacts)
         run = self._client.create_run(experiment, run_name=self.folder.resolve().name)
         for name, value in dataclasses.asdict(self.config).items():
             group = value if isinstance(value, dict) else {"": value}
@@ -152,7 +160,7 @@ class MlflowLogger(Logger):
 
     def log(self, values: Mapping[str, float], step: int) -> None:
         """Log numbers under a step."""
-        metric, now_ms = self._mlflow.entities.Metric, int(1000 * time.time())
+        metric, now_ms = self.package.entities.Metric, int(1000 * time.time())
         metrics = [metric(name, value, now_ms, step) for name, value in values.items()]
         self._client.log_batch(self._id, metrics)
 
@@ -166,22 +174,8 @@ class MlflowLogger(Logger):
         self._client.set_terminated(self._id)
 
 
-LOGGERS: dict[Tracker, type[Logger]] = {
-    Tracker.TENSORBOARD: TensorBoardLogger,
-    Tracker.WANDB: WandbLogger,
-    Tracker.MLFLOW: MlflowLogger,
-}
+LOGGERS = {kind.TRACKER: kind for kind in (TensorBoardLogger, WandbLogger, MlflowLogger)}
 """The logger of each tool."""
-
-
-def _package(tracker: Tracker, name: str) -> Any:  # noqa: ANN401
-    """A package that only one logger needs."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise TrainingError(
-            f"the package {tracker} is missing: pip install '.[{tracker}]'"
-        ) from error
 
 
 def _stored_id(path: Path, new: Callable[[], str]) -> str:

@@ -108,7 +108,6 @@ class Run:
         return finite_losses(losses)
 
     def _update(self, phase: Phase) -> None:
-        """Step the optimizer of a phase by the gradients that were computed."""
         optimizer, optim = self.optimizers[phase], self.config.optim
         factor = optim.lr_factor(self.state.step, self.steps_per_epoch)
         for group, rate in zip(optimizer.param_groups, self.rates[phase], strict=True):

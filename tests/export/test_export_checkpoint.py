@@ -294,11 +294,10 @@ def test_scores_are_of_the_network_that_was_validated(tmp_path: Path) -> None:
     for options, facts in (
         (ExportOptions(), {"validation": scores}),
         (ExportOptions(half=True), {"validation": scores, "precision": "float16"}),
-        (ExportOptions(mirror=True), {"validation": {}, "mirror": True}),
         (ExportOptions(int8_pictures=tmp_path), {"validation": {}, "precision": "int8"}),
     ):
         training = _card(tmp_path, options).training
-        names = training.keys() & {"validation", "precision", "mirror"}
+        names = training.keys() & {"validation", "precision"}
         assert {name: training[name] for name in names} == facts
 
 

@@ -119,15 +119,6 @@ def test_folding_leaves_the_network_as_it_was() -> None:
     np.testing.assert_allclose(_torch(copy, image), _torch(network.eval(), image), atol=1e-4)
 
 
-def test_mirrored_average_has_no_left_and_right() -> None:
-    network, image = small_network(EFFICIENT), _noise(1, 1, 32, 48)
-    model = build_graph(network, mirror=True)
-    there, back = _run(model, image), _run(model, image[..., ::-1].copy())
-    np.testing.assert_allclose(back[..., ::-1], there, atol=1e-5)
-    wanted = _torch(network, image) + _torch(network, image[..., ::-1].copy())[..., ::-1]
-    np.testing.assert_allclose(there, wanted / 2, atol=2e-4)
-
-
 @pytest.mark.parametrize("config", [EFFICIENT, RESNET], ids=["efficient", "resnet"])
 def test_halved_weights_halve_the_file_and_keep_float32_sums(config: GeneratorConfig) -> None:
     image = _noise(2, 1, 32, 48)

@@ -313,7 +313,6 @@ def _request(
     *,
     bundled: bool = True,
 ) -> "EvalRequest":
-    """A request to compare models and predictions; without any, the bundled model if allowed."""
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
     from depthcli.datasets.prompts import parsed_prompt
@@ -356,7 +355,6 @@ def _request(
 
 
 def _reading(models: ModelOptions) -> "DepthReadOptions":
-    """Convention of the depth files of another tool."""
     from depthcli.io.depth.read import DepthReadOptions
 
     is_disparity = models.predictions_kind is choices.DepthEncoding.DISPARITY
@@ -372,7 +370,6 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
 
 
 def _run(request: "EvalRequest", table: TableOptions) -> int:
-    """Evaluate, print the table as JSON or text, and write the files."""
     from depthcli.cli.screen.progress import show_progress
     from depthcli.evaluation.page import report_page
     from depthcli.jobs.evaluate import ReportFiles, run_evaluation

@@ -26,9 +26,6 @@ class NetworkOptions:
         "Quantize weights and activations to int8, calibrated and checked on the images in DIR.",
         metavar="DIR",
     )
-    mirror: bool = groups.option(
-        "Average with the prediction for the mirrored image; doubles the cost.", default=False
-    )
     opset: int = groups.option("ONNX opset version.", default=17, min=16, max=20)
     tolerance: float | None = groups.option(
         "Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
@@ -93,7 +90,6 @@ def export_onnx(
         name=card.name,
         version=card.model_version,
         half=network.fp16,
-        mirror=network.mirror,
         opset=network.opset,
         tolerance=network.tolerance,
         int8_pictures=network.int8,

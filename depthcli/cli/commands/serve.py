@@ -164,7 +164,6 @@ def parse_request(query: Sequence[tuple[str, str]]) -> Asked:
 
 
 def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """The words of a command line."""
     known = {
         parameter.opts[-1].removeprefix("--").replace("-", "_"): parameter
         for parameter in _command.params

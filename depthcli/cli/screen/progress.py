@@ -74,8 +74,6 @@ class _Line(Stage):
 
 
 class _Bar(Stage):
-    """A progress bar on the terminal."""
-
     def __init__(self, bars: Bars, what: str, total: int | None, unit: str) -> None:
         super().__init__(what, total, unit)
         self._bars = bars

@@ -193,7 +193,6 @@ class InputCollector:
                     yield above + other
 
     def _add_input(self, found: listing.InputFile, places: listing.RealPaths) -> None:
-        """Add an input, unless it is listed twice."""
         first = self._inputs.setdefault(found.name, found)
         if first is found:
             return
@@ -204,7 +203,6 @@ class InputCollector:
 
 
 def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:
-    """Refuse a plan without inputs, unless there were no files at all."""
     reasons, summary = {file.reason for file in skipped}, listing.skip_summary(skipped)
     if not skipped:
         return

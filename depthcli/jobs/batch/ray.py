@@ -200,7 +200,6 @@ class WorkerPool:
         self._assigned[worker].append(call)
 
     def _handle_failed_start(self, error: object) -> None:
-        """Start another worker, unless none can start."""
         self._failed_starts += 1
         if self._key is None and self._failed_starts >= _LOSSES:
             lines = str(error).strip().splitlines() or [""]
@@ -211,7 +210,6 @@ class WorkerPool:
         self._start_worker()
 
     def _handle_lost_worker(self, worker: Hashable, call: Call) -> Iterator[Sequence[BatchResult]]:
-        """Retry a call whose worker died, or give it up."""
         if self._assigned.pop(worker, None) is not None:
             self._start_worker()
         if call.lost_workers + 1 < _LOSSES:
@@ -324,7 +322,6 @@ def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
 
 
 def _worker_capacity(ray: Any, cpus: float, gpus: float) -> int:  # noqa: ANN401 - a module
-    """Number of workers that the cluster has resources for."""
     count = 0
     for node in ray.nodes():
         has = node["Resources"] if node["Alive"] else {}

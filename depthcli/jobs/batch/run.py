@@ -156,7 +156,6 @@ class Batch(Iterator[BatchResult]):
         self._rows.sync()
 
     def _finish(self) -> None:
-        """Write the manifest, once."""
         journal, self._journal = self._journal, None
         if journal is None:
             return

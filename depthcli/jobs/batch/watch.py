@@ -64,7 +64,6 @@ class FolderChanges:
                 yield sorted(settled)
 
     def _stamps(self) -> dict[str, _Stamp]:
-        """Size and time of each input that is there."""
         stamps = {}
         for file in list_folder(self._root, leave_out=self._out, skip=self._wanted.excludes).media:
             if file.problem is None and self._wanted.refusal(file.name) is None:

@@ -42,8 +42,6 @@ _Files: TypeAlias = tuple[dict[Format, bytes], str | None, tuple[str, ...]]
 
 
 class _OpenedImage(NamedTuple):
-    """An image that was read."""
-
     task: BatchTask
     frame: Frame
     guard: Guard

@@ -161,7 +161,6 @@ def _origin(
     settings: VideoSettings,
     anchors: FrameAnchors | None,
 ) -> str:
-    """Fingerprint of everything that the frames depend on."""
     # A broken link in a sequence costs no other image.
     states = [(path, path.stat() if path.exists() else path.lstat()) for path in source.paths]
     card, session = pipeline.card, pipeline.session

@@ -111,7 +111,6 @@ def write_video(
 
 
 def _open_source(plan: VideoPlan, settings: VideoSettings) -> FrameSource:
-    """The frames of a video, a sequence, or a live stream."""
     if isinstance(plan.source, LiveStream):
         from depthcli.video.live_source import LiveSource  # noqa: PLC0415 - a file needs none
 
@@ -369,7 +368,6 @@ def _result(
     stages: FrameStages,
     warnings: Sequence[str],
 ) -> VideoResult:
-    """The result, without its time; ``warnings`` are those of the outputs."""
     if stages.first is None:
         raise TypeError(stages)
     pipeline, smooths = stages.pipeline, settings.smooth_s > 0

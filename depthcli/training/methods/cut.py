@@ -67,7 +67,6 @@ class Cut(base.Method):
         return {"adversarial": self.weights.adversarial * loss}
 
     def _contrastive_terms(self, of_x: _Patches, of_y: _Patches) -> dict[str, Tensor]:
-        """Terms of the patches of x and G(x), and of y and G(y)."""
         return self.weighted(
             contrast_x=lambda: base.mean_over_taps(losses.patch_nce, *of_x()),
             contrast_y=lambda: base.mean_over_taps(losses.patch_nce, *of_y()),
