@@ -44,7 +44,6 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
         "model": lambda: _check_model(model, provider),
         "providers": lambda: _check_providers(model),
         "codecs": _check_codecs,
-        "codec .exr": _check_openexr,
         "extras for pictures": _check_extras,
         "video codecs": _check_video,
     }
@@ -159,12 +158,6 @@ def _check_codecs() -> Iterator[Check]:
         works = can_round_trip(suffix)
         detail = "reads and writes" if works else "not in this OpenCV; convert such pictures"
         yield Check(f"codec {suffix}", "ok" if works else "warning", detail)
-
-
-def _check_openexr() -> Iterator[Check]:
-    import OpenEXR
-
-    yield Check("codec .exr", "ok", f"OpenEXR {OpenEXR.__version__}")
 
 
 def _check_extras() -> Iterator[Check]:

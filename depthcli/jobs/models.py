@@ -277,7 +277,7 @@ def _card_draft(path: Path, facts: OnnxFacts, card: str | None) -> CardDraft:
 
 def _named_draft(card: str) -> CardDraft:
     if card.endswith(".json") or paths.path_of(card).is_file():
-        fields = _json_object(catalog.read_card(paths.path_of(card)), paths.safe_name(card))
+        fields = _json_object(catalog.read_limited(paths.path_of(card)), paths.safe_name(card))
         return CardDraft(fields, card, is_ready=False)
     return CardDraft(catalog.ready_fields(card), f"card {card}", is_ready=True)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram
@@ -30,14 +30,13 @@ from starlette.routing import Route
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.options import AS_STATED, DEFAULT_UPSAMPLING, ReadOptions, UpsamplingOptions
-from depthcli.core.types import DepthRange, displayed_depth
+from depthcli.core.types import displayed_depth
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.metadata import anchor_fields, origin_fields
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
-from depthcli.jobs.write import write_stream
+from depthcli.jobs.write import depth_facts, write_stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -78,13 +77,6 @@ class Limits:
     max_pixels: int  #: of an image
 
 
-class Answer(NamedTuple):
-    """The encoded depth of an image and what is known of it."""
-
-    body: bytes
-    facts: dict[str, Any]
-
-
 class DepthServer:
     """The application of a server, for uvicorn or another ASGI server.
 
@@ -111,14 +103,10 @@ class DepthServer:
         self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
         self._pool = ThreadPoolExecutor(limits.workers)
         self._metrics = CollectorRegistry()
-        names = [
-            ("depthcli_requests", "Requests."),
-            ("depthcli_seconds", "Seconds of an image."),
-            ("depthcli_in_flight", "Images in work or waiting."),
-        ]
-        self._requests = Counter(*names[0], ["status"], registry=self._metrics)
-        self._seconds = Histogram(*names[1], registry=self._metrics)
-        self._waiting = Gauge(*names[2], registry=self._metrics)
+        to = self._metrics
+        self._requests = Counter("depthcli_requests", "Requests.", ["status"], registry=to)
+        self._seconds = Histogram("depthcli_seconds", "Seconds of an image.", registry=to)
+        self._waiting = Gauge("depthcli_in_flight", "Images in work or waiting.", registry=to)
         self._in_flight = 0
         routes = [
             Route("/", self._page),
@@ -184,7 +172,7 @@ class DepthServer:
         working.add_done_callback(lambda _: self._count(-1))
         start = time.perf_counter()
         try:
-            answer = await asyncio.wait_for(working, self.limits.timeout_s)
+            body, facts = await asyncio.wait_for(working, self.limits.timeout_s)
         except TimeoutError:
             text = f"not done within {self.limits.timeout_s:g} s"
             raise HTTPException(503, text, {"Retry-After": str(_RETRY_S)}) from None
@@ -199,9 +187,9 @@ class DepthServer:
         self._requests.labels(200).inc()
         kind = mimetypes.guess_type(f"depth{asked.format.facts.suffix}")[0]
         return Response(
-            answer.body,
+            body,
             media_type=kind or "application/octet-stream",
-            headers=_headers(answer.facts),
+            headers=_headers(facts),
         )
 
     async def _image(self, request: Request) -> bytes:
@@ -215,8 +203,8 @@ class DepthServer:
                 raise HTTPException(400, f"the form has no file named {_IMAGE!r}")
             return await sent.read()
 
-    def _answer(self, data: bytes, asked: Asked) -> Answer:
-        """Read, predict and write; runs in a thread."""
+    def _answer(self, data: bytes, asked: Asked) -> tuple[bytes, dict[str, Any]]:
+        """The encoded depth of an image and what is known of it; runs in a thread."""
         frame = read_image(None, data, max_pixels=self.limits.max_pixels, **asked.reading._asdict())
         points = AnchorPoints.of(asked.anchors) if asked.anchors else None
         pipeline = Pipeline(self.session, asked.detail)
@@ -226,18 +214,8 @@ class DepthServer:
             warnings += focal_warnings(self.session.model.card, asked.camera)
         body = BytesIO()
         warnings += write_stream(asked.writing, asked.format, depth, frame, body)
-        shown = displayed_depth(depth, frame.windows)
-        facts = {
-            "kind": shown.kind.value,
-            "unit": shown.unit,
-            **DepthRange.of(shown)._asdict(),
-            "width": shown.width,
-            "height": shown.height,
-            **origin_fields(shown),
-            **anchor_fields(shown),
-            "warnings": [str(warning) for warning in warnings],
-        }
-        return Answer(body.getvalue(), facts)
+        facts = depth_facts(displayed_depth(depth, frame.windows))
+        return body.getvalue(), facts | {"warnings": [str(warning) for warning in warnings]}
 
     def _count(self, change: int) -> None:
         self._in_flight += change

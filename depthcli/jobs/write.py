@@ -2,10 +2,18 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
-from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame, has_depth
+from depthcli.core.types import (
+    DepthMap,
+    DepthRange,
+    Frame,
+    displayed_depth,
+    displayed_frame,
+    has_depth,
+)
 from depthcli.errors import DepthcliError, OutputError, is_out_of_memory
+from depthcli.io.depth.metadata import anchor_fields, origin_fields
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.temporary import temporary_folder
@@ -60,6 +68,19 @@ def _write(
     if not (has_depth(depth.values[::16, ::16], depth.kind).any() or depth.valid.any()):
         raise OutputError("no pixel has depth, so nothing is written")
     return options.writer(name).write(depth, path, frame)
+
+
+def depth_facts(depth: DepthMap) -> dict[str, Any]:
+    """Kind, unit, range and size of a map, its model and camera, for JSON."""
+    return {
+        "kind": depth.kind.value,
+        "unit": depth.unit,
+        **DepthRange.of(depth)._asdict(),
+        "width": depth.width,
+        "height": depth.height,
+        **origin_fields(depth),
+        **anchor_fields(depth),
+    }
 
 
 class FailedInput(NamedTuple):

@@ -331,9 +331,7 @@ class ModelCard:
                 _read_file_facts(file)
             card = validated(cls, parsed)
             _check_input(card.input)
-            _check_output(card.output)
-            _check_prompt(card)
-            _check_camera(card.camera)
+            _check_output(card)
         except FieldError as refused:
             raise ModelError(f"{where}: {refused}; correct the card or restore the model") from None
         return card
@@ -397,21 +395,16 @@ def _check_input(spec: InputSpec) -> None:
         raise FieldError(f"has to be 1 with a fit of {spec.fit}", "input.pixel_aspect")
 
 
-def _check_prompt(card: "ModelCard") -> None:
-    if card.input.prompt and card.output.transform is not Transform.EXP:
+def _check_output(card: ModelCard) -> None:
+    output, camera = card.output, card.camera
+    least_m, most_m = output.min_m, output.max_m
+    if card.input.prompt and output.transform is not Transform.EXP:
         raise FieldError(f"has to be {Transform.EXP} with a prompt", "output.transform")
-
-
-def _check_output(spec: OutputSpec) -> None:
-    for name, metres in (("min_m", spec.min_m), ("max_m", spec.max_m)):
-        if metres is None and spec.kind is DepthKind.METRIC:
-            raise FieldError("has to be a number, as the kind is metric", f"output.{name}")
-    if spec.min_m is not None and spec.max_m is not None and not 0 <= spec.min_m < spec.max_m:
+    if output.kind is DepthKind.METRIC and (least_m is None or most_m is None):
+        raise FieldError("and max_m have to be numbers, as the kind is metric", "output.min_m")
+    if least_m is not None and most_m is not None and not 0 <= least_m < most_m:
         raise FieldError("has to be at least 0 and below max_m", "output.min_m")
-
-
-def _check_camera(spec: CameraSpec | None) -> None:
-    if spec is not None and (spec.hfov_deg is None) == (spec.focal_px is None):
+    if camera is not None and (camera.hfov_deg is None) == (camera.focal_px is None):
         raise FieldError("or focal_px has to be stated, and one alone", "camera.hfov_deg")
 
 

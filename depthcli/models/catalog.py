@@ -180,7 +180,7 @@ def read_model(location: ModelLocation) -> Model:
     """Read and check a model."""
     card = None
     if location.card:
-        card = ModelCard.from_json(read_card(location.card), where=str(location.card))
+        card = ModelCard.from_json(read_limited(location.card), where=str(location.card))
     path = location.onnx
     if path is None:
         if card is None or card.file is None:
@@ -188,7 +188,7 @@ def read_model(location: ModelLocation) -> Model:
                 f"{location.path}: file is missing; name the model's ONNX file in the card"
             )
         path = location.path.with_name(card.file)
-    data = _read_limited(path, MAX_BYTES) if isinstance(path, RemotePath) else None
+    data = read_limited(path, MAX_BYTES) if isinstance(path, RemotePath) else None
     size, sha256 = (len(data), hashlib.sha256(data).hexdigest()) if data else checksum(path)
     if card:
         check_file(card, path, size, sha256)
@@ -230,15 +230,10 @@ def onnx_facts(path: Path, data: bytes | None = None) -> OnnxFacts:
         return onnx_file.read_facts(b"", str(path))
 
 
-def read_card(path: Path) -> bytes:
-    """The text of a card's file."""
-    return _read_limited(path, _MAX_CARD_BYTES)
-
-
 def file_of_card(card: Path) -> str | None:
     """Name of the ONNX file that a card states; None if it cannot be read, or states none."""
     try:
-        fields = validated(dict[str, Any], parsed_json(read_card(card)))
+        fields = validated(dict[str, Any], parsed_json(read_limited(card)))
     except (ModelError, FieldError):
         return None
     file = fields.get("file")
@@ -254,7 +249,8 @@ def unused_card(path: Path) -> str:
     return f", and {card} " + (f"is that of {named}" if named else "names no file")
 
 
-def _read_limited(path: Path, max_bytes: int) -> bytes:
+def read_limited(path: Path, max_bytes: int = _MAX_CARD_BYTES) -> bytes:
+    """Content of a local or remote file, by default of a card."""
     try:
         if isinstance(path, RemotePath):
             return path.read_some(max_bytes)

@@ -26,7 +26,6 @@ app = typer.Typer(rich_markup_mode=None)
 _MINUTE = 60
 _GRACE_PERIOD_S = 600.0  # in which a long recording is completed
 _POINT = re.compile(r"(?a)(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)")
-_MAX_POINT_LENGTH = 40
 
 FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 """The options that each format uses, by parameter name."""
@@ -283,7 +282,7 @@ def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
 
     from depthcli.video.frames import Point
 
-    match = _POINT.fullmatch(word.strip()) if len(word) <= _MAX_POINT_LENGTH else None
+    match = _POINT.fullmatch(word.strip())
     outer, inner, number, letter = match.groups() if match else (None, None, "nan", "")
     parts = [int(part) for part in (outer, inner) if part is not None]
     in_frames = letter == "f" or (not letter and not parts and bare_is_frames)

@@ -13,10 +13,10 @@ from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, ModelError, UsageError, about
-from depthcli.io.depth.metadata import anchor_fields, camera_text, origin_fields
+from depthcli.io.depth.metadata import camera_text
 from depthcli.io.listing.folder import skip_summary
 from depthcli.jobs.predict import PictureResult
-from depthcli.jobs.write import FailedInput
+from depthcli.jobs.write import FailedInput, depth_facts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable
@@ -173,13 +173,7 @@ def picture_json(done: PictureResult) -> dict[str, object]:
         "input": done.name,
         "status": "ok",
         "outputs": list(done.outputs),
-        "kind": done.depth.kind.value,
-        "unit": done.depth.unit,
-        **DepthRange.of(done.depth)._asdict(),
-        "width": done.depth.width,
-        "height": done.depth.height,
-        **origin_fields(done.depth),
-        **anchor_fields(done.depth),
+        **depth_facts(done.depth),
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
         "warnings": [console.worded(warning) for warning in done.warnings],
