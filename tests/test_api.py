@@ -1,7 +1,5 @@
 """The Python API: every public name is there, and none costs anything before it is used."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """docs/architecture.md names every folder that there is, and functions that exist; no circles."""
 
-from __future__ import annotations
-
 import ast
 import re
 from graphlib import TopologicalSorter

@@ -1,7 +1,5 @@
 """The examples of docs/extending.md, put where they say in a copy of the package, and used."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

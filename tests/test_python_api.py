@@ -1,14 +1,13 @@
 """The Python API used as its page says: pictures in, depth maps out, nonsense refused in a line."""
 
-from __future__ import annotations
-
 import io
 import math
 import warnings
 import weakref
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,9 +18,6 @@ from PIL import Image
 
 import depthcli
 from depthcli.io.depth.read import read_metadata
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 PIXELS = synthetic_picture()
 

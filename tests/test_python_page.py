@@ -1,17 +1,13 @@
 """The examples of docs/python.md and README.md, run one after the other as a reader would."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pytest
 from helpers.tiny import synthetic_picture, write_picture
 from helpers.videos import write_mp4
-
-if TYPE_CHECKING:
-    import pytest
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 EXAMPLE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -1,7 +1,5 @@
 """The models that ship: their cards are true, and they say what they said when released."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform

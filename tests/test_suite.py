@@ -1,7 +1,5 @@
 """The suite itself: any of its files can be given beside any other."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -1,21 +1,15 @@
 """``--anchors`` of ``predict`` and ``batch``: known depth from files."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from helpers import made
+from helpers.command_line import Cli
 from helpers.folders import printed, rows, tree
 from helpers.tiny import synthetic_picture, write_model, write_picture
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 def sparse_twice(cli: Cli, name: str) -> np.ndarray:

@@ -1,27 +1,22 @@
 """``depthcli batch``, run from the built wheel as a user runs it: inputs, outputs, what is said."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
 import shutil
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.folders import contents, picture, printed, rows, tree
 from helpers.tiny import fixed_inside, synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.app import main
+from depthcli.core.types import Frame
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.video.depth_video import DepthVideo
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
-
-    from depthcli.core.types import Frame
 
 
 def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:

@@ -1,20 +1,14 @@
 """A batch that is run again: after a stop, after a change, and while another one runs."""
 
-from __future__ import annotations
-
 import signal
+import subprocess
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.folders import contents, picture, printed, rows, tree
 from helpers.tiny import write_model
-
-if TYPE_CHECKING:
-    import subprocess
-
-    from helpers.command_line import Cli
 
 JOURNAL = ".depthcli-batch.jsonl"
 COUNT = 120

@@ -1,22 +1,17 @@
 """``depthcli batch --watch``: a folder whose files come while the batch runs."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pytest
+from helpers.command_line import Cli
 from helpers.tiny import synthetic_picture, write_picture
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import pytest
-    from helpers.command_line import Cli
 
 
 @contextmanager

@@ -1,14 +1,9 @@
 """``depthcli bench``."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
+from helpers.command_line import Cli
 
 QUICK = ("--seconds", "0.05", "--provider", "cpu")
 

@@ -1,19 +1,13 @@
 """``--calibration``: the focal length and the principal point of a calibration file."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_video
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 CALIBRATION = """image_width: 64
 image_height: 48

@@ -1,18 +1,13 @@
 """``depthcli batch --cameras``: what is said, and the table that ``render rooms`` writes."""
 
-from __future__ import annotations
-
 import csv
-from typing import TYPE_CHECKING
 
 import pytest
+from helpers.command_line import Cli
 from helpers.folders import printed, rows, tree
 from helpers.tiny import write_model
 
 from depthcli.io.depth.read import read_metadata
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
 
 
 @pytest.fixture

@@ -1,14 +1,13 @@
 """``depthcli convert``: the camera of point clouds, and what a file's name says."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import write_picture
 
 from depthcli.core.types import DepthMap, Provenance
@@ -17,11 +16,6 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 DEPTH = DepthMap(np.full((6, 8), 2, np.float32), provenance=Provenance("m", "0" * 64, (4, 3), 16.0))
 

@@ -1,12 +1,12 @@
 """``depthcli convert DIR --out OUT``: a whole folder of depth files."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.folders import contents, printed
+from helpers.stores import Bucket
 from helpers.tiny import write_picture
 
 from depthcli.core.types import DepthMap
@@ -23,12 +23,6 @@ from depthcli.jobs.convert import (
     convert_folder,
     plan_folder,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
-    from helpers.stores import Bucket
 
 TO_EXR = ("convert", "in", "--out", "out", "--format", "exr")
 

@@ -1,26 +1,20 @@
 """``depthcli info``, ``probe`` and ``convert``."""
 
-from __future__ import annotations
-
 import json
 import struct
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import write_picture
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 @pytest.fixture

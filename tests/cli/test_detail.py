@@ -1,14 +1,8 @@
 """``--upsample`` and ``--tile`` of every command that has them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from helpers.command_line import Cli
 from helpers.tiny import write_picture
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
 
 
 def test_tiles_change_the_map_but_not_its_size(inside: Cli) -> None:

@@ -1,7 +1,5 @@
 """The documentation knows every command and option."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import shutil

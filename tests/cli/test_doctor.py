@@ -1,14 +1,9 @@
 """``depthcli doctor``."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
 
 import pytest
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
+from helpers.command_line import Cli
 
 
 def checks(stdout: bytes) -> dict[str, dict[str, str]]:

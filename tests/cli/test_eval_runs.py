@@ -1,7 +1,5 @@
 """``depthcli eval runs`` on small runs that are really trained, exported and compared."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -9,7 +7,7 @@ import shutil
 import statistics
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,17 +19,14 @@ from lightning_fabric import Fabric
 from depthcli.cli.app import main
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
+from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData
 from depthcli.training.callbacks import Callback
-from depthcli.training.config import updated
+from depthcli.training.config import TrainConfig, updated
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
 from depthcli.training.run import fit
-
-if TYPE_CHECKING:
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.training.config import TrainConfig
 
 SMALL = {
     "generator": {"width": 4, "blocks": 1},

@@ -1,26 +1,20 @@
 """What a command that ends in an unforeseen way says, and its exit code."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import typer
-from helpers.command_line import unmeasured
+from helpers.command_line import Cli, unmeasured
 
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
 from depthcli.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from helpers.command_line import Cli
 
 # A picture of zeros, 8000 pixels square, read with 40 MB of address space to spare.
 LITTLE_MEMORY = """

@@ -1,17 +1,11 @@
 """``--exposure`` and ``--layer``: what a plate does not state."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import pytest
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
+from helpers.command_line import Cli
 
 LIGHT = np.random.default_rng(0).uniform(0, 1, (48, 64)).astype(np.float32)
 DARK = LIGHT / 8

@@ -1,21 +1,16 @@
 """HEIC pictures on the command line: predict, batch, image sequences, object stores."""
 
-from __future__ import annotations
-
 import sys
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.folders import contents, printed, rows, tree
 from helpers.heifs import heic, pillow_heif
 from helpers.tiny import synthetic_picture
 from PIL import Image
 
 from depthcli.io.listing.folder import is_installed
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
 
 PICTURE = synthetic_picture(48, 64)
 HEIC = heic(PICTURE)

@@ -1,15 +1,16 @@
 """``depthcli video`` of streams that have no end."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.live import Camera
 from helpers.videos import NTSC, encode, flat_frames, write_video
 
@@ -17,13 +18,6 @@ from depthcli.errors import InputError, UsageError
 from depthcli.video.container import live_stream
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.live_source import LiveSource
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-    from http.server import BaseHTTPRequestHandler
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 def wait_for(is_true: Callable[[], bool]) -> None:

@@ -1,14 +1,9 @@
 """``depthcli manifest``, as a user runs it."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
 
+from helpers.command_line import Cli
 from helpers.folders import contents, printed, tree
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
 
 
 def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:

@@ -1,16 +1,10 @@
 """``depthcli models``."""
 
-from __future__ import annotations
-
 import hashlib
 import json
-from typing import TYPE_CHECKING
 
-from helpers.command_line import ROOT
+from helpers.command_line import ROOT, Cli
 from helpers.tiny import write_model, write_picture
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
 
 
 def spoil(cli: Cli, name: str) -> None:

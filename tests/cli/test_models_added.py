@@ -1,17 +1,12 @@
 """``depthcli models add``, ``remove`` and ``cards``, and what such models' outputs are called."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import tiny_onnx, write_model, write_picture
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
 
 
 @pytest.fixture

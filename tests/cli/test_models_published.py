@@ -1,22 +1,17 @@
 """``depthcli models add NAME``: a model from the address that its card states."""
 
-from __future__ import annotations
-
 import hashlib
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import card_with, tiny_onnx, write_picture
 from helpers.web import FileServer
 
 from depthcli.io.storage.temporary import open_locked
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 PAGE = "https://example.org/weights"
 AT_ONCE = {"DEPTHCLI_RETRIES": "0"}

@@ -1,14 +1,14 @@
 """Groups of options: how they become options, what contradicts, and what has no effect."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from inspect import signature
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import Annotated
 
 import pytest
 import typer
+from helpers.command_line import Cli
 from helpers.tiny import write_model, write_picture
 from helpers.videos import flat_frames, write_video
 
@@ -30,11 +30,6 @@ from depthcli.cli.options import (
 from depthcli.cli.table import COMMANDS, plain_command
 from depthcli.core.options import Colormap, Near
 from depthcli.errors import UsageError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 USUAL = 12
 """Options of the first section of the help, at most."""

@@ -1,7 +1,5 @@
 """The comparison that docs/methods.md plans: every command of it would run, on what it says."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

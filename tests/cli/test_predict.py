@@ -1,7 +1,5 @@
 """``depthcli predict``, run from the built wheel as a user runs it."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -9,21 +7,18 @@ import subprocess
 import sys
 import time
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.folders import here
 from helpers.tiny import fixed_inside, synthetic_picture, write_model, write_picture
 
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import FORMATS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 EXPECTED_M = 1 + 8 / 255 * synthetic_picture().max(axis=-1).astype(np.float32)
 

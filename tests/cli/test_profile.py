@@ -1,11 +1,10 @@
 """``--profile NAME``: options from a table of ``depthcli.toml``."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import write_picture
 
 from depthcli.cli import profiles
@@ -13,11 +12,6 @@ from depthcli.cli.app import main
 from depthcli.cli.profiles import read_profiles
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_metadata
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 TEXT = """
 [robot]

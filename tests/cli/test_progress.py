@@ -1,19 +1,14 @@
 """Long commands: a bar with rate and time to go on a terminal, plain lines elsewhere."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.folders import tree
 from helpers.videos import write_mp4
 
 from depthcli.cli.screen import progress
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
 
 
 def test_a_batch_has_a_bar_on_a_terminal(cli: Cli) -> None:

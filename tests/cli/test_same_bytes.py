@@ -1,7 +1,5 @@
 """The same bytes, however the work is spread: with the models that ship, on this machine."""
 
-from __future__ import annotations
-
 import cv2
 import pytest
 from helpers.command_line import ROOT, Cli

@@ -1,22 +1,16 @@
 """Which files of a folder ``depthcli video`` takes as an image sequence, and in which order."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 
 from depthcli.errors import UsageError
 from depthcli.video.numbering import find_images
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 def write_pictures(folder: Path, numbers: Iterable[int]) -> None:

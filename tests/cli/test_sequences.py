@@ -1,17 +1,18 @@
 """Image sequences in and out of ``depthcli video``, and runs that were stopped."""
 
-from __future__ import annotations
-
 import json
 import signal
+import subprocess
 import time
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import OpenEXR
 import pytest
+from helpers.command_line import Cli
 from helpers.file_trees import contents
 from helpers.videos import flat_frames, write_video
 
@@ -22,12 +23,6 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Point, Span
 from depthcli.video.numbering import is_sequence, number_in, numbered_name
 from depthcli.video.source import open_frames
-
-if TYPE_CHECKING:
-    import subprocess
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 FILM = Fraction(24000, 1001)
 

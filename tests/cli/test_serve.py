@@ -1,32 +1,27 @@
 """``depthcli serve``: a server asked as its clients ask it."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import urlencode, urlsplit
 
 import cv2
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import synthetic_picture
 
 from depthcli.cli.commands.serve import _REFUSED, _command, parse_request
 from depthcli.core.options import DepthMask
 from depthcli.errors import UsageError
 from depthcli.jobs import serve
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 class Reply(NamedTuple):

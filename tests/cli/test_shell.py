@@ -1,21 +1,15 @@
 """What every command shares: help, version, exit codes, one-line errors."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import write_model
 
 import depthcli
 from depthcli.cli.table import COMMANDS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 HEAVY = {"av", "numpy", "cv2", "onnxruntime", "torch", "rich", "OpenEXR", "importlib.metadata"}
 

@@ -1,11 +1,9 @@
 """Signals end a command at any moment, and leave nothing."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.command_line import ROOT, Cli
@@ -14,9 +12,6 @@ from onnx import TensorProto, helper
 
 from depthcli.cli.process import ending_signals, graceful_shutdown
 from robustness import killed
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def endless_onnx() -> bytes:

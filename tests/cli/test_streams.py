@@ -1,21 +1,16 @@
 """Standard streams that are full, closed, or that nobody reads: one line, and a documented code."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import write_picture
 
 from depthcli.cli.screen import console
-
-if TYPE_CHECKING:
-    from helpers.command_line import Cli
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")

@@ -1,11 +1,10 @@
 """``depthcli train`` as a user runs it, on a tiny folder."""
 
-from __future__ import annotations
-
 import json
+import subprocess
 import sys
 import tomllib
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.rooms import write_rooms
@@ -14,10 +13,6 @@ from helpers.runs import finished, inside
 from depthcli.cli.app import main
 from depthcli.core.parallel import usable_cores
 from depthcli.training.checkpoint import Checkpoint
-
-if TYPE_CHECKING:
-    import subprocess
-    from pathlib import Path
 
 TINY = """
 [generator]

@@ -1,12 +1,10 @@
 """``depthcli train`` of several methods and seeds, one resumable run after another."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.command_line import unmeasured
@@ -14,9 +12,6 @@ from helpers.rooms import write_rooms
 from helpers.runs import ENVIRONMENT, inside, same, saved
 
 from depthcli.cli.app import main
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TINY = """
 [generator]

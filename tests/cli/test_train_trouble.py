@@ -1,13 +1,12 @@
 """``depthcli train`` when something goes wrong: one line, and nothing that was there is lost."""
 
-from __future__ import annotations
-
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,10 +15,6 @@ import torch
 from helpers.command_line import unmeasured
 from helpers.rooms import write_rooms
 from helpers.runs import ENVIRONMENT, finished, inside, same, saved
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 SMALL = """
 validate_every = 999

@@ -1,25 +1,18 @@
 """The command line with URIs: models that are fetched, secrets that are not shown, refusals."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
+from helpers.command_line import Cli
 from helpers.rooms import Rooms, rooms, write_rooms
-from helpers.stores import KEYS, credentials_checked
+from helpers.stores import KEYS, Bucket, Faults, credentials_checked
 from helpers.tiny import card_with, tiny_onnx, write_model, write_picture
 from helpers.videos import flat_frames, write_mp4
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
-    from helpers.stores import Bucket, Faults
 
 WATCHED = """
 import sys

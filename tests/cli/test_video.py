@@ -1,19 +1,18 @@
 """``depthcli video``, run from the built wheel as a user runs it."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
 import subprocess
 import time
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from helpers.command_line import unmeasured
+from helpers.command_line import Cli, unmeasured
 from helpers.folders import here
 from helpers.tiny import write_model
 from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
@@ -23,12 +22,6 @@ from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_metadata
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Point
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
-
 
 CAMERA = {"hfov_deg": 60.0}
 

@@ -1,22 +1,16 @@
 """``depthcli view``, and the formats of three dimensions in the other commands."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.tiny import write_picture
 from helpers.videos import flat_frames, write_video
 
 import depthcli
 from depthcli.core.types import DepthMap, Frame, Provenance
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 @pytest.fixture

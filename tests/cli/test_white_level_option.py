@@ -1,18 +1,12 @@
 """``--white-level``: 16-bit pictures of cameras with 10 or 12 bits."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
+from helpers.command_line import Cli
 
 RNG = np.random.default_rng(0)
 SENSOR = RNG.integers(0, 4096, (48, 64, 3), dtype=np.uint16)

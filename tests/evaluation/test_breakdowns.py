@@ -1,7 +1,5 @@
 """Scores by true distance, by kind of scene, and of the worst images, against plain loops."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Paired differences of rows with intervals over scenes."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

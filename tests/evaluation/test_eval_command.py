@@ -1,13 +1,12 @@
 """``depthcli eval nyu`` as a user types it, with a real model."""
 
-from __future__ import annotations
-
 import csv
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 from helpers.tiny import write_model
 
@@ -15,11 +14,6 @@ from depthcli.cli.app import main
 from depthcli.datasets.base import SplitName, split_nyu
 from depthcli.datasets.nyu import open_nyu
 from depthcli.errors import ExitCode
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 COUNT = 11
 

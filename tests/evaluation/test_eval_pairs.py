@@ -1,10 +1,9 @@
 """``depthcli eval pairs``: models compared on a folder of one's own."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,9 +15,6 @@ from depthcli.cli.app import main
 from depthcli.core.camera import focal_px_of_hfov
 from depthcli.errors import ExitCode
 from depthcli.evaluation.evaluate import scene_interval
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 WIDTH, HEIGHT, HFOV_DEG = 160, 120, 60.0
 FOCAL_PX = focal_px_of_hfov(HFOV_DEG, WIDTH)

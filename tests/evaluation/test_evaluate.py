@@ -1,12 +1,10 @@
 """Scores of every row, trivial and published rows."""
 
-from __future__ import annotations
-
 import math
 import threading
 import weakref
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,9 +25,6 @@ from depthcli.evaluation.report import PUBLISHED, Source
 from depthcli.evaluation.task import plan_nyu, plan_pairs
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.boundary import boundary_scores, mean_boundary_scores
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SMALL = (WIDTH, HEIGHT)
 

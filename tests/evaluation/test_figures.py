@@ -1,7 +1,5 @@
 """Sheets of sample pictures: which are chosen, and what stands where."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

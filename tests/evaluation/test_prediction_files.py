@@ -1,6 +1,4 @@
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,9 +11,6 @@ from depthcli.errors import DatasetError
 from depthcli.evaluation.predictors import Sample, open_predictions
 from depthcli.io.depth.read import DepthReadOptions
 from depthcli.io.formats.table import FORMATS, Format, writer_class
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 IDS = ("0000", "0001")
 SAMPLES = [Sample(small_set(), i) for i in (0, 1)]

@@ -1,7 +1,5 @@
 """A table as text, JSON and CSV, to the letter."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

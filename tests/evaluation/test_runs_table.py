@@ -1,14 +1,12 @@
 """The table of trained runs, of runs that only a record tells of and models of one grey each."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 import statistics
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from helpers.small_set import HEIGHT, WIDTH, small_set
@@ -19,19 +17,13 @@ from depthcli.datasets.base import Split, SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import EvalOptions, entry_for, evaluate, score
 from depthcli.evaluation.page import report_page
-from depthcli.evaluation.predictors import open_model
+from depthcli.evaluation.predictors import ModelPredictor, open_model
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.report import PUBLISHED
+from depthcli.evaluation.report import PUBLISHED, EvalReport, ReportRow
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_runs
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.depth import METRICS
 from depthcli.training.provenance import TrainedRun
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from depthcli.evaluation.predictors import ModelPredictor
-    from depthcli.evaluation.report import EvalReport, ReportRow
 
 PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
 NONE, MEDIAN = Alignment.NONE, Alignment.MEDIAN

@@ -1,9 +1,7 @@
 """Reports as JSON, read again and compared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
@@ -14,9 +12,6 @@ from depthcli.evaluation.evaluate import EvalOptions, evaluate
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.saved import compare_reports, read_report
 from depthcli.evaluation.task import plan_pairs
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 OPTIONS = EvalOptions(EvalProtocol(full_size_px=(WIDTH, HEIGHT)), trivial=False, per_image=True)
 DATASET = small_set(12)

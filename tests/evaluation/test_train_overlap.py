@@ -1,19 +1,15 @@
 """What a card tells of the pairs that its model was trained on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from helpers.small_set import small_set
 
 from depthcli.datasets.base import SplitName
 from depthcli.evaluation.task import plan_nyu, plan_pairs, train_overlap, trained_numbers
+from depthcli.models.card import ModelCard
 from depthcli.models.catalog import ready_card
-
-if TYPE_CHECKING:
-    from depthcli.models.card import ModelCard
 
 
 def card(training: dict[str, Any]) -> ModelCard:

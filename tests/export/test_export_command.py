@@ -1,10 +1,9 @@
 """``depthcli export-onnx`` as a user runs it: each option reaches the model or its card."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -19,9 +18,6 @@ from depthcli.core.types import Frame
 from depthcli.export.graph import calibration_batches
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 WIDE = dataclasses.replace(EFFICIENT, encoder=(16, 16, 32, 32, 32), decoder=(32, 16, 16, 16))
 IMAGE = np.random.default_rng(0).uniform(-1, 1, (1, 1, 32, 48)).astype(np.float32)

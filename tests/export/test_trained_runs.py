@@ -1,10 +1,8 @@
 """Folders of training runs: found, read, and each exported once a checkpoint."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.small import small_network, write_checkpoint
@@ -18,9 +16,6 @@ from depthcli.export.onnx import export_run, find_runs, open_run
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.provenance import TrainedRun
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Metres of pictures of any shape, with and without a focal length."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Cards are read strictly: what is wrong is named."""
 
-from __future__ import annotations
-
 import json
 import math
 from typing import Any

@@ -1,10 +1,8 @@
 """A model is found by name or path, and never used unchecked."""
 
-from __future__ import annotations
-
 import hashlib
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import onnx
 import pytest
@@ -12,9 +10,6 @@ from helpers.tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError
 from depthcli.models import catalog
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Models of your own: complete or not there at all."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

@@ -3,13 +3,12 @@
 ``benchmarks/verify_cards.py --write`` makes the files: the authors' packages are not needed here.
 """
 
-from __future__ import annotations
-
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from depthcli.core.camera import CameraSource, Intrinsics
@@ -21,11 +20,6 @@ from depthcli.inference.session import Session
 from depthcli.inference.transforms import coarse_depth, prepare
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import Model, ready_fields, ready_names
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import numpy.typing as npt
 
 KEPT = Path(__file__).parents[1] / "reference" / "cards"
 NAMES = sorted(path.stem for path in KEPT.glob("*.npz"))

@@ -1,20 +1,14 @@
 """What is said of how long something took."""
 
-from __future__ import annotations
-
 from itertools import groupby
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.tiny import load, write_model
 
 from depthcli.inference import measure as latency
 from depthcli.inference.session import Session
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy as np
 
 
 def test_first_run_of_each_turn_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,8 @@
 """Masks and fields of view that networks give beside depth."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -18,9 +17,6 @@ from depthcli.errors import InputError, ModelError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MASKED = UpsamplingOptions(mask=DepthMask.MODEL)
 SKY = {"output": "sky", "threshold": 0.5, "depth_is": "below"}

@@ -1,11 +1,10 @@
 """Equirectangular panoramas: found in the file, cut into views, and joined without a seam."""
 
-from __future__ import annotations
-
 import io
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import OpenEXR
 import pytest
 from helpers.tiny import load, write_model
@@ -21,11 +20,6 @@ from depthcli.inference.panorama import HFOV_DEG, panorama_distance
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.images.read import read_image
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 EQUIRECTANGULAR = Projection.EQUIRECTANGULAR
 XMP = b'<x:xmpmeta><rdf:Description GPano:ProjectionType="equirectangular"/></x:xmpmeta>'

@@ -1,11 +1,10 @@
 """From a picture to metres, on a model whose answer is known."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -22,10 +21,6 @@ from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import coarse_depth, input_layout
 from depthcli.models.catalog import find_model
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 
 def gray(value: int, height: int = 30, width: int = 40, **facts: float) -> Frame:

@@ -1,7 +1,5 @@
 """Depth and field of view of point maps."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the network sees: colour at full precision, size, normalization."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,10 +1,9 @@
 """Providers: what is tried, what is refused, what is said of it."""
 
-from __future__ import annotations
-
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime as ort
@@ -16,9 +15,6 @@ from depthcli.inference import providers, session
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 REAL = ort.InferenceSession
 

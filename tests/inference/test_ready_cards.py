@@ -1,9 +1,7 @@
 """Ready cards: each runs a network of the signature that its model is exported with."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,9 +17,6 @@ from depthcli.inference.transforms import input_layout, prepare
 from depthcli.jobs.models import add_model
 from depthcli.models.card import Fit, check_command, preprocessing_check
 from depthcli.models.catalog import find_model, ready_card, ready_names
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = pytest.mark.usefixtures("own")
 

@@ -1,12 +1,10 @@
 """Sessions: the provider asked for or an error, and clear words for a model that does not fit."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -18,9 +16,6 @@ from depthcli.inference.providers import available_providers
 from depthcli.inference.session import Session
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def test_the_provider_that_runs_is_reported(model_folder: Path) -> None:

@@ -1,8 +1,7 @@
 """Large pictures in tiles: no seams, nothing lost, the same every time, within a limit."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -16,10 +15,6 @@ from depthcli.inference.pipeline import Pipeline, tile_width_px
 from depthcli.inference.tiles import TileGrid, refine
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
 from depthcli.models.card import OutputSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 METRIC = OutputSpec(DepthKind.METRIC, Transform.LINEAR, 1.0, 0.0, 0.5, 10.0)
 RELATIVE = OutputSpec(DepthKind.RELATIVE, Transform.LINEAR, 1.0, 0.0, None, None)

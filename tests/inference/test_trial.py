@@ -1,8 +1,6 @@
 """Whether a network works at all, after it failed on an input."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.tiny import fixed_inside, write_model
@@ -11,9 +9,6 @@ from depthcli.errors import InputError, ModelError
 from depthcli.inference.measure import check_network
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 ERROR = ModelError("no depth of a.png")
 

@@ -1,16 +1,11 @@
 """The model of the tests of jobs."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.tiny import write_model
 
 from depthcli.inference.loading import SessionLoader
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture

@@ -1,24 +1,18 @@
 """Batches of tar shards (webdataset) and of Parquet with images inside (Hugging Face)."""
 
-from __future__ import annotations
-
 import json
 import tarfile
 from io import BytesIO
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from helpers.command_line import Cli
 from helpers.folders import rows
 from helpers.tiny import synthetic_picture
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 def png(seed: int) -> bytes:

@@ -1,9 +1,7 @@
 """What a batch's outputs follow from."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.tiny import write_model
@@ -11,13 +9,9 @@ from helpers.tiny import write_model
 from depthcli.core.camera import Intrinsics
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.io.manifest.files import CacheKey
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.batch.workers import WorkerSpec
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.io.manifest.files import CacheKey
 
 WRITING = WriterOptions()
 OPTIONS = BatchOptions()

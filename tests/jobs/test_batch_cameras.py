@@ -1,10 +1,8 @@
 """A batch whose pictures have the cameras of a table."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.batches import outputs, pictures, request
@@ -21,9 +19,6 @@ from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.video.depth_video import DepthVideo
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TABLE = "id,focal_px,hfov_deg\na,40,\nhall/b.png,,90\n"
 KEPT = {"a.png": True, "z.png": True, "hall/b.png": True}

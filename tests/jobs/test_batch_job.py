@@ -1,18 +1,19 @@
 """A batch as a library call: nothing is printed, and its worker can be built anywhere."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import subprocess
 import sys
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.batches import NAMES, outputs, pictures, request
+from helpers.command_line import Cli
 from helpers.tiny import write_picture
 from helpers.videos import write_mp4
 
@@ -27,13 +28,6 @@ from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
 from depthcli.jobs.batch.workers import ThreadEngine, WorkerSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Sequence
-    from pathlib import Path
-
-    from helpers.command_line import Cli
-
 
 OPTIONS = BatchOptions(
     (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),

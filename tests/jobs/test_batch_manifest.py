@@ -1,9 +1,7 @@
 """What manifests tell."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
@@ -25,9 +23,6 @@ from depthcli.jobs.batch.manifests import (
     read_rows,
     summarize,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
 STRANGE = "caf\udce9 \\u00e9\n.png"

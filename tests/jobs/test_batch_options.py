@@ -1,9 +1,7 @@
 """Options of a batch mean what they mean to one picture and to one video."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.batches import NAMES, outputs, pictures, request
@@ -19,9 +17,6 @@ from depthcli.jobs.predict import PredictRequest, picture_destination, predict
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 WRITING = WriterOptions(png_scale=256.0, half=True, colormap="turbo", legend=True)
 DETAIL = UpsamplingOptions(Upsampling.BILINEAR)

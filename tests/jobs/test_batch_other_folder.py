@@ -1,10 +1,8 @@
 """Outputs of a file of the same name in another folder are not replaced."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,13 +14,8 @@ from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest.journal import known_rows
 from depthcli.jobs.batch.plan import plan_folder
-from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.jobs.batch.run import BatchRequest
 
 
 def request_of(folder: Path, inputs: str) -> BatchRequest:

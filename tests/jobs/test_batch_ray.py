@@ -1,16 +1,15 @@
 """A batch on a real Ray cluster of this machine, with two workers."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,19 +19,14 @@ from helpers.videos import write_mp4
 
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import EngineError, ModelError, UsageError
+from depthcli.inference.session import Session
 from depthcli.io.manifest.files import FAILED, OK
 from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.plan import CameraTable, plan_folder
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.run import Batch
-from depthcli.jobs.batch.workers import ImageWorker, WorkerSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Sequence
-
-    from depthcli.inference.session import Session
-    from depthcli.jobs.batch.tasks import BatchResult, BatchTask
-    from depthcli.jobs.batch.workers import Engine
+from depthcli.jobs.batch.tasks import BatchResult, BatchTask
+from depthcli.jobs.batch.workers import Engine, ImageWorker, WorkerSpec
 
 ray = pytest.importorskip("ray")
 COUNT = 30

@@ -1,9 +1,7 @@
 """A batch that is run again does what is not right already, and nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.batches import NAMES, kept, outputs, pictures, request
@@ -22,9 +20,6 @@ from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tasks import BatchOptions
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 ALL = dict.fromkeys(NAMES, True)
 

@@ -1,9 +1,7 @@
 """A batch in parts that run at the same time into one folder."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.batches import NAMES, kept, outputs, pictures, request
@@ -14,13 +12,8 @@ from depthcli.io.formats.table import Format
 from depthcli.io.manifest.files import Shard
 from depthcli.io.manifest.journal import known_rows
 from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import TaskBuilder
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.jobs.batch.run import BatchRequest
 
 COUNT = 3
 

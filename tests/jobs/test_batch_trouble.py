@@ -1,11 +1,10 @@
 """A batch whose output folder is not left alone, or was prepared to do harm."""
 
-from __future__ import annotations
-
 import os
 import threading
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.batches import NAMES, kept, pictures, request
@@ -19,9 +18,6 @@ from depthcli.io.manifest.files import FAILED, OK
 from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 JOURNAL, MANIFEST = ".depthcli-batch.jsonl", "manifest.jsonl"
 

@@ -1,25 +1,21 @@
 """Speed, from work that is known to take some time at least."""
 
-from __future__ import annotations
-
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from helpers.tiny import load
 
+from depthcli.core.types import Frame
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.images.read import read_image
 from depthcli.jobs import bench
 from depthcli.models.catalog import find_model
-
-if TYPE_CHECKING:
-    from depthcli.core.types import Frame
 
 SLEEP_S = 0.004
 

@@ -1,12 +1,13 @@
 """Depth videos converted to numbered files."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 from helpers.plates import DISPLAY, write_plate
 from helpers.videos import NTSC, damage_frames, encode, flat_frames
 
@@ -18,12 +19,6 @@ from depthcli.jobs.inspect import inspect_file
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 START = (1, 0, 0, 28, 0, *(0,) * 13)
 SIZE = (32, 48)

@@ -1,8 +1,7 @@
 """Depth files looked into and converted by the jobs themselves."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,9 +20,6 @@ from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
 from depthcli.jobs.inspect import depth_at, inspect_file, read_map
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 VALUES_M = np.array([[1.0004, 2, np.nan, 70]], np.float32)
 

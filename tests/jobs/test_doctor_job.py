@@ -1,12 +1,11 @@
 """What the doctor finds, called as a library."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import platform
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 import av
 import pytest
@@ -15,6 +14,7 @@ from helpers.tiny import write_model
 from depthcli.errors import ModelError
 from depthcli.inference import providers
 from depthcli.inference.loading import SessionLoader
+from depthcli.inference.session import Session
 from depthcli.io.images import opencv as codecs
 from depthcli.jobs.doctor import (
     Check,
@@ -24,12 +24,6 @@ from depthcli.jobs.doctor import (
     check_versions,
 )
 from depthcli.jobs.models import verify_models
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from depthcli.inference.session import Session
 
 
 def by_name(checks: Iterator[Check]) -> dict[str, Check]:

@@ -1,9 +1,7 @@
 """A comparison on NYU Depth v2 by a program: no terminal, no words, one value in and one out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,9 +17,6 @@ from depthcli.evaluation.page import report_page
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.evaluate import EvalRequest, ReportFiles, run_evaluation
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 COUNT = 8
 

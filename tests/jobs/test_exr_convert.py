@@ -1,9 +1,7 @@
 """Converted depth EXRs still line up with their plate."""
 
-from __future__ import annotations
-
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,9 +15,6 @@ from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 ELSEWHERE: Box = (300, 300, 309, 309)
 WINDOWS = pytest.mark.parametrize("data", [OVERSCAN, CROP, MIXED, DISPLAY, ELSEWHERE])

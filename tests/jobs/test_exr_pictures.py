@@ -1,11 +1,10 @@
 """A single EXR picture: its depth is that of the same frame of a sequence."""
 
-from __future__ import annotations
-
 import errno
 import pathlib
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,6 +21,7 @@ from helpers.plates import (
     write_plate,
     written,
 )
+from helpers.stores import Bucket
 from helpers.tiny import write_model, write_picture
 
 import depthcli
@@ -43,11 +43,6 @@ from depthcli.jobs.video.plan import VideoRequest, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.jobs.write import FailedInput
 from depthcli.video.formats import VideoFormat
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.stores import Bucket
 
 WINDOWS = pytest.mark.parametrize("data", [OVERSCAN, CROP, MIXED, DISPLAY])
 

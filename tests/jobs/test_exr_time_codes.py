@@ -1,14 +1,13 @@
 """Depth EXRs keep the frame rate and the time code of their plate."""
 
-from __future__ import annotations
-
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
 from helpers.plates import CROP, DISPLAY, time_code_of, write_plate
 
+from depthcli.inference.loading import SessionLoader
 from depthcli.io.exr.file import ExrPart, read_exr_header, time_code_attribute
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
@@ -21,11 +20,6 @@ from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destinat
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.inference.loading import SessionLoader
 
 FILM = Fraction(24)
 

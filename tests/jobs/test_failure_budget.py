@@ -1,21 +1,15 @@
 """A batch that goes wrong stops early, says why, and goes on when it is asked again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.batches import request
+from helpers.command_line import Cli
 from helpers.tiny import synthetic_picture, write_picture
 
 from depthcli.io.manifest.files import OK, parse_row
 from depthcli.jobs.batch.run import Batch
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 GOOD, BAD, LATE = ("a", "b"), 100, ("x", "y", "z")
 AHEAD = 64  # inputs that a worker can be ahead of what is told

@@ -1,22 +1,15 @@
 """Outputs that reach inputs through links replace none, and no listed file is lost unseen."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.batch.plan import plan_files, plan_folder
+from depthcli.jobs.batch.plan import BatchPlan, plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.jobs.batch.plan import BatchPlan
 
 
 @pytest.fixture

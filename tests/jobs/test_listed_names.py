@@ -1,8 +1,6 @@
 """Outputs of listed files have the names that those of the whole folder have."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.batches import outputs
@@ -10,15 +8,10 @@ from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
-from depthcli.io.manifest.files import Shard
+from depthcli.io.manifest.files import ManifestRow, Shard
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.io.manifest.files import ManifestRow
 
 
 def listed(

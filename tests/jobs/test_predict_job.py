@@ -1,7 +1,5 @@
 """Pictures predicted by the job itself, as a program calls it."""
 
-from __future__ import annotations
-
 import errno
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Jobs whose inputs and outputs lie in a bucket: the same bytes as from and to a folder."""
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import json
@@ -9,12 +7,13 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from helpers.batches import outputs, pictures
+from helpers.stores import Bucket, Faults
 from helpers.tiny import write_model, write_picture
 from helpers.videos import flat_frames, write_video
 from helpers.watched import Watched
@@ -41,11 +40,6 @@ from depthcli.jobs.video.run import video
 from depthcli.jobs.write import FailedInput
 from depthcli.models.catalog import find_model
 from depthcli.video.formats import VideoFormat
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from helpers.stores import Bucket, Faults
 
 FORMATS = (Format.PNG16, Format.EXR, Format.NPY, Format.PREVIEW, Format.JSON)
 

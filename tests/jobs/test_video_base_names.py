@@ -1,20 +1,14 @@
 """Names of the outputs of videos and image sequences: no two inputs of a folder share one."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from helpers.command_line import Cli
 
 from depthcli.jobs.video.plan import VideoRequest, plan_video, video_base, video_destination
 from depthcli.video.formats import VideoFormat
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 def write_names(folder: Path, names: str) -> None:

@@ -1,14 +1,13 @@
 """Videos worked off by the job itself, as a program calls it."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import itertools
 import json
 import math
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,18 +26,19 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_destination
+from depthcli.jobs.video.plan import (
+    VideoRequest,
+    VideoResult,
+    VideoSettings,
+    plan_video,
+    video_destination,
+)
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import SEQUENCES, PreviewCodec, VideoFormat
 from depthcli.video.frames import Point, Span
 from depthcli.video.numbering import numbered_name
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.jobs.video.plan import VideoResult
 
 
 @pytest.fixture

@@ -1,9 +1,7 @@
 """Known depth of the frames of a video."""
 
-from __future__ import annotations
-
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,9 +17,6 @@ from depthcli.jobs.video.plan import VideoRequest, VideoResult, VideoSettings, v
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HEADER = "x,y,depth_m"
 FRAMES = 6

@@ -1,9 +1,7 @@
 """Depth videos of other programs, at names that depthcli chose for its own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from helpers.batches import request
@@ -16,10 +14,6 @@ from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.video.plan import VideoRequest, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 BOTH = (VideoFormat.MKV, VideoFormat.MP4)
 

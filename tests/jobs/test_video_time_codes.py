@@ -1,26 +1,20 @@
 """Time codes: counted as a clock that leaves numbers out, and carried from input to outputs."""
 
-from __future__ import annotations
-
 import json
 import re
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import av
 import OpenEXR
 import pytest
+from helpers.command_line import Cli
 from helpers.plates import DISPLAY, time_code_of, write_plate
 from helpers.videos import NTSC, encode, flat_frames, with_sound
 from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.video.frames import time_code_after, time_code_text
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 
 def write_coded(path: Path, timecode: str | None) -> None:

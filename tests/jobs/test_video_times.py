@@ -1,10 +1,8 @@
 """Times and numbers of frames, from any container to every output."""
 
-from __future__ import annotations
-
 import json
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import av
 import numpy as np
@@ -20,9 +18,6 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 NOISE = [np.random.default_rng(i).integers(0, 256, (48, 64, 3), np.uint8) for i in range(12)]
 FAST_S = [i / 60 for i in range(24)]

@@ -1,9 +1,7 @@
 """What an earlier run of other options leaves beside the outputs of a video."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,16 +12,12 @@ from helpers.watched import Watched
 from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import Background
 from depthcli.inference.loading import SessionLoader
+from depthcli.inference.session import Session
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.inference.session import Session
 
 MKV, NPY, PNG16 = VideoFormat.MKV, VideoFormat.NPY, VideoFormat.PNG16
 

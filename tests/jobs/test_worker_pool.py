@@ -1,17 +1,15 @@
 """Workers that die at any moment: each input has one result, and only what kills them fails."""
 
-from __future__ import annotations
-
 import logging
 import os
 import random
 import signal
 from collections import Counter, deque
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import cv2
 import pytest
@@ -37,9 +35,6 @@ from depthcli.jobs.batch.ray import (
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask, TaskBuilder
 from depthcli.jobs.batch.workers import WorkerSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Sequence
 
 ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
 

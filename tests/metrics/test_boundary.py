@@ -1,12 +1,10 @@
 """Depth boundaries against plain loops, and what the scores promise."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 from helpers import plain_boundary as plain
 
@@ -18,9 +16,6 @@ from depthcli.metrics.boundary import (
     boundary_scores,
     mean_boundary_scores,
 )
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 
 def _scene(seed: int, height: int = 22, width: int = 26) -> npt.NDArray[np.float64]:

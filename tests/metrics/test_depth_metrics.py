@@ -1,11 +1,10 @@
 """Every metric against a plain loop that shares no code with it."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,11 +12,6 @@ from hypothesis.extra import numpy as hnp
 
 from depthcli.metrics.depth import METRICS, PixelSums
 from depthcli.metrics.pixels import DepthPixels
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
 
 Pairs = list[tuple[float, float]]
 
