@@ -1,7 +1,5 @@
 """Fitting depth to few and to many points, against maps whose depth is known."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Work that goes on while the caller does something else."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """Resizing, colours, output coding and metres for other cameras, against plain formulas."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is done before a process ends at once."""
 
-from __future__ import annotations
-
 from depthcli.core.progress import exit_hook, run_exit_hooks
 
 

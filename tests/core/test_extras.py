@@ -1,7 +1,5 @@
 """Hints to install a package name an extra of pyproject.toml."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

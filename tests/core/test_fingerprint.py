@@ -1,7 +1,5 @@
 """A checksum of what results follow from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path

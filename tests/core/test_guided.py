@@ -1,7 +1,5 @@
 """Upsampling that looks at the picture, and large pictures band by band."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Signals that end a run: the first is noted, the second acts."""
 
-from __future__ import annotations
-
 import signal
 import threading
 

@@ -1,7 +1,5 @@
 """OpenCV's threads while several workers share the work."""
 
-from __future__ import annotations
-
 import cv2
 import pytest
 

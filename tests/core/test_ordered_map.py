@@ -1,19 +1,14 @@
 """Threads change how long a map takes, never what it gives."""
 
-from __future__ import annotations
-
 import threading
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core.parallel import ordered_map, process_map
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 @given(st.lists(st.integers()), st.integers(0, 3), st.integers(1, 5))

@@ -1,7 +1,5 @@
 """Images that are too large are known by their size."""
 
-from __future__ import annotations
-
 import pytest
 
 from depthcli.core.options import AUTO_TILE, Upsampling, UpsamplingOptions, check_pixel_count

@@ -1,7 +1,5 @@
 """Points of a depth map, by the pinhole camera."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Resizing of other libraries, against them or a plain loop."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

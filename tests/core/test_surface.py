@@ -1,7 +1,5 @@
 """The surface of a depth map: its edges, faces and normals."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Cuts, motion, smoothing, flicker and range lock, against plain loops and known cases."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pictures and depth maps as values: what they refuse, and how NumPy and a prompt see them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

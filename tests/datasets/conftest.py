@@ -1,20 +1,14 @@
 """Tiny data sets with the layouts of the real ones."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import h5py
 import numpy as np
+import numpy.typing as npt
 import pytest
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 SCENES = ("kitchen_0004", "kitchen_0004", "office_0003", "bedroom_0010", "study_0002")
 PARTS = ("test", "test", "train", "train", "test")

@@ -1,6 +1,4 @@
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,9 +8,6 @@ from PIL import Image
 from depthcli.datasets.folders import open_paired_folder, open_unpaired_folder
 from depthcli.errors import DatasetError
 from depthcli.io.depth.read import DepthReadOptions
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def _write(path: Path, value: int, *, depth: bool, size: tuple[int, int] = (6, 8)) -> None:

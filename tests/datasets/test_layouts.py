@@ -1,7 +1,5 @@
 """Folders of data sets as they are distributed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

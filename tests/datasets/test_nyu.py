@@ -1,9 +1,8 @@
-from __future__ import annotations
-
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import cv2
 import h5py
@@ -13,10 +12,6 @@ import pytest
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, open_training_data
 from depthcli.errors import DatasetError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Any
 
 SCENES = ("kitchen_0004", "kitchen_0004", "office_0003", "bedroom_0010", "study_0002")
 PARTS = ("test", "test", "train", "train", "test")

@@ -1,9 +1,7 @@
-from __future__ import annotations
-
 import doctest
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,9 +10,6 @@ from depthcli.datasets import base as splits
 from depthcli.datasets.base import SplitName, held_out_scenes, split_nyu
 from depthcli.errors import DatasetError
 from depthcli.evaluation.task import plan_nyu
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
 """What ``--data`` of ``depthcli train`` may be."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -14,9 +13,6 @@ from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError
 from depthcli.training.config import DataConfig
 from depthcli.training.provenance import train_val_split
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def _fill(folder: Path, images: list[str], depths: list[str]) -> Path:

@@ -1,7 +1,5 @@
 """A table of pictures that no camera made: what each is refused with."""
 
-from __future__ import annotations
-
 import struct
 
 import cv2

@@ -1,17 +1,12 @@
 """Folders of pictures for a batch that is called as a library."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from helpers.tiny import synthetic_picture, write_model, write_picture
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 NAMES = ("a.png", "z.png", "hall/b.png")
 

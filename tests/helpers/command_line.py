@@ -1,7 +1,5 @@
 """The command line of the built wheel, run as a user runs it."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os
@@ -11,17 +9,14 @@ import struct
 import subprocess
 import sys
 import termios
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from depthcli.cli.app import main
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 ROOT = Path(__file__).resolve().parents[2]
 

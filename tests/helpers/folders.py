@@ -1,20 +1,15 @@
 """Folders of pictures for ``depthcli batch``, and what became of them."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from helpers import file_trees
+from helpers.command_line import Cli
 from helpers.tiny import synthetic_picture, write_picture
-
-if TYPE_CHECKING:
-    import subprocess
-    from pathlib import Path
-
-    import numpy as np
-
-    from helpers.command_line import Cli
 
 
 def picture(cli: Cli, name: str, pixels: np.ndarray[Any, Any]) -> Path:

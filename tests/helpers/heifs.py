@@ -1,15 +1,11 @@
 """HEIC files for tests, made with pillow-heif's own encoder."""
 
-from __future__ import annotations
-
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 pillow_heif = pytest.importorskip("pillow_heif", reason="HEIC needs pillow-heif")
 

@@ -1,7 +1,5 @@
 """What a data set of arrays in memory has in common with one of files."""
 
-from __future__ import annotations
-
 from depthcli.core.types import Frame
 from depthcli.datasets.base import Pair
 

@@ -1,17 +1,13 @@
 """A camera on this machine: Motion JPEG over HTTP, whose frames are sent when a test wants it."""
 
-from __future__ import annotations
-
 import queue
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any, Self
+from types import TracebackType
+from typing import Any, Self
 
 import cv2
 import numpy as np
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 BOUNDARY = "frame"
 

@@ -1,20 +1,14 @@
 """Picture files written byte by byte, for what OpenCV does not write."""
 
-from __future__ import annotations
-
 import base64
 import struct
 import zlib
+from collections.abc import Mapping, Sequence
 from io import BytesIO
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy.typing as npt
 
 
 def upright_to_stored(pixels: npt.NDArray[np.generic], orientation: int) -> npt.NDArray[np.generic]:

@@ -1,7 +1,5 @@
 """The boundary metrics once more, pixel by pixel, sharing no code with the project."""
 
-from __future__ import annotations
-
 import math
 
 Map = list[list[float]]

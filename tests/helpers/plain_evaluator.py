@@ -1,12 +1,7 @@
 """The whole evaluation once more, pixel by pixel, sharing no code with the project."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence
 
 Image = list[list[float]]
 Pairs = list[tuple[float, float]]

@@ -1,18 +1,14 @@
 """Plates: EXR pictures with overscan, crops and non-square pixels, and their depth."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
 
 from depthcli.io.exr.file import ExrPart, StoredChannel, choose_depth
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
 
 Box = tuple[int, int, int, int]
 """First and last column and row, as headers state them: left, top, right, bottom."""

@@ -1,13 +1,12 @@
 """Tiny synthetic rooms with depth, in memory and on disk, and small runs over them."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.datasets.training_data import TrainingData
 from depthcli.training.config import (
@@ -19,11 +18,6 @@ from depthcli.training.config import (
     TrainConfig,
 )
 from helpers.in_memory import InMemory
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 HEIGHT, WIDTH = 48, 64
 SCENES = ("bath_1", "bath_1", "den_1", "hall_1", "hall_1", "office_1")

@@ -1,20 +1,16 @@
 """What tests of whole runs share: the surroundings of a process, and checkpoints to compare."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import torch
 
 from helpers.command_line import InProcess
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {

@@ -1,7 +1,5 @@
 """Chance that is the same each time."""
 
-from __future__ import annotations
-
 import torch
 
 

@@ -1,8 +1,7 @@
 """Small networks with weights that matter, and checkpoints of them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import nn
@@ -11,9 +10,6 @@ from depthcli.training.checkpoint import Checkpoint, TrainState
 from depthcli.training.config import DataConfig, GeneratorConfig, OutputConfig, TrainConfig
 from depthcli.training.networks.build import build_generator
 from depthcli.training.provenance import DataProvenance
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 EFFICIENT = GeneratorConfig(
     name="efficient", encoder=(4, 8, 8, 8, 8), decoder=(8, 8, 8, 4), depths=(1, 2, 1, 1)

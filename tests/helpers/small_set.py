@@ -1,20 +1,14 @@
 """A data set in memory, and a predictor that plays back arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from depthcli.core.types import DepthKind, DepthMap
+from depthcli.evaluation.predictors import Sample
 from depthcli.evaluation.report import Source
 from helpers.in_memory import InMemory
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from depthcli.evaluation.predictors import Sample
 
 HEIGHT, WIDTH = 12, 16
 

@@ -1,22 +1,18 @@
 """A real S3 server and a misbehaving way to it, both on this machine."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import threading
 from collections import Counter
+from collections.abc import Callable, Iterator
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import boto3
 from moto.server import ThreadedMotoServer
 
 from depthcli.io.storage.paths import RemotePath, path_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 KEYS = {"AWS_ACCESS_KEY_ID": "tester", "AWS_SECRET_ACCESS_KEY": "not-to-be-seen"}
 REGION = "us-east-1"

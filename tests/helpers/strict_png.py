@@ -1,7 +1,5 @@
 """A PNG reader that forgives nothing, written from the specification alone."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from typing import NamedTuple

@@ -1,23 +1,16 @@
 """Runs of two steps over tiny rooms, from given weights or beside pseudo labels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from lightning_fabric import Fabric
 
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.training.callbacks import Callback
-from depthcli.training.config import LossConfig
+from depthcli.training.checkpoint import TrainState
+from depthcli.training.config import LossConfig, TrainConfig
 from depthcli.training.run import fit
 from helpers.rooms import EFFICIENT, room_data, write_rooms
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.training.checkpoint import TrainState
-    from depthcli.training.config import TrainConfig
 
 SUPERVISED = replace(
     EFFICIENT,

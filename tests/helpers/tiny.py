@@ -1,11 +1,10 @@
 """A tiny model and a synthetic picture, made when a test needs them."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,12 +12,8 @@ import onnx
 from onnx import TensorProto, helper
 
 from depthcli.api.model import load_model
+from depthcli.inference.pipeline import Pipeline
 from depthcli.models.card import PROMPT_INPUTS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from depthcli.inference.pipeline import Pipeline
 
 CARD: dict[str, Any] = {
     "schema": 1,

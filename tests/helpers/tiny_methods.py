@@ -1,17 +1,12 @@
 """Methods as they are set by default, on networks small enough for a test."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 
-from depthcli.training.config import updated
+from depthcli.training.config import TrainConfig, updated
 from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.registry import build_method, default_config
-
-if TYPE_CHECKING:
-    from depthcli.training.config import TrainConfig
 
 SIZES: dict[str, Any] = {
     "seed": 3,

@@ -1,7 +1,5 @@
 """Patch vectors for the contrastive losses."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

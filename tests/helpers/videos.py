@@ -1,19 +1,14 @@
 """Small videos, made when a test needs them."""
 
-from __future__ import annotations
-
 import struct
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, cast
+from pathlib import Path
+from typing import Any, cast
 
 import av
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from av.video.stream import VideoStream
+from av.video.stream import VideoStream
 
 NTSC = Fraction(30000, 1001)
 

@@ -1,8 +1,6 @@
 """Known depth in files: what is read, and what is refused."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,9 +15,6 @@ from depthcli.io.depth.anchors import SELF, AnchorFiles
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 DEPTH_M = np.full((4, 6), np.nan, np.float32)
 DEPTH_M[1, 2], DEPTH_M[3, 5] = 2.5, 4.0

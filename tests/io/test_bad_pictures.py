@@ -1,17 +1,16 @@
 """Every bad image is refused with one line before it costs anything; the only unusual is read."""
 
-from __future__ import annotations
-
 import io
 import os
 import struct
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from helpers import made
 from helpers.bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded
+from helpers.command_line import Cli
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -23,11 +22,6 @@ from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 from depthcli.io.images.read import image_size, read_image
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.paths import read_regular
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from helpers.command_line import Cli
 
 FILES = {
     **JPEGS,

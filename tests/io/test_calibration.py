@@ -1,12 +1,10 @@
 """Calibrations of ROS and OpenCV: what is read, and what is refused."""
 
-from __future__ import annotations
-
 import math
 import re
 import struct
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -16,9 +14,6 @@ import depthcli
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics, hfov_deg
 from depthcli.errors import InputError
 from depthcli.io.calibration import read_calibration
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 ROS = """image_width: 640
 image_height: 480

@@ -1,9 +1,7 @@
 """Which camera the metres of a file belong to, and how it is known."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -20,9 +18,6 @@ from depthcli.io.formats.ply import PlyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.jobs.predict import PictureResult
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 WORDS = {
     CameraSource.OPTION: "hfov 90.0° (given)",

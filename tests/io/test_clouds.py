@@ -1,7 +1,5 @@
 """Point clouds and reconstructions as known depth."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

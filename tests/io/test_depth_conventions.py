@@ -1,9 +1,8 @@
 """What the numbers in a depth file mean: unit, sign, background, distance and disparity."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,9 +17,6 @@ from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
 from depthcli.io.depth.scale import DepthScale
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.jobs.convert import ConvertRequest, convert
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PLANE_M = np.linspace(2, 4, 48, dtype=np.float32).reshape(6, 8)
 HFOV = Intrinsics(hfov_deg=60)

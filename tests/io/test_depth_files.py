@@ -1,7 +1,5 @@
 """Depth files of other tools, and what is no depth file."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,9 +1,7 @@
 """Depth that phones store within their images."""
 
-from __future__ import annotations
-
 from io import BytesIO
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,9 +13,6 @@ from depthcli.core.types import DepthKind
 from depthcli.errors import InputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.images import heif
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SHADES = np.arange(256, dtype=np.uint8).reshape(16, 16)
 EMPTY = made.jpeg([[128]])

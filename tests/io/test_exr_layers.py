@@ -1,9 +1,8 @@
 """Images and depth in EXR: their layers, eyes and light."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -18,9 +17,6 @@ from depthcli.io.exr.image import primaries_matrix, read_exr_image
 from depthcli.io.images.read import read_image
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.video.source import open_frames
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 BLENDER = ("ViewLayer.Emit", "ViewLayer.Combined", "ViewLayer.DiffCol")
 GRAY = np.full((4, 6), 0.5, np.float32)

@@ -1,9 +1,7 @@
 """The table of output formats: what a file's name says."""
 
-from __future__ import annotations
-
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -21,9 +19,6 @@ from depthcli.io.formats.table import (
     stem_of,
     writer_class,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.mark.parametrize(

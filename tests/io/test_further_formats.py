@@ -1,9 +1,7 @@
 """PFM, TIFF, PGM, NPZ and COLMAP's dense maps, as other programs write and read them."""
 
-from __future__ import annotations
-
 import zipfile
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,9 +16,6 @@ from depthcli.io.depth.scale import DepthScale
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import Format, WriterOptions, is_own, writer_class
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 HOLED_M = np.where(np.arange(12).reshape(3, 4) == 5, np.float32(np.nan), DEPTH_M)

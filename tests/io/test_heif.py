@@ -1,13 +1,12 @@
 """HEIC pictures: bits, channels, how they were held, several in one; what is refused."""
 
-from __future__ import annotations
-
 import io
 import random
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from helpers import made
 from helpers.heifs import heic, pillow_heif
@@ -16,9 +15,6 @@ from depthcli.errors import InputError
 from depthcli.io.images.heif import is_heif
 from depthcli.io.images.read import check, read_image
 from depthcli.io.listing.folder import Skipped, conversion_hint, is_picture
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 WIDTH, HEIGHT = 96, 64
 _ROWS, _COLUMNS = np.mgrid[:HEIGHT, :WIDTH]

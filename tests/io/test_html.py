@@ -1,14 +1,13 @@
 """The page of a map: its data as the script reads them, and in a browser where there is one."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
 import shutil
 import subprocess
 import zlib
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,9 +17,6 @@ from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.io.formats.html import HtmlWriter
 from depthcli.io.formats.table import is_own
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 BROWSER = shutil.which("chromium")
 SOURCE = Provenance(focal_px=30.0, centre_px=(20.0, 10.0))

@@ -1,7 +1,5 @@
 """Rows of a batch, and the file that they are safe in."""
 
-from __future__ import annotations
-
 import os
 import threading
 from pathlib import Path

@@ -1,10 +1,9 @@
 """PLY and GLB as an independent library reads them."""
 
-from __future__ import annotations
-
 import json
 import struct
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +12,6 @@ from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import Format, WriterOptions, is_own
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -1,8 +1,6 @@
 """Normals as other programs read them: 16-bit PNG in the convention of OpenGL."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +9,6 @@ from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.formats.geometry import NormalsWriter
 from depthcli.io.formats.table import is_own
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 oiio = pytest.importorskip("OpenImageIO")
 

@@ -1,21 +1,16 @@
 """Formats of the extra with OpenImageIO: film, print, and rarer layouts of TIFF."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from helpers import made
 
 from depthcli.errors import InputError
 from depthcli.io.images import openimageio
 from depthcli.io.images.read import check, read_image
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
 
 oiio = pytest.importorskip("OpenImageIO")
 

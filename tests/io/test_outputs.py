@@ -1,7 +1,5 @@
 """Outputs appear whole or not at all, under names that do not depend on the order."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import stat

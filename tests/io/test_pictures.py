@@ -1,11 +1,10 @@
 """Pictures come in at their own precision and upright; bad ones are refused with a reason."""
 
-from __future__ import annotations
-
 import json
 import struct
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -34,9 +33,6 @@ from depthcli.jobs.predict import PredictRequest, picture_destination, predict
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, PreviewVideoOutput
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PICTURE = np.random.default_rng(0).integers(0, 255, (6, 9, 3), dtype=np.uint8)
 

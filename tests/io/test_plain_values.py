@@ -1,7 +1,5 @@
 """Depth to steps, shares and light, as plain Python computes them one pixel at a time."""
 
-from __future__ import annotations
-
 import json
 import math
 import statistics
@@ -9,7 +7,7 @@ import struct
 import sys
 import threading
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -28,9 +26,6 @@ from depthcli.io.formats.png16 import stretched
 from depthcli.io.formats.preview import PreviewWriter, nearness
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.images.read import frame_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 F32 = np.float32
 DEPTHS = st.one_of(

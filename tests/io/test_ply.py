@@ -1,9 +1,7 @@
 """What stands in a point cloud: one vertex a pixel, where the camera saw it."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +11,6 @@ from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, with_camera
 from depthcli.errors import OutputError
 from depthcli.io.formats.ply import PlyWriter
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 FLOATS = ("x", "y", "z", "nx", "ny", "nz")
 POINT = np.dtype([*((name, "<f4") for name in FLOATS), *((name, "u1") for name in "rgb")])

@@ -1,7 +1,5 @@
 """PNG files: valid to the letter, the same pixels, the same bytes, whatever compresses them."""
 
-from __future__ import annotations
-
 import sys
 import zlib
 from concurrent.futures import ThreadPoolExecutor

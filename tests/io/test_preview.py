@@ -1,9 +1,8 @@
 """Previews: near is warm whatever the limits, every map has one, and the legend tells the truth."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,9 +16,6 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
 from depthcli.io.formats.drawing import colour_table, tick_value, with_legend
 from depthcli.io.formats.preview import PreviewWriter, nearness
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 RAMP_M = np.linspace(1, 9, 60 * 80, dtype=np.float32).reshape(60, 80)
 INVALID = [96, 96, 96]

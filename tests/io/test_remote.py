@@ -1,7 +1,5 @@
 """Objects in a store as paths: read, listed, written, and told of in one line when that fails."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -11,15 +9,15 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from helpers.file_trees import contents
-from helpers.stores import KEYS, remote
+from helpers.stores import KEYS, Bucket, Faults, remote
 from helpers.watched import Watched
 
 from depthcli.api.depth_map import DepthMap
@@ -40,11 +38,6 @@ from depthcli.io.storage.paths import (
     read_regular,
     safe_name,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from helpers.stores import Bucket, Faults
 
 SIGNED = "https://user:word@host/a/b.jpg?X-Signature=secret/x&y=z"
 

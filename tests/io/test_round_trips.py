@@ -1,7 +1,5 @@
 """Every format gives back what was written, within what it promises."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 from tempfile import TemporaryDirectory

@@ -1,11 +1,8 @@
 """Sidecars beside depth files: whose they are, and what they add."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,15 +13,12 @@ import depthcli
 from depthcli.core.camera import CameraSource
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance
-from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
+from depthcli.io.depth.read import DepthReadOptions, StoredDepth, read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import FORMATS, Format, writer_class
 from depthcli.io.images.png import encode_png
-
-if TYPE_CHECKING:
-    from depthcli.io.depth.read import StoredDepth
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 STATED = Provenance("m", "ab" * 32, focal_px=3.0, orientation=6, camera_source=CameraSource.OPTION)

@@ -1,12 +1,11 @@
 """Inputs of a batch: folders, lists, tables, and the patterns that choose among them."""
 
-from __future__ import annotations
-
 import builtins
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -31,10 +30,6 @@ from depthcli.io.listing.folder import (
     why_skipped,
 )
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list, read_list
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 
 def touch(root: Path, *names: str) -> None:

@@ -1,8 +1,6 @@
 """Stereo pairs: where each eye sees a pixel, and what fills the gaps."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +10,6 @@ from depthcli.core.options import StereoLayout
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.formats.stereo import StereoWriter
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 HEIGHT, WIDTH = 40, 80
 SOURCE = Provenance(focal_px=100.0)

@@ -1,7 +1,5 @@
 """Writing files: complete or not at all, over no foreign one, and where temporary ones go."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -12,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,9 +37,6 @@ from depthcli.io.storage.temporary import (
     temporary_beside,
     temporary_folder,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def test_two_at_one_output_do_not_meet(tmp_path: Path) -> None:

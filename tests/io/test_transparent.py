@@ -1,8 +1,7 @@
 """Transparent pixels: no depth, and no effect of the colours that programs leave in them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,9 +14,6 @@ from PIL import Image
 import depthcli
 from depthcli.errors import InputError
 from depthcli.io.images.read import frame_of, read_image
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def _sprite(under: int, mode: str = "RGBA") -> Image.Image:

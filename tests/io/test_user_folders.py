@@ -1,16 +1,11 @@
 """Where a user's own models and profiles lie."""
 
-from __future__ import annotations
-
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from depthcli.io.storage.paths import config_folder, data_folder
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @pytest.fixture(autouse=True)

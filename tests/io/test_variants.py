@@ -1,23 +1,18 @@
 """Every variant of the picture formats: bits, channels, palettes, inks, and how it was held."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from io import BytesIO
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 from helpers import made
 from PIL import Image
 
 from depthcli.errors import InputError
 from depthcli.io.images.read import read_image
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 PALETTE = made.chunk(b"PLTE", bytes([255, 0, 0, 0, 255, 0, 10, 20, 30]))
 

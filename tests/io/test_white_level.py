@@ -1,9 +1,8 @@
 """16-bit pictures whose white is below 65535, as of cameras with 10 or 12 bits."""
 
-from __future__ import annotations
-
 import struct
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,9 +10,6 @@ import pytest
 
 from depthcli.errors import UsageError
 from depthcli.io.images.read import read_image
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 RNG = np.random.default_rng(0)
 COLOURS = RNG.integers(0, 4096, (24, 32, 3), dtype=np.uint16)

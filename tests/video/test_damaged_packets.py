@@ -1,9 +1,8 @@
 """Damaged packets: checksums of FFV1 from the first frame on, and gaps in transport streams."""
 
-from __future__ import annotations
-
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +14,6 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 _TS_PACKET_BYTES = 188
 

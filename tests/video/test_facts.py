@@ -1,10 +1,10 @@
 """Facts that a video states about its streams and its camera."""
 
-from __future__ import annotations
-
 import struct
+from collections.abc import Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -15,10 +15,6 @@ from helpers.videos import NTSC, box, encode, flat_frames, with_box, with_track_
 from depthcli.core.options import Eye, Projection, ReadOptions
 from depthcli.errors import UsageError
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 FOCAL_35MM = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import av
 import numpy as np
+from av.container import OutputContainer
 from helpers.tiny import write_model
 from helpers.videos import flat_frames, write_video
 
@@ -17,12 +19,6 @@ from depthcli.jobs.video.run import video
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from av.container import OutputContainer
 
 
 def write_at(path: Path, places: Sequence[int]) -> Path:

@@ -1,10 +1,8 @@
 """Previews in a pipe have the frame times of a file, and are written as they are made."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from io import BytesIO
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import av
 import numpy as np
@@ -18,9 +16,6 @@ from depthcli.video.container import OutputPipe
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, PreviewVideoOutput
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 FILM = Fraction(24000, 1001)
 END_OF_FRAMES = b"the end of the frames"

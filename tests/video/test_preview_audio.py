@@ -1,9 +1,7 @@
 """Audio that a preview cannot take as it is: it never costs the video."""
 
-from __future__ import annotations
-
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import av
 import numpy as np
@@ -17,9 +15,6 @@ from depthcli.video.formats import preview_codec
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, PreviewVideoOutput
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def write_preview(path: Path, source: Path) -> tuple[str, ...]:

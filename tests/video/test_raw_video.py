@@ -1,7 +1,5 @@
 """Frames without a container, as ``ffmpeg -f rawvideo`` and OpenCV's users pipe them."""
 
-from __future__ import annotations
-
 import io
 from fractions import Fraction
 from typing import Any

@@ -1,12 +1,11 @@
 """Videos in and out: exact rates and times, spans, turned and cut files, millimetres kept."""
 
-from __future__ import annotations
-
 import os
 import wave
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import av
 import cv2
@@ -36,9 +35,6 @@ from depthcli.video.formats import Codec, preview_codec
 from depthcli.video.frames import Point, Span, Timing, exact_rate, rate_text
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput, PreviewVideoOutput
 from depthcli.video.source import VideoSource
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 RATES = [
     *(Fraction(n * 1000, 1001) for n in (24, 30, 60)),
