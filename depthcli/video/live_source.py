@@ -1,7 +1,5 @@
 """The newest frame of a live stream, whenever one is asked for."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

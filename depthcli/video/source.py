@@ -1,7 +1,5 @@
 """The frames of a video, upright and with their times."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

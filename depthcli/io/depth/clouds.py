@@ -1,11 +1,10 @@
 """Point clouds of a lidar or a depth camera as known depth: read, and projected into the image."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +14,6 @@ from depthcli.core.camera import DEPTH_M_RANGE, Intrinsics
 from depthcli.core.options import INSTALL_POINTS
 from depthcli.errors import InputError
 from depthcli.io.storage.paths import read_bytes
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _POSE = 4  # rows and columns of a rotation and a translation in one matrix
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image

@@ -1,7 +1,5 @@
 """The sparse points of a reconstruction by COLMAP as known depth of its images."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,21 +1,17 @@
 """Files behind HTTP, read with Python's own client."""
 
-from __future__ import annotations
-
 import errno
 import ipaddress
 import socket
 from base64 import b64encode
+from collections.abc import Callable, Iterator
 from email.utils import parsedate_to_datetime
 from functools import partial
 from http.client import HTTPException
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote, unquote, urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 _TIMEOUT_S = 60
 _PART_BYTES = 8 << 20

@@ -1,7 +1,5 @@
 """Names of local and remote files, reading them whole, and folders of the user."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os
