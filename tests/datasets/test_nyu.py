@@ -141,59 +141,35 @@ def test_broken_folder_is_a_dataset_error_in_one_line(name: str, nyu_folder: Any
     assert "\n" not in str(error.value)
 
 
-def test_picture_that_disappears(nyu_folder: Any) -> None:
+def test_files_that_change_after_opening(nyu_folder: Any) -> None:
     dataset = open_nyu(nyu_folder.path)
     (nyu_folder.path / "rgb" / "0004.png").unlink()
-    with pytest.raises(DatasetError, match=r"0004\.png"):
-        dataset.image(4)
-
-
-def test_truncated_depth(nyu_folder: Any) -> None:
-    dataset = open_nyu(nyu_folder.path)
     path = nyu_folder.path / "depth" / "0004.png"
     path.write_bytes(path.read_bytes()[:40])
-    with pytest.raises(DatasetError, match=r"0004\.png"):
-        dataset.depth_m(4)
+    for read in (dataset.image, dataset.depth_m):
+        with pytest.raises(DatasetError, match=r"0004\.png"):
+            read(4)
 
 
-def test_missing_path(tmp_path: Path) -> None:
+def test_missing_or_truncated_file(nyu_mat: Any) -> None:
+    for data in (b"MATLAB 5.0 MAT-file" * 100, nyu_mat.path.read_bytes()[:3000]):
+        nyu_mat.path.write_bytes(data)
+        with pytest.raises(DatasetError):
+            open_nyu(nyu_mat.path)
     with pytest.raises(DatasetError):
-        open_nyu(tmp_path / "nowhere")
+        open_nyu(nyu_mat.path / "nowhere")
 
 
-def test_file_that_is_not_hdf5(tmp_path: Path) -> None:
-    path = tmp_path / "labelled.mat"
-    path.write_bytes(b"MATLAB 5.0 MAT-file" * 100)
-    with pytest.raises(DatasetError):
-        open_nyu(path)
-
-
-def test_truncated_mat(nyu_mat: Any) -> None:
-    nyu_mat.path.write_bytes(nyu_mat.path.read_bytes()[:3000])
-    with pytest.raises(DatasetError):
-        open_nyu(nyu_mat.path)
-
-
-@pytest.mark.parametrize("name", ["images", "depths", "scenes"])
-def test_mat_without_a_part(name: str, nyu_mat: Any) -> None:
+@pytest.mark.parametrize("name", ["images", "depths", "scenes", "axes", "unit"])
+def test_mat_without_a_part_with_other_axes_or_another_unit(name: str, nyu_mat: Any) -> None:
     with h5py.File(nyu_mat.path, "r+") as file:
-        del file[name]
-    with pytest.raises(DatasetError):
-        open_nyu(nyu_mat.path)
-
-
-def test_mat_with_other_axes(nyu_mat: Any) -> None:
-    with h5py.File(nyu_mat.path, "r+") as file:
-        images = file["images"][()]
-        del file["images"]
-        file["images"] = images.transpose(0, 3, 2, 1)
-    with pytest.raises(DatasetError):
-        open_nyu(nyu_mat.path)
-
-
-def test_mat_in_another_unit(nyu_mat: Any) -> None:
-    with h5py.File(nyu_mat.path, "r+") as file:
-        file["depths"][...] *= 1000
+        if name == "unit":
+            file["depths"][...] *= 1000
+        else:
+            images = file["images"][()]
+            del file["images" if name == "axes" else name]
+            if name == "axes":
+                file["images"] = images.transpose(0, 3, 2, 1)
     with pytest.raises(DatasetError):
         open_nyu(nyu_mat.path)
 

@@ -134,7 +134,3 @@ def test_examples_in_the_docstrings() -> None:
 def test_compact_ids_are_parsed_back(numbers: set[int]) -> None:
     ids = [f"{number:04d}" for number in numbers]
     assert splits.parse(splits.compact(ids)) == numbers
-
-
-def test_neighbours_are_one_range() -> None:
-    assert splits.compact(["0007", "0001", "0002", "0000"]) == "0000-0002,0007"

@@ -44,20 +44,6 @@ def test_other_names_are_two_lists_and_the_shorter_begins_again(tmp_path: Path) 
     assert set(dataset.scenes) == set(dataset.official_split) == {""}
 
 
-def test_more_depth_than_pictures(tmp_path: Path) -> None:
-    folder = _fill(tmp_path, ["a"], ["z1", "z2", "z3"])
-    dataset = open_training_data(folder, paired=False).dataset
-    assert dataset.ids == ("a.png z1.png", "a.png z2.png", "a.png z3.png")
-    assert int(dataset.image(2)[0, 0, 0]) == 0
-    assert round(float(dataset.depth_m(2)[0, 0]), 3) == 1.002
-
-
-def test_other_names_are_no_pairs(tmp_path: Path) -> None:
-    folder = _fill(tmp_path, ["a", "b"], ["a", "c"])
-    with pytest.raises(DatasetError):
-        open_training_data(folder, paired=True)
-
-
 def _nyu(folder: Path, rows: list[str]) -> Path:
     """A folder with an index of ``ID,scene,official_split`` rows."""
     names = [row.partition(",")[0] for row in rows]
@@ -147,12 +133,6 @@ def test_the_camera_of_nyu_is_known(tmp_path: Path) -> None:
     (_nyu(tmp_path, ROWS) / "cameras.csv").write_text("\n".join(["id,focal_px", *rows]))
     with pytest.raises(DatasetError):
         open_training_data(tmp_path, paired=True)
-
-
-def test_names_are_listed_once(tmp_path: Path) -> None:
-    lists = open_training_data(_fill(tmp_path, ["a", "b"], ["c"]), paired=False).dataset
-    for dataset in (lists, lists.subset([1])):
-        assert dataset.ids is dataset.ids
 
 
 def test_same_names_and_other_sizes_are_two_lists(tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ from depthcli.io.depth.read import AS_STATED, read_stored_depth
 from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 from depthcli.io.images.read import image_size, read_image
 from depthcli.io.listing.folder import is_own_picture
-from depthcli.io.storage.paths import read_regular
 
 FILES = {
     **JPEGS,
@@ -156,13 +155,6 @@ def test_opencv_reads_and_writes_each_format(suffix: str) -> None:
     assert not can_round_trip(".none")
 
 
-def test_training_image_with_lost_pixels_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.jpg"
-    path.write_bytes(BAD["baseline without its middle"])
-    with pytest.raises(DatasetError, match=r"a\.jpg"):
-        read_image_rgb(path)
-
-
 @pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "/proc/kmsg", "/proc/self/status"])
 def test_device_is_not_read(name: str) -> None:
     assert not is_own_picture(name)
@@ -191,14 +183,6 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))
     os.mkfifo(tmp_path / "a.json")
     assert read_stored_depth(tmp_path / "a.npy").displayed.values.shape == (4, 4)
-
-
-def test_files_are_read_up_to_a_bound(tmp_path: Path) -> None:
-    path = tmp_path / "a"
-    path.write_bytes(b"12345")
-    assert read_regular(path, 5) == b"12345"
-    with pytest.raises(OSError, match="more than 4 bytes"):
-        read_regular(path, 4)
 
 
 def test_hundred_megapixels_are_read(tmp_path: Path) -> None:

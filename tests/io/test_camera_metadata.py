@@ -64,15 +64,6 @@ def test_predict_says_which_camera(source: CameraSource | None) -> None:
     assert facts["camera"] == WORDS[source]
 
 
-def test_a_source_that_another_program_wrote_is_no_source(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    Png16Writer().write(seen_by(CameraSource.EXIF), path)
-    path.write_bytes(path.read_bytes().replace(b"_source\0exif", b"_source\0moon"))
-    found = read_stored_depth(path).displayed.provenance
-    assert found is not None
-    assert (found.focal_px, found.camera_source) == (2, None)
-
-
 def _changed_by_another_program(path: Path, rows: slice, columns: slice) -> Path:
     """An EXR whose pixels were replaced, but not its header, as OpenImageIO and Nuke do."""
     with OpenEXR.File(str(path), separate_channels=True) as file:

@@ -10,12 +10,10 @@ import pytest
 from helpers.command_line import unmeasured
 from helpers.plates import depth_channel
 
-from depthcli.core.types import DepthKind, DepthMap, Provenance
+from depthcli.core.types import DepthMap
 from depthcli.errors import InputError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.sidecar import SidecarWriter
-from depthcli.io.formats.table import FORMATS, Format, writer_class
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 SCANLINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -34,6 +32,8 @@ SCANLINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineima
         (["P.R", "P.X", "P.Y", "P.Z"], None),
         (["ViewLayer.UV.U", "ViewLayer.UV.V"], None),
         (["X", "Y", "Z", "far.Z"], "far.Z"),
+        (["V"], "V"),
+        (["B", "A"], None),
         (["X", "W"], None),
         ([], None),
     ],
@@ -154,20 +154,3 @@ def test_damaged_and_foreign_files_are_refused(
     if name == "a.exr":
         with pytest.raises(InputError):
             read_metadata(tmp_path / name)
-
-
-STATED = Provenance("nyu", "ab" * 32, (192, 144), focal_px=518.75, orientation=6)
-
-
-@pytest.mark.parametrize("name", [Format.PNG16, Format.EXR, Format.NPY])
-def test_stated_facts_are_kept(name: Format, tmp_path: Path) -> None:
-    path = tmp_path / f"a{FORMATS[name].suffix}"
-    writer_class(name)().write(DepthMap(DEPTH_M, provenance=STATED), path)
-    SidecarWriter().write(DepthMap(DEPTH_M, provenance=STATED), path.with_suffix(".json"))
-    found = read_stored_depth(path).displayed
-    assert found.kind is DepthKind.METRIC
-    assert found.provenance is not None
-    assert found.provenance.model == "nyu"
-    assert found.provenance.model_sha256 == "ab" * 32
-    assert found.provenance.focal_px == 518.75
-    assert found.provenance.orientation == 6

@@ -1,7 +1,6 @@
 """HEIC pictures: bits, channels, how they were held, several in one; what is refused."""
 
 import io
-import random
 import sys
 from typing import Any
 
@@ -149,24 +148,6 @@ def test_every_truncated_file_is_refused(name: str, capfd: pytest.CaptureFixture
     data = FILES[name]
     for length in {*range(0, len(data), 7), *range(len(data) - 30, len(data))}:
         assert reason(data[:length])
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_a_damaged_file_is_read_or_refused_in_one_line(
-    name: str, capfd: pytest.CaptureFixture[str]
-) -> None:
-    luck, refused = random.Random(4), 0  # noqa: S311 - the same every time
-    boxes = FILES[name].index(b"mdat")
-    for _ in range(150):
-        data = bytearray(FILES[name])
-        for _ in range(luck.choice([1, 8])):
-            data[luck.randrange(luck.choice([boxes, len(data)]))] ^= 1 << luck.randrange(8)
-        try:
-            read_image(None, bytes(data), max_pixels=WIDTH * HEIGHT)
-        except InputError:
-            refused += 1
-    assert refused
     assert capfd.readouterr() == ("", "")
 
 

@@ -59,11 +59,6 @@ def test_lossless_pictures_are_exact(suffix: str) -> None:
     assert (read_image(None, encoded(suffix)).pixels == PICTURE).all()
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".webp", ".avif"])
-def test_lossy_pictures_have_their_size(suffix: str) -> None:
-    assert read_image(None, encoded(suffix)).pixels.shape == PICTURE.shape
-
-
 @pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG"), (13, None)])
 def test_high_dynamic_range_of_avif_is_told(transfer: int, name: str | None) -> None:
     data = encoded(".avif")
@@ -75,13 +70,6 @@ def test_high_dynamic_range_of_avif_is_told(transfer: int, name: str | None) -> 
 def test_sixteen_bits_stay_sixteen_bits() -> None:
     deep = np.arange(0, 65520, 1820, dtype=np.uint16).reshape(4, 9)
     assert (read_image(None, encoded(".png", deep)).pixels == deep).all()
-
-
-def test_opaque_alpha_is_dropped() -> None:
-    rgba = np.dstack([PICTURE[..., ::-1], np.full(PICTURE.shape[:2], 255, np.uint8)])
-    ok, data = cv2.imencode(".png", rgba)
-    assert ok
-    assert (read_image(None, data.tobytes()).pixels == PICTURE).all()
 
 
 def test_not_a_number_in_a_float_picture_becomes_black() -> None:
@@ -139,15 +127,6 @@ def test_an_animated_avif_is_warned_of(tmp_path: Path) -> None:
     path.write_bytes(cv2.imencodeanimation(".avif", frames)[1].tobytes())
     (warning,) = read_image(path).warnings
     assert "only the first image" in warning
-
-
-def test_a_tiff_with_empty_tags_is_an_ordinary_one(tmp_path: Path) -> None:
-    data = bytearray(made.tiff(PICTURE, longs={254: 1, 330: 8}))
-    path = tmp_path / "a.tif"
-    for tag in (254, 330):
-        at = data.index(struct.pack("<HHI", tag, 4, 1))
-        path.write_bytes(data[: at + 4] + bytes(4) + data[at + 8 :])  # no value
-        np.testing.assert_array_equal(read_image(path).pixels, PICTURE)
 
 
 def test_focal_length_of_a_canon_camera_is_that_of_its_sensor() -> None:

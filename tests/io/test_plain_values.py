@@ -258,9 +258,6 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
     assert json.loads(path.read_text())["png16_scale"] is None
 
 
-SIDECAR = {"software": "depthcli 0.6.0", "model": "m", "model_sha256": "ab", "focal_px": 3.0}
-
-
 PIXELS = np.arange(200, 224, dtype=np.uint8).reshape(2, 3, 4)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from depthcli._version import __version__
-from depthcli.core.camera import CameraSource, Intrinsics
-from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, with_camera
+from depthcli.core.camera import CameraSource
+from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import OutputError
 from depthcli.io.formats.ply import PlyWriter
 
@@ -45,14 +45,6 @@ def test_a_point_lies_on_the_ray_through_its_pixel_s_middle(tmp_path: Path) -> N
     np.testing.assert_allclose(cloud["y"] / cloud["z"], [-0.25, -0.25, -0.25, -0.25, 0.25, 0.25])
 
 
-def test_the_principal_point_is_the_calibration_s(tmp_path: Path) -> None:
-    path = tmp_path / "a.ply"
-    PlyWriter().write(with_camera(seen_by(2.0), Intrinsics(centre_px=(3.0, 0.5))), path)
-    cloud = points(path)
-    np.testing.assert_allclose(cloud["x"] / cloud["z"], [-1.5, -1, -0.5, 0, -1.5, 0])
-    np.testing.assert_allclose(cloud["y"] / cloud["z"], [-0.25] * 4 + [0.25] * 2)
-
-
 def test_without_a_focal_length_nyu_s_field_of_view_is_assumed(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
     (warning,) = PlyWriter().write(seen_by(None), path)
@@ -62,16 +54,6 @@ def test_without_a_focal_length_nyu_s_field_of_view_is_assumed(tmp_path: Path) -
     edge = math.tan(math.radians(63.3 / 2))
     np.testing.assert_allclose(cloud["x"][0] / cloud["z"][0], -0.75 * edge, rtol=1e-5)
     np.testing.assert_allclose(cloud["x"][3] / cloud["z"][3], 0.75 * edge, rtol=1e-5)
-
-
-def test_points_have_the_colours_of_the_image(tmp_path: Path) -> None:
-    pixels = np.random.default_rng(0).integers(0, 256, (2, 4, 3), np.uint8)
-    PlyWriter().write(seen_by(2.0), tmp_path / "a.ply", Frame(pixels))
-    cloud = points(tmp_path / "a.ply")
-    rgb = np.stack([cloud[name] for name in "rgb"], axis=1)
-    np.testing.assert_array_equal(rgb, pixels[DEPTH_M > 0])
-    PlyWriter().write(seen_by(2.0), tmp_path / "white.ply")
-    assert all((points(tmp_path / "white.ply")[name] == 255).all() for name in "rgb")
 
 
 def test_comments_state_software_model_and_camera(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.plates import depth_channel
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
@@ -19,7 +18,6 @@ from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
-from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions, format_of, writer_class
 
 SHAPES = array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9)
@@ -95,21 +93,6 @@ def test_npy_is_exact(values: np.ndarray) -> None:
     assert np.array_equal(found.values, values, equal_nan=True)
 
 
-@pytest.mark.parametrize(
-    ("names", "wanted"),
-    [
-        (["R", "G", "Z"], "Z"),
-        (["ViewLayer.Depth.Z", "ViewLayer.Combined.R"], "ViewLayer.Depth.Z"),
-        (["depth.Z"], "depth.Z"),
-        (["V"], "V"),
-        (["Y"], "Y"),
-        (["B", "A"], None),
-    ],
-)
-def test_depth_channels_of_other_tools(names: list[str], wanted: str | None) -> None:
-    assert depth_channel(names) == wanted
-
-
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_keeps_the_contract(name: Format, tmp_path: Path) -> None:
     facts = FORMATS[name]
@@ -125,20 +108,3 @@ def test_every_format_keeps_the_contract(name: Format, tmp_path: Path) -> None:
     warnings = options.writer(name).write(DepthMap(np.full((4, 5), 2, np.float32)), path, frame)
     assert isinstance(warnings, tuple)
     assert path.stat().st_size > 0
-
-
-@pytest.mark.parametrize("colormap", ["inferno", "turbo", "magma", "viridis", "spectral", "gray"])
-def test_near_is_warm_and_black_turns_it_round(colormap: str) -> None:
-    depth = DepthMap(np.array([[1.0, 9.0]], np.float32))
-    near, far = PreviewWriter(colormap=colormap).render(depth)[0].astype(int)
-    assert near[0] > far[0]
-    turned = PreviewWriter(colormap=colormap, near="black").render(depth)[0].astype(int)
-    assert (turned == [far, near]).all()
-
-
-@pytest.mark.parametrize("value", [2.0, np.nan, np.inf, 0.0])
-def test_flat_empty_and_infinite_maps_have_a_preview(value: float) -> None:
-    image = PreviewWriter(legend=True).render(DepthMap(np.full((60, 40), value, np.float32)))
-    assert image.dtype == np.uint8
-    assert image.shape[0] == 60
-    assert image.shape[1] > 40

@@ -143,17 +143,6 @@ def test_a_folder_is_shared_or_had_alone(tmp_path: Path) -> None:
                 assert not other
 
 
-def test_a_new_locked_file_has_the_rights_of_any_other(tmp_path: Path) -> None:
-    before = os.umask(0)
-    try:
-        handle = open_locked(tmp_path / "rows")
-    finally:
-        os.umask(before)
-    assert handle is not None
-    os.close(handle)
-    assert (tmp_path / "rows").stat().st_mode & 0o777 == 0o666
-
-
 def test_where_there_are_no_locks_all_is_free(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -170,11 +159,6 @@ def test_where_there_are_no_locks_all_is_free(
     monkeypatch.setattr(os, "open", closed)  # as Windows has it for folders
     with folder_lock(tmp_path) as free:
         assert free
-
-
-def test_a_file_in_no_folder_is_not_locked(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        open_locked(tmp_path / "none" / "rows")
 
 
 def test_files_are_read_up_to_a_size(tmp_path: Path) -> None:
@@ -287,11 +271,6 @@ def test_without_locks_what_was_written_to_today_stays(
         os.utime(path, (time.time() - 3600 * hours,) * 2)
     remove_stale(tmp_path)
     assert names(tmp_path) == [new.name]
-
-
-def test_a_name_that_cannot_be_had_is_nobody_s(tmp_path: Path) -> None:
-    with temporary_beside(tmp_path / "missing" / "a.png") as path:
-        assert {own for own in temporaries._own if own.parent == path.parent} == {path}
 
 
 DEPTH = DepthMap(np.ones((4, 5), np.float32), provenance=Provenance(focal_px=9.0))

@@ -1,11 +1,11 @@
-"""Signals that end a run: the first is noted, the second acts."""
+"""Signals that end a run, and what is done before a process ends at once."""
 
 import signal
 import threading
 
 import pytest
 
-from depthcli.core.progress import Interrupt
+from depthcli.core.progress import Interrupt, exit_hook, run_exit_hooks
 
 
 def test_first_signal_is_noted_and_the_second_acts() -> None:
@@ -43,3 +43,14 @@ def test_other_threads_cannot_and_need_not_listen() -> None:
     thread.start()
     thread.join()
     assert seen == [None]
+
+
+def test_the_last_action_is_taken_first_and_none_stops_another() -> None:
+    done: list[str] = []
+    with exit_hook(lambda: done.append("first")):
+        with exit_hook(lambda: 1 / 0), exit_hook(lambda: done.append("last")):
+            run_exit_hooks()
+        assert done == ["last", "first"]
+        run_exit_hooks()
+    run_exit_hooks()
+    assert done == ["last", "first", "first"]

@@ -1,0 +1,161 @@
+"""Threads and cores: how long work takes, never what it gives."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from depthcli.core import parallel as cores
+from depthcli.core.parallel import Background, one_thread_each, ordered_map, process_map
+
+
+def test_the_result_is_waited_for() -> None:
+    go_on = threading.Event()
+    work = Background(lambda: (go_on.wait(60), threading.current_thread().daemon))
+    go_on.set()
+    assert work.result() == (True, True)
+    assert work.result() == (True, True)
+
+
+def test_errors_are_raised_by_result() -> None:
+    work = Background(lambda: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        work.result()
+
+
+@given(st.lists(st.integers()), st.integers(0, 3), st.integers(1, 5))
+def test_results_are_those_of_map_in_order(items: list[int], workers: int, ahead: int) -> None:
+    def slow_if_even(item: int) -> int:
+        time.sleep(0.0001 * (item % 2))
+        return 3 * item
+
+    results = ordered_map(slow_if_even, items, workers=workers, ahead=ahead)
+    assert list(results) == [3 * item for item in items]
+
+
+def test_no_more_items_are_pulled_than_fit_in_memory() -> None:
+    pulled = 0
+
+    def items() -> Iterator[int]:
+        nonlocal pulled
+        for number in range(1, 1001):
+            pulled = number
+            yield number
+
+    for done, _ in enumerate(ordered_map(str, items(), workers=2, ahead=4)):
+        assert pulled - done <= 4
+
+
+def test_two_items_for_each_worker_are_pulled_by_default() -> None:
+    pulled = iter(range(1000))
+    results = ordered_map(str, pulled, workers=3)
+    assert next(results) == "0"
+    results.close()
+    assert next(pulled) == 6
+
+
+def test_workers_work_at_the_same_time() -> None:
+    both = threading.Barrier(2, timeout=10)
+    results = ordered_map(lambda _: both.wait(), range(4), workers=2)
+    assert sorted(results) == [0, 0, 1, 1]
+
+
+def test_an_error_comes_at_its_items_turn() -> None:
+    results = ordered_map(lambda item: 1 // item, [1, 1, 0, 1], workers=2)
+    assert [next(results), next(results)] == [1, 1]
+    with pytest.raises(ZeroDivisionError):
+        next(results)
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_closed_map_leaves_no_thread(workers: int) -> None:
+    before = threading.active_count()
+    results = ordered_map(str, range(1000), workers=workers)
+    assert next(results) == "0"
+    results.close()
+    assert threading.active_count() == before
+
+
+def test_items_not_started_are_dropped_at_an_early_end() -> None:
+    begun, go_on = list[int](), threading.Event()
+
+    def work(item: int) -> int:
+        begun.append(item)
+        if item:
+            go_on.wait(10)
+        return item
+
+    results = ordered_map(work, range(100), workers=2, ahead=20)
+    assert next(results) == 0
+    threading.Timer(0.05, go_on.set).start()
+    results.close()
+    assert set(begun) <= {0, 1, 2}
+
+
+def test_one_worker_is_this_process() -> None:
+    assert list(process_map(lambda n: n + 1, [1, 2], workers=1)) == [2, 3]
+
+
+@pytest.mark.parametrize(("workers", "inside"), [(0, 3), (1, 3), (2, 1)])
+def test_opencv_keeps_its_threads_unless_workers_need_them(workers: int, inside: int) -> None:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(3)
+    try:
+        with one_thread_each(workers):
+            assert cv2.getNumThreads() == inside
+        assert cv2.getNumThreads() == 3
+    finally:
+        cv2.setNumThreads(before)
+
+
+@pytest.mark.parametrize(
+    ("asked", "shared"),
+    [
+        ((None, None), (8, 1)),
+        ((1, None), (1, 8)),
+        ((3, None), (3, 2)),
+        ((20, None), (20, 1)),
+        ((None, 4), (8, 4)),
+        ((2, 5), (2, 5)),
+    ],
+)
+def test_each_worker_has_its_share_of_eight_cores(
+    monkeypatch: pytest.MonkeyPatch, asked: tuple[int | None, ...], shared: tuple[int, int]
+) -> None:
+    monkeypatch.setattr(cores, "usable_cores", lambda: 8)
+    assert cores.share_cores(*asked) == shared
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs affinity masks")
+def test_cores_that_the_process_may_not_use_do_not_count() -> None:
+    code = (
+        "import os\n"
+        "from depthcli.core.parallel import share_cores, usable_cores\n"
+        "os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "print(usable_cores(), *share_cores())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert done.stdout.split() == [b"1", b"1", b"1"]
+
+
+@pytest.mark.parametrize(
+    ("text", "usable"),
+    [("max 100000", 8), ("150000 100000", 2), ("1000 100000", 1), ("0 0", 8), ("?", 8), (None, 8)],
+)
+def test_a_quota_of_a_container_limits_the_cores(
+    text: str | None, usable: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if text is not None:
+        (tmp_path / "cpu.max").write_text(text)
+    monkeypatch.setattr(cores, "_CPU_MAX", tmp_path / "cpu.max")
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: set(range(8)), raising=False)
+    assert cores.usable_cores() == usable
