@@ -140,11 +140,9 @@ def test_a_pil_picture_as_opened_is_turned_like_its_file(
     assert found.values.shape == ((48, 64) if orientation < 5 else (64, 48))
     assert found.values == pytest.approx(wanted.values, abs=0.2)  # decoders differ by a step
     assert found.focal_px == wanted.focal_px is not None
-    assert found.frame is not None
     assert found.frame.orientation == orientation
     # What a program made of it has the EXIF of a file that it no longer is.
     assert changed.values.shape == (48, 64)
-    assert changed.frame is not None
     assert (changed.frame.orientation, changed.frame.focal_35mm) == (1, None)
 
 
@@ -514,11 +512,6 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     with pytest.raises(depthcli.UsageError):
         depth.save(tmp_path / "b.jpg")
     assert not list(tmp_path.glob("b.*"))
-
-
-def _flat_file(folder: Path) -> Path:
-    np.save(folder / "flat.npy", np.full((4, 6), 2, np.float32))
-    return folder / "flat.npy"
 
 
 def test_a_file_is_whole_or_not_there(depth: depthcli.DepthMap, tmp_path: Path) -> None:

@@ -93,30 +93,6 @@ def test_an_interrupted_batch_leaves_a_manifest_and_goes_on(
     assert maps(cli, "out") == maps(cli, "once")
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--format", "npy"),
-        ("--anchor", "3,4,2.5"),
-        ("--model", "other"),
-        ("--provider", "cpu"),
-        ("--profile", "p"),
-    ],
-)
-def test_a_changed_option_is_done_again(inside: Cli, options: tuple[str, ...]) -> None:
-    write_model(inside.models / "default", camera={"hfov_deg": 60.0})
-    write_model(inside.models / "other", output__shift=6.0)
-    (inside.folder / "depthcli.toml").write_text("[p]\nlegend = true\nhfov = 70\n")
-    tree(inside, "a.png")
-    assert kept(inside, "--out", "out") == {"a.png": False}
-    same = options == ("--provider", "cpu")  # what auto takes here
-    assert kept(inside, "--out", "out", *options) == {"a.png": same}
-    assert kept(inside, "--out", "out", *options) == {"a.png": True}
-    inside("batch", "in", "--out", "once", *options)
-    made = maps(inside, "once")
-    assert {name: data for name, data in maps(inside, "out").items() if name in made} == made
-
-
 def test_a_changed_model_is_done_again(inside: Cli) -> None:
     tree(inside, "a.png")
     inside("batch", "in", "--out", "out")

@@ -70,7 +70,6 @@ def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> N
     body = (files / "a.ply").read_bytes().partition(b"end_header\n")[2]
     colours = np.frombuffer(body, np.uint8).reshape(-1, 27)[:, 24:]
     read = cv2.imread(str(files / "room.png"))
-    assert read is not None
     np.testing.assert_array_equal(colours, read[..., ::-1].reshape(-1, 3))
     write_picture(files / "other.png", pixels[:5])
     assert inside("convert", "d.png", "b.ply", "--picture", "other.png").returncode == 1
@@ -95,7 +94,6 @@ def test_a_preview_of_stored_depth_is_that_of_predict(inside: Cli) -> None:
 def test_a_conversion_keeps_model_and_focal_length(inside: Cli, files: Path, target: str) -> None:
     assert inside("convert", "n.npy", target).returncode == 0
     made_by = read_stored_depth(files / target).displayed.provenance
-    assert made_by is not None
     assert (made_by.model, made_by.model_sha256, made_by.focal_px) == ("m", "0" * 64, 16.0)
     assert inside("convert", "d.png", "b.json", "--png-scale", "256").returncode == 0
     told = json.loads((files / "b.json").read_text())

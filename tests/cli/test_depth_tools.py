@@ -125,7 +125,6 @@ def test_convert_reports_the_round_trip(inside: Cli, depth_npy: Path) -> None:
 def test_convert_between_scales(inside: Cli) -> None:
     assert inside("convert", "d.npy", "kitti.png", "--png-scale", "256").returncode == 0
     pixels = cv2.imread(str(inside.folder / "kitti.png"), cv2.IMREAD_UNCHANGED)
-    assert pixels is not None
     assert (pixels[11, 15], pixels[0, 0]) == (9 * 256, 0)
     done = inside("convert", "kitti.png", "again.npy", "--from-scale", "512")
     assert done.returncode == 0

@@ -61,7 +61,6 @@ def serving(cli: Cli, *words: str, **environment: str) -> Iterator[Server]:
         env={**cli.environment, **environment},
     )
     try:
-        assert process.stderr is not None
         yield Server(process, urlsplit(process.stderr.readline().strip()).netloc)
     finally:
         process.kill()

@@ -127,8 +127,6 @@ def test_a_missing_extra_is_one_clear_line(cli: Cli, command: str, tmp_path: Pat
 @pytest.mark.parametrize("words", [("models", "show"), ("--help",), ("--version",), ("eval", "-h")])
 def test_a_reader_that_leaves_ends_it_quietly(cli: Cli, words: tuple[str, ...]) -> None:
     process = cli.started(*words)
-    assert process.stdout is not None
-    assert process.stderr is not None
     process.stdout.close()
     assert process.wait(timeout=60) == 1
     assert process.stderr.read() == b""

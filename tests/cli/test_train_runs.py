@@ -107,7 +107,6 @@ def test_signal_ends_all_runs_with_a_checkpoint(folder: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
-        assert process.stdout is not None
         assert json.loads(process.stdout.readline())["run"] == "fastcut-seed0"
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=60)

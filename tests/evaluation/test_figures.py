@@ -58,7 +58,6 @@ def test_named_pictures_keep_their_order_and_must_be_compared() -> None:
 def test_depth_without_metres_is_fitted_before_it_is_shown() -> None:
     task = _task(["a_1"], (120, 160))
     dataset = task.dataset
-    assert isinstance(dataset, SmallSet)
     dataset.depths_m[:] = np.linspace(1, 8, 160, dtype=np.float32)
     inverse = {"0000": (5 / dataset.depths_m[0] + 3).astype(np.float32)}
     gray, _ = draw_figures(task, (0,), [("inverse", Playback(inverse, DepthKind.INVERSE))])
@@ -69,7 +68,6 @@ def test_depth_without_metres_is_fitted_before_it_is_shown() -> None:
 def test_holes_of_the_truth_are_no_depth() -> None:
     task = _task(["a_1"], (120, 160))
     dataset = task.dataset
-    assert isinstance(dataset, SmallSet)
     dataset.depths_m[:] = np.linspace(1, 8, 160, dtype=np.float32)
     dataset.depths_m[0, :60] = 0
     gray, _ = draw_figures(task, (0,), [("noisy", Playback(noisy(dataset)))])
@@ -123,7 +121,6 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
 def test_without_any_truth_the_range_is_one_metre() -> None:
     task = _task(["a_1"], (1, 600))  # so flat that its cell has one row
     dataset = task.dataset
-    assert isinstance(dataset, SmallSet)
     dataset.depths_m[:] = 0
     steps = np.repeat(np.float32([[0.9, 1.1]]), 300, 1)
     gray, _ = draw_figures(task, (0,), [("steps", Playback({"0000": steps}))])

@@ -312,7 +312,6 @@ def test_linear_depth_has_no_smallest_value_of_log_depth(tmp_path: Path) -> None
 @pytest.mark.parametrize("known", [None, 80.0])
 def test_the_camera_is_the_one_that_is_said(tmp_path: Path, known: float | None) -> None:
     camera = _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=known).camera
-    assert camera is not None
     assert camera.hfov_deg == 80
 
 

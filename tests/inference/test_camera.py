@@ -19,7 +19,6 @@ from depthcli.inference.transforms import input_layout
 from depthcli.io.formats.ply import PlyWriter
 from depthcli.models.card import ModelCard
 
-ROOT = Path(__file__).parents[2]
 LEARNED_PX = 8 / math.tan(math.radians(30))
 """The tiny camera's focal length, in pixels of the network's 16 columns."""
 FITS: tuple[dict[str, Any], ...] = (
@@ -63,7 +62,6 @@ def test_the_assumed_camera_counts_as_if_it_had_been_given(
 ) -> None:
     pipeline = model(tmp_path, **fit)
     plain = pipeline.predict(black(*shape)).depth
-    assert plain.provenance is not None
     assert plain.provenance.camera_source is CameraSource.CARD
     same = pipeline.predict(black(*shape), Intrinsics(focal_px=plain.provenance.focal_px)).depth
     np.testing.assert_array_equal(plain.values, same.values)
@@ -88,14 +86,11 @@ def test_squeezed_pictures_have_the_metres_and_the_points_of_square_ones(
         given["focal_px"] /= aspect
     squeezed = black(round(width / aspect), height, focal_35mm=exif, pixel_aspect=aspect)
     depth = pipeline.predict(squeezed, Intrinsics(**given)).depth
-    assert depth.provenance is not None
-    assert square.provenance is not None
     assert depth.provenance.input_size_px == square.provenance.input_size_px
     assert depth.provenance.pixel_aspect == aspect
     assert depth.values[0, 0] == pytest.approx(square.values[0, 0], rel=1e-6)
     clouds = []
     for one in (square, depth):
-        assert one.provenance is not None
         assert one.provenance.focal_px is not None
         clouds.append(point_cloud(one, one.provenance.focal_px).xyz_m)
     for cloud, pixel_width in zip(clouds, (1, aspect), strict=True):
@@ -133,7 +128,6 @@ def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_pictures(
     turned = {"input__width": 12, "input__height": 16} if upright else {}
     pipeline = model(tmp_path, camera={"hfov_deg": hfov_deg}, **turned)
     source = pipeline.predict(black(*size)).depth.provenance
-    assert source is not None
     assert source.focal_px == pytest.approx(from_px / 2 / math.tan(math.radians(30)))
 
 
@@ -144,11 +138,9 @@ def test_a_network_that_learned_squeezed_pictures(tmp_path: Path, fit: str) -> N
     pipeline = model(tmp_path, **squeezed)
     learned_px = 20 / math.tan(math.radians(30))
     depth = pipeline.predict(black(40, 30), Intrinsics(focal_px=learned_px)).depth
-    assert depth.provenance is not None
     assert depth.provenance.input_size_px == (12, 12)
     np.testing.assert_allclose(depth.values, 1, rtol=1e-6)
     assumed = pipeline.predict(black(40, 30)).depth.provenance
-    assert assumed is not None
     assert assumed.focal_px == pytest.approx(learned_px)
     assert '"pixel_aspect": 1.3333333333333333' in pipeline.card.to_json()
     assert ModelCard.from_json(pipeline.card.to_json()) == pipeline.card
@@ -175,7 +167,6 @@ def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: 
 def test_exif_is_known_to_clouds_of_models_that_learned_no_camera(tmp_path: Path) -> None:
     pipeline = load(write_model(tmp_path, camera=None))
     depth = pipeline.predict(black(40, 30, focal_35mm=50.0)).depth
-    assert depth.provenance is not None
     assert depth.provenance.camera_source is CameraSource.EXIF
     np.testing.assert_array_equal(depth.values, 1)
     assert pipeline.predict(black(40, 30)).depth.provenance == replace(

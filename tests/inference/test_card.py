@@ -35,7 +35,6 @@ def test_every_field_arrives() -> None:
     assert (card.input.colour, card.input.fit) == (Colour.VALUE, Fit.STRETCH)
     assert (card.input.width, card.input.height, card.input.mean) == (16, 12, (0.5,))
     assert (card.output.kind, card.output.min_m, card.output.max_m) == (DepthKind.METRIC, 0.5, 10)
-    assert card.camera is not None
     assert math.isclose(card.camera.hfov_deg, 63.3)
     assert (card.onnx.opset, card.onnx.ir) == (17, 8)
     assert (card.file, card.sha256, card.size_bytes) == ("model.onnx", "a" * 64, 7)

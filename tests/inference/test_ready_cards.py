@@ -158,7 +158,6 @@ def test_meter_gets_imagenet_s_mean_and_its_centimetres_become_metres(tmp_path: 
 @pytest.mark.parametrize("name", dict(CASES))
 def test_a_card_says_how_its_preprocessing_was_verified(tmp_path: Path, name: str) -> None:
     check = preprocessing_check(ready_card(name))
-    assert check is not None
     assert check.verified.endswith(".")
     assert check.run_with_weights == (name == "meter-nyu")
     file = write_network(tmp_path / "m.onnx", dict(CASES)[name])

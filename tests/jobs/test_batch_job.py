@@ -249,18 +249,6 @@ def test_earlier_row_is_reused_for_equal_input_key_and_outputs(tmp_path: Path) -
     assert kept(row) is None
 
 
-def test_a_listed_input_is_never_replaced_wherever_the_working_directory_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("one", "two"):
-        write_picture(tmp_path / name / "in" / "a.jpg")
-        write_picture(tmp_path / name / "in" / "a.depth.png")
-        monkeypatch.chdir(tmp_path / name)
-        plan = plan_files(["a.jpg", "a.depth.png"], "mine", "in", "in")
-        with pytest.raises(UsageError, match=r"a\.depth\.png, the output for a\.jpg, is an input"):
-            TaskBuilder(plan, (Format.PNG16,)).check_conflicts()
-
-
 def test_a_folder_and_its_outputs_may_be_file_uris_or_paths(tmp_path: Path) -> None:
     pictures(tmp_path)
     uris = ((tmp_path / name).as_uri() for name in ("in", "out"))

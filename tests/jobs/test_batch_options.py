@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from helpers.batches import NAMES, outputs, pictures, request
+from helpers.requests import predict_request, video_request
 from helpers.videos import flat_frames, with_sound, write_mp4
 from helpers.watched import Watched
 
@@ -13,8 +14,8 @@ from depthcli.core.options import GPU_BATCH, Upsampling, UpsamplingOptions
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
-from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
+from depthcli.jobs.predict import predict
+from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 
@@ -36,12 +37,10 @@ def test_a_file_in_a_batch_becomes_what_it_becomes_alone(
     alone, loader = f"{tmp_path}/alone/", asked.model
     picture = str(tmp_path / "in" / "a.png")
     words = {"model": loader, "camera": camera, "writing": WRITING, "detail": DETAIL}
-    list(predict(PredictRequest((picture,), picture_destination(alone, formats), **words)))
+    list(predict(predict_request([picture], alone, formats, **words)))
     settings = VideoSettings(writing=WRITING, camera=camera, detail=DETAIL)
     of_video = (VideoFormat.MKV, VideoFormat.EXR, VideoFormat.MP4, VideoFormat.JSON)
-    done = video(
-        VideoRequest(str(clip), video_destination(alone, of_video), model=loader, settings=settings)
-    )
+    done = video(video_request(clip, alone, of_video, model=loader, settings=settings))
     wanted, found = outputs(tmp_path / "alone"), outputs(tmp_path / "out")
     assert len(wanted) == 4 + 3 + 3
     assert {name: found.get(name) for name in wanted} == wanted

@@ -80,7 +80,6 @@ def test_every_frame_becomes_a_file_with_its_number(tmp_path: Path, workers: int
         metres = stored.displayed.values
         assert np.isnan(metres[0]).all()
         np.testing.assert_allclose(metres[1], 1 + count / 1000, atol=1e-6)
-        assert stored.depth.provenance is not None
         assert stored.depth.provenance.focal_px == 16
         assert stored.depth.provenance.time_s == pytest.approx((number - 1001) / NTSC, abs=6e-4)
         assert clock_of(result.target) == (NTSC, (1, 0, *divmod(28 + number - 1001, 30)))

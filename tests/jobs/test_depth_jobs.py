@@ -56,7 +56,6 @@ def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Pat
     done = convert(ConvertRequest(str(path), str(tmp_path / "a.png")))
     assert (done.warnings, done.round_trip) == ((), RoundTrip(0, 0, 1))
     steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
-    assert steps is not None
     assert steps.tolist() == [[0, 0, 0, 0, 2000, 3000]]
 
 

@@ -9,9 +9,7 @@ from types import ModuleType
 
 import av
 import pytest
-from helpers.tiny import write_model
 
-from depthcli.errors import ModelError
 from depthcli.inference import providers
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import Session
@@ -23,7 +21,6 @@ from depthcli.jobs.doctor import (
     check_modules,
     check_versions,
 )
-from depthcli.jobs.models import verify_models
 
 
 def by_name(checks: Iterator[Check]) -> dict[str, Check]:
@@ -152,12 +149,3 @@ def seem_installed(folder: Path, monkeypatch: pytest.MonkeyPatch, *names: str, f
         (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
         (about / "RECORD").write_text(f"{file},,\n")
     monkeypatch.syspath_prepend(folder)
-
-
-def test_a_damaged_model_does_not_keep_the_others_from_being_verified(models: Path) -> None:
-    path = write_model(models / "broken") / "model.onnx"
-    path.write_bytes(path.read_bytes()[:-1] + b"\0\0")
-    (_, broken), (_, default) = verify_models(("broken", "default"))
-    assert isinstance(broken, ModelError)
-    assert not isinstance(default, ModelError)
-    assert dict(verify_models()).keys() >= {"broken", "default", "fast", "float"}

@@ -50,11 +50,9 @@ def test_windows_pixels_and_rate_are_kept(data: Box, half: bool, tmp_path: Path)
     np.testing.assert_array_equal(stored, values.astype(np.float16) if half else values)
     assert read_exr_rate(tmp_path / "b.exr") == Fraction(24000, 1001)
     assert (done.depth.height, done.depth.width) == size_of(DISPLAY)
-    assert done.round_trip is not None
     assert (done.round_trip.max_error == 0) is not half
     again = converted(tmp_path / "b.exr", "c.exr", half=half)
     assert (tmp_path / "c.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
-    assert again.round_trip is not None
     assert again.round_trip.max_error == 0
 
 
@@ -81,7 +79,6 @@ def test_depth_lost_in_the_overscan_is_counted(tmp_path: Path) -> None:
         file.channels()["Z"].pixels = values
         file.write(str(tmp_path / "b.exr"))
     done = converted(tmp_path / "b.exr", "c.exr", half=True)
-    assert done.round_trip is not None
     assert done.round_trip.lost == 5
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 from helpers.plates import CROP, DISPLAY, time_code_of, write_plate
+from helpers.requests import predict_request, video_request
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.exr.file import ExrPart, read_exr_header, time_code_attribute
@@ -15,8 +16,8 @@ from depthcli.jobs.batch.plan import plan_files
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
+from depthcli.jobs.predict import predict
+from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
@@ -31,13 +32,7 @@ def stated(path: Path) -> tuple[Fraction | None, tuple[int, ...] | None]:
 
 def test_depth_of_a_plate(tmp_path: Path, loader: SessionLoader) -> None:
     plate = write_plate(tmp_path / "in", 7, CROP)
-    list(
-        predict(
-            PredictRequest(
-                (str(plate),), picture_destination(f"{tmp_path}/a.exr", (Format.EXR,)), model=loader
-            )
-        )
-    )
+    list(predict(predict_request([plate], f"{tmp_path}/a.exr", (Format.EXR,), model=loader)))
     convert(ConvertRequest(f"{tmp_path}/a.exr", f"{tmp_path}/b.exr"))
     plan = plan_files([plate.name], "mine", str(plate.parent), str(tmp_path / "c"))
     list(Batch(BatchRequest(plan, BatchOptions((Format.EXR,)), loader)))
@@ -50,11 +45,7 @@ def test_depth_of_a_sequence(tmp_path: Path, loader: SessionLoader) -> None:
         write_plate(tmp_path / "in", number, DISPLAY)
     settings = VideoSettings(span=Span(every=Point(Fraction(2), in_frames=True)))
     pattern, out = f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out.%d.exr"
-    video(
-        VideoRequest(
-            pattern, video_destination(out, (VideoFormat.EXR,)), model=loader, settings=settings
-        )
-    )
+    video(video_request(pattern, out, (VideoFormat.EXR,), model=loader, settings=settings))
     assert stated(tmp_path / "out.1.exr") == (FILM / 2, time_code_of(1))
     assert stated(tmp_path / "out.3.exr") == (FILM / 2, time_code_of(3))
 
@@ -76,16 +67,10 @@ def write_parts(path: Path, number: int) -> Path:
 
 def test_of_several_parts_the_first_may_state_them(tmp_path: Path, loader: SessionLoader) -> None:
     plate = write_parts(tmp_path / "in" / "p.7.exr", 7)
-    list(
-        predict(
-            PredictRequest(
-                (str(plate),), picture_destination(f"{tmp_path}/a.exr", (Format.EXR,)), model=loader
-            )
-        )
-    )
+    list(predict(predict_request([plate], f"{tmp_path}/a.exr", (Format.EXR,), model=loader)))
     convert(ConvertRequest(str(plate), f"{tmp_path}/b.exr"))
     pattern, out = f"{tmp_path}/in/p.%d.exr", f"{tmp_path}/out.%d.exr"
-    video(VideoRequest(pattern, video_destination(out, (VideoFormat.EXR,)), model=loader))
+    video(video_request(pattern, out, (VideoFormat.EXR,), model=loader))
     for name in ("a.exr", "b.exr", "out.7.exr"):
         assert stated(tmp_path / name) == (FILM, time_code_of(7))
 

@@ -21,6 +21,7 @@ from helpers.plates import (
     write_plate,
     written,
 )
+from helpers.requests import video_request
 from helpers.tiny import write_model
 from helpers.videos import flat_frames
 from helpers.watched import Watched
@@ -29,7 +30,7 @@ from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.table import WriterOptions
-from depthcli.jobs.video.plan import VideoRequest, VideoResult, VideoSettings, video_destination
+from depthcli.jobs.video.plan import VideoResult, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
@@ -49,10 +50,8 @@ def depth_of(tmp_path: Path, loader: SessionLoader) -> Callable[..., VideoResult
 
     def predicted(*formats: VideoFormat, **settings: Any) -> VideoResult:
         chosen = VideoSettings(**settings)
-        request = VideoRequest(
-            f"{tmp_path}/in/plate.%d.exr",
-            video_destination(f"{tmp_path}/out/", formats),
-            model=loader,
+        request = video_request(
+            f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out/", formats, model=loader
         )
         return video(dataclasses.replace(request, settings=chosen))
 
@@ -103,14 +102,12 @@ def test_the_field_of_view_is_that_of_the_display_window(
         VideoFormat.EXR,
         camera=Intrinsics(hfov_deg=40, centre_px=(30.5, 22.25)),
     )
-    assert done.depth.provenance is not None
     assert done.depth.provenance.focal_px == pytest.approx(given_px)
     facts = read_metadata(tmp_path / "out" / "plate.depth.000001.exr")
     assert float(facts["focal_px"]) == pytest.approx(given_px, rel=1e-5)
     assert facts["camera"] == "hfov 40.0° (given)"
     assert facts["centre_px"] == "30.5,22.25"
     assumed = depth_of(VideoFormat.EXR).depth.provenance
-    assert assumed is not None
     assert assumed.focal_px == pytest.approx(focal_px_of_hfov(60, 64))
 
 
@@ -163,10 +160,8 @@ def test_a_run_with_overscan_that_was_stopped_goes_on_to_the_same_bytes(
 ) -> None:
     for number in range(8):
         write_plate(tmp_path / "in", number, data)
-    request = VideoRequest(
-        f"{tmp_path}/in/plate.%d.exr",
-        video_destination(f"{tmp_path}/out/", formats, sidecar=True),
-        model=loader,
+    request = video_request(
+        f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out/", formats, sidecar=True, model=loader
     )
     with pytest.raises(KeyboardInterrupt):
         video(request, Watched(last=3))
@@ -242,7 +237,7 @@ def test_depth_of_an_anamorphic_video_has_its_pixels(
         output.mux(stream.encode(None))
     films = (VideoFormat.MP4, VideoFormat.MOV)
     formats = (VideoFormat.EXR, *films)
-    video(VideoRequest(str(path), video_destination(f"{tmp_path}/out/", formats), model=loader))
+    video(video_request(path, f"{tmp_path}/out/", formats, model=loader))
     data, display, aspect, stored = written(tmp_path / "out" / "a.depth.000001.exr")
     assert aspect == pytest.approx(expected)
     assert data == display == (0, 0, stored.shape[1] - 1, stored.shape[0] - 1)

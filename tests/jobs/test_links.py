@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import pytest
+from helpers.requests import predict_request
 from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.plan import BatchPlan, plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
-from depthcli.jobs.predict import PredictRequest, picture_destination, predict
+from depthcli.jobs.predict import predict
 
 
 @pytest.fixture
@@ -30,7 +31,7 @@ def test_predict_into_a_linked_folder(tmp_path: Path, pair: tuple[Path, Path]) -
     names, out = tuple(map(str, pair)), f"{tmp_path / 'out'}/"
     loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
     with pytest.raises(UsageError):
-        predict(PredictRequest(names, picture_destination(out), model=loader))
+        predict(predict_request(names, out, model=loader))
 
 
 def test_predict_over_what_a_linked_input_leads_to(tmp_path: Path, pair: tuple[Path, Path]) -> None:
@@ -38,11 +39,7 @@ def test_predict_over_what_a_linked_input_leads_to(tmp_path: Path, pair: tuple[P
     link.symlink_to(pair[1])
     loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
     with pytest.raises(UsageError):
-        predict(
-            PredictRequest(
-                (str(pair[0]), str(link)), picture_destination(f"{pair[0].parent}/"), model=loader
-            )
-        )
+        predict(predict_request([pair[0], link], f"{pair[0].parent}/", model=loader))
 
 
 def test_a_batch_whose_folder_leads_to_listed_inputs(

@@ -5,12 +5,12 @@ import subprocess
 import sys
 from io import BufferedWriter, BytesIO
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from helpers.command_line import unmeasured
+from helpers.requests import predict_request
 from helpers.tiny import write_model, write_picture
 
 from depthcli.core.camera import Anchor
@@ -19,8 +19,7 @@ from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.images.read import read_image
-from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
+from depthcli.jobs.predict import PredictRequest, predict
 from depthcli.jobs.write import FailedInput, output_guard, write_output
 
 
@@ -31,11 +30,8 @@ def test_every_picture_has_its_result_in_its_turn(
     damaged = tmp_path / "damaged.png"
     damaged.write_bytes(b"no picture")
     pictures = (names[0], str(damaged), "", names[1])
-    results = predict(
-        PredictRequest(pictures, picture_destination(None, (Format.NPY,)), model=loader)
-    )
+    results = predict(predict_request(pictures, None, (Format.NPY,), model=loader))
     first = next(results)
-    assert isinstance(first, PictureResult)
     assert first.outputs == (str(tmp_path / "a.depth.npy"),)
     assert (first.provider, first.warnings) == ("cpu", ())
     assert not (tmp_path / "b.depth.npy").exists()
@@ -51,16 +47,15 @@ def test_every_picture_has_its_result_in_its_turn(
 def test_streams_are_those_of_the_request(tmp_path: Path, loader: SessionLoader) -> None:
     picture = BytesIO(write_picture(tmp_path / "a.png").read_bytes())
     written = BytesIO()
-    request = PredictRequest(
-        ("-",),
-        picture_destination("-"),
+    request = predict_request(
+        ["-"],
+        "-",
         model=loader,
         writing=WriterOptions(png_scale=256),
         stdin=picture,
         stdout=written,
     )
     (done,) = predict(request)
-    assert isinstance(done, PictureResult)
     assert done.outputs == ("-",)
     steps = cv2.imdecode(np.frombuffer(written.getvalue(), np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_allclose(steps / 256, done.depth, atol=1 / 256)
@@ -70,7 +65,7 @@ def test_a_picture_is_out_when_its_result_is_there(tmp_path: Path, loader: Sessi
     name = str(write_picture(tmp_path / "a.png"))
     passed = BytesIO()
     stream = BufferedWriter(passed, 1_000_000)  # type: ignore[arg-type]
-    next(predict(PredictRequest((name,), picture_destination("-"), model=loader, stdout=stream)))
+    next(predict(predict_request([name], "-", model=loader, stdout=stream)))
     assert passed.getvalue().endswith(b"IEND\xaeB`\x82")
 
 
@@ -92,18 +87,12 @@ class Broken(BytesIO):
 def test_a_stream_that_fails_is_one_line(
     tmp_path: Path, loader: SessionLoader, error: Exception
 ) -> None:
-    request = PredictRequest(
-        ("-",), picture_destination(str(tmp_path / "d.png")), model=loader, stdin=Broken(error)
-    )
+    request = predict_request(["-"], tmp_path / "d.png", model=loader, stdin=Broken(error))
     (failed,) = predict(request)
-    assert isinstance(failed, FailedInput)
     assert isinstance(failed.error, InputError)
     if isinstance(error, OSError):
         name = str(write_picture(tmp_path / "a.png"))
-        (failed,) = predict(
-            PredictRequest((name,), picture_destination("-"), model=loader, stdout=Broken(error))
-        )
-        assert isinstance(failed, FailedInput)
+        (failed,) = predict(predict_request([name], "-", model=loader, stdout=Broken(error)))
         assert isinstance(failed.error, OutputError)
 
 
@@ -131,7 +120,7 @@ def test_one_picture_loads_nothing_that_others_need(tmp_path: Path) -> None:
 
 def test_outputs_are_named_before_anything_is_read(tmp_path: Path) -> None:
     with pytest.raises(UsageError):
-        predict(PredictRequest(("a.png", "b.png"), picture_destination(str(tmp_path / "d.png"))))
+        predict(predict_request(["a.png", "b.png"], tmp_path / "d.png"))
 
 
 def test_a_model_that_is_not_there_ends_it(tmp_path: Path) -> None:
@@ -146,35 +135,10 @@ def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: Sessi
     small = write_picture(tmp_path / "small.png", np.full((8, 8, 3), 99, np.uint8))
     large = write_picture(tmp_path / "large.png")
     anchors = (Anchor(40, 30, 2.0),)
-    request = PredictRequest(
-        (str(small), str(large)),
-        picture_destination(None, (Format.NPY,)),
-        model=loader,
-        anchors=anchors,
-    )
+    request = predict_request([small, large], None, (Format.NPY,), model=loader, anchors=anchors)
     failed, done = predict(request)
     assert isinstance(failed, FailedInput)
-    assert isinstance(done, PictureResult)
     assert done.depth.values[30, 40] == pytest.approx(2)
-
-
-def test_a_picture_that_does_not_fit_into_memory_fails_alone(
-    tmp_path: Path, loader: SessionLoader, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    names = [str(write_picture(tmp_path / f"{name}.png")) for name in ("huge", "small")]
-
-    def read(path: Path, *arguments: Any, **options: Any) -> Frame:
-        if path == Path(names[0]):
-            raise MemoryError
-        return read_image(path, *arguments, **options)
-
-    monkeypatch.setattr("depthcli.jobs.predict_images.read_image", read)
-    huge, small = predict(
-        PredictRequest(tuple(names), picture_destination(None, (Format.NPY,)), model=loader)
-    )
-    assert isinstance(huge, FailedInput)
-    assert isinstance(huge.error, InputError)
-    assert not isinstance(small, FailedInput)
 
 
 def test_depth_without_a_valid_pixel_is_not_written(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.batches import outputs, pictures
+from helpers.requests import predict_request, video_request
 from helpers.stores import Bucket, Faults
 from helpers.tiny import write_model, write_picture
 from helpers.videos import flat_frames, write_video
@@ -34,10 +35,9 @@ from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
-from depthcli.jobs.predict import PictureResult, PredictRequest, picture_destination, predict
-from depthcli.jobs.video.plan import VideoRequest, video_destination
+from depthcli.jobs.predict import PictureResult, PredictRequest, predict
+from depthcli.jobs.video.plan import video_destination
 from depthcli.jobs.video.run import video
-from depthcli.jobs.write import FailedInput
 from depthcli.models.catalog import find_model
 from depthcli.video.formats import VideoFormat
 
@@ -55,21 +55,16 @@ def test_pictures_go_from_bucket_to_bucket(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket, once_each: Callable[[], Faults]
 ) -> None:
     picture = write_picture(tmp_path / "a ü.png")
-    (here,) = predict(
-        PredictRequest((str(picture),), picture_destination(f"{tmp_path}/", FORMATS), model=loader)
-    )
+    (here,) = predict(predict_request([picture], f"{tmp_path}/", FORMATS, model=loader))
     assert isinstance(here, PictureResult)
     uri = bucket.put("in/a ü.png", picture.read_bytes())
     bucket.put("in/a ü.jpg", b"another of that name")
     faults = once_each()
     missing = bucket.uri("in/none.png")
     done, failed = predict(
-        PredictRequest(
-            (uri, missing), picture_destination(bucket.uri("out/"), FORMATS), model=loader
-        )
+        predict_request([uri, missing], bucket.uri("out/"), FORMATS, model=loader)
     )
     assert isinstance(done, PictureResult)
-    assert isinstance(failed, FailedInput)
     assert isinstance(failed.error, InputError)
     assert str(failed.error) == f"{missing} cannot be read: no such object"
     found = {k: v for k, v in bucket.objects().items() if k.startswith("out/")}
@@ -88,9 +83,7 @@ def test_without_output_results_lie_beside_the_object(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket
 ) -> None:
     uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
-    (done,) = predict(
-        PredictRequest((uri,), picture_destination(None, (Format.NPY,)), model=loader)
-    )
+    (done,) = predict(predict_request([uri], None, (Format.NPY,), model=loader))
     assert isinstance(done, PictureResult)
     assert set(bucket.objects()) == {"in/a.png", "in/a.depth.npy"}
     with pytest.raises(UsageError):
@@ -110,14 +103,11 @@ def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
     problem = "exists and was not written by depthcli"
     formats = (Format.NPY, Format.PNG16, Format.EXR)
     for _ in range(2):  # its own outputs are replaced
-        bad, good = predict(PredictRequest(uris, picture_destination(None, formats), model=loader))
-        assert isinstance(bad, FailedInput)
+        bad, good = predict(predict_request(uris, None, formats, model=loader))
         assert bad.error.message.problem == f"{names[0]} {problem}"
         assert isinstance(good, PictureResult)
-    frames = VideoRequest(
-        bucket.uri("p/p.%04d.png"),
-        video_destination(f"{bucket.uri('p/d.%04d')}{suffix}"),
-        model=loader,
+    frames = video_request(
+        bucket.uri("p/p.%04d.png"), f"{bucket.uri('p/d.%04d')}{suffix}", model=loader
     )
     with pytest.raises(OutputError, match=problem):
         video(frames)
@@ -130,9 +120,7 @@ def test_a_store_that_does_not_answer_gets_no_output(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket, faults: Faults
 ) -> None:
     uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
-    request = PredictRequest(
-        (uri,), picture_destination(bucket.uri("out/"), (Format.PNG16,)), model=loader
-    )
+    request = predict_request([uri], bucket.uri("out/"), (Format.PNG16,), model=loader)
     for answer, is_written in (("500 InternalError", False), ("403 AccessDenied", True)):
         faults.fault = lambda method, path, _, answer=answer: (
             answer if method == "GET" and "/out/" in path else None
@@ -147,31 +135,23 @@ def test_videos_and_numbered_pictures_go_from_bucket_to_bucket(
 ) -> None:
     clip = write_video(tmp_path / "clip.avi", flat_frames([40, 120, 200]))
     formats = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16, VideoFormat.JSON)
-    here = video(
-        VideoRequest(str(clip), video_destination(f"{tmp_path}/here/", formats), model=loader)
-    )
+    here = video(video_request(clip, f"{tmp_path}/here/", formats, model=loader))
     uri = bucket.put("in/clip.avi", clip.read_bytes())
     once_each()
-    there = video(VideoRequest(uri, video_destination(bucket.uri("out/"), formats), model=loader))
+    there = video(video_request(uri, bucket.uri("out/"), formats, model=loader))
     assert (there.name, there.problem) == (uri, None)
     assert [name.rpartition("/")[2] for name in there.outputs] == [
         Path(name).name for name in here.outputs
     ]
     assert results_in(bucket) == outputs(tmp_path / "here")
     with pytest.raises(InputError):
-        video(
-            VideoRequest(
-                bucket.uri("none.avi"), video_destination(f"{tmp_path}/", formats), model=loader
-            )
-        )
+        video(video_request(bucket.uri("none.avi"), f"{tmp_path}/", formats, model=loader))
     damaged = bucket.put("in/bad.avi", b"no video")
     with pytest.raises(InputError):
-        video(VideoRequest(damaged, video_destination(bucket.uri("out/"), formats), model=loader))
+        video(video_request(damaged, bucket.uri("out/"), formats, model=loader))
     # The frames that were written are numbered pictures themselves.
-    plates = VideoRequest(
-        bucket.uri("plates/p.%04d.png"),
-        video_destination(bucket.uri("p/"), (VideoFormat.NPY,)),
-        model=loader,
+    plates = video_request(
+        bucket.uri("plates/p.%04d.png"), bucket.uri("p/"), (VideoFormat.NPY,), model=loader
     )
     for number in (1, 2):
         bucket.put(f"plates/p.{number:04}.png", write_picture(tmp_path / "p.png").read_bytes())
@@ -201,7 +181,7 @@ def test_a_video_from_a_bucket_goes_on_where_it_was_stopped(
     uri = bucket.put("in/clip.avi", clip.read_bytes())
     out = tmp_path / "out"
     formats = (VideoFormat.NPY, VideoFormat.MP4)
-    request = VideoRequest(uri, video_destination(f"{out}/", formats), model=loader, workers=2)
+    request = video_request(uri, f"{out}/", formats, model=loader, workers=2)
     with pytest.raises(KeyboardInterrupt):
         video(request, Stop(9))
     # Not the first frames, which are predicted while the report waits for one.

@@ -63,27 +63,6 @@ def test_a_run_stops_goes_on_and_tells_of_it(
     assert capfd.readouterr() == ("", "")
 
 
-def test_pairs_without_scenes_are_said_to_lack_them(tmp_path: Path) -> None:
-    write_rooms(tmp_path / "data")
-    (tmp_path / "data" / "index.csv").unlink()
-    notes = Notes()
-    train(_request(tmp_path, minutes=0), notes)
-    assert [lacks_scenes for lacks_scenes, _ in notes.starts] == [True]
-    assert len(notes.warnings) == 1  # of the unit, which is assumed
-
-
-def test_held_out_pairs_that_the_initial_weights_were_trained_on_are_counted(
-    tmp_path: Path,
-) -> None:
-    write_rooms(tmp_path / "data")
-    request, notes = _request(tmp_path, minutes=0), Notes()
-    config = replace(request.config, data=replace(request.config.data, holdout_every=0))
-    first = replace(request, config=config, out=tmp_path / "first")
-    train(first, notes)
-    train(replace(request, init_weights=(first.out / "last.ckpt",)), notes)
-    assert [seen for _, seen in notes.starts] == [0, 1]
-
-
 @pytest.mark.parametrize(
     "changed",
     [{"units_per_metre": 256.0}, {"split": "official"}],

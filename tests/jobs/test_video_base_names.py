@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from helpers.command_line import Cli
+from helpers.requests import video_request
 
-from depthcli.jobs.video.plan import VideoRequest, plan_video, video_base, video_destination
+from depthcli.jobs.video.plan import plan_video, video_base
 from depthcli.video.formats import VideoFormat
 
 
@@ -54,7 +55,5 @@ def test_own_outputs_do_not_count(inside: Cli) -> None:
 def test_every_output_has_the_name(tmp_path: Path) -> None:
     write_names(tmp_path, "p.1001.exr p.mov")
     formats = (VideoFormat.MKV, VideoFormat.PNG16)
-    plan = plan_video(
-        VideoRequest(str(tmp_path / "p.####.exr"), video_destination("out/", formats))
-    )
+    plan = plan_video(video_request(tmp_path / "p.####.exr", "out/", formats))
     assert list(plan.names.values()) == ["p.exr.depth.mkv", "p.exr.depth.%06d.png"]

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.file_trees import contents
+from helpers.requests import video_request
 from helpers.tiny import load, write_model, write_picture
 from helpers.videos import NTSC, encode, flat_frames, with_track_tag, write_mp4, write_video
 from helpers.watched import Watched
@@ -50,14 +51,7 @@ def clip(tmp_path: Path) -> Path:
 
 
 def run(path: Path, output: Path | str, loader: SessionLoader, **settings: Any) -> VideoResult:
-    return video(
-        VideoRequest(
-            str(path),
-            video_destination(str(output)),
-            model=loader,
-            settings=VideoSettings(**settings),
-        )
-    )
+    return video(video_request(path, output, model=loader, settings=VideoSettings(**settings)))
 
 
 def frame_number(number: int) -> Point:
@@ -75,12 +69,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
     span = Span(frame_number(4), every=frame_number(2))
     settings = VideoSettings(span=span, smooth_s=smooth_s, camera=Intrinsics(hfov_deg=60))
     write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
-    request = VideoRequest(
-        str(clip),
-        video_destination(f"{tmp_path}/out/", sidecar=True),
-        model=loader,
-        settings=settings,
-    )
+    request = video_request(clip, f"{tmp_path}/out/", sidecar=True, model=loader, settings=settings)
     done = video(request)
     assert done.outputs == tuple(
         f"{tmp_path}/out/clip.{name}" for name in ("depth.mkv", "preview.mp4", "depth.json")
@@ -151,17 +140,13 @@ def test_outputs_that_do_not_fit(
     (tmp_path / "clip.mp4").write_bytes(b"never read")
     (tmp_path / "link.mp4").symlink_to("clip.mp4")
     with pytest.raises(UsageError):
-        video(VideoRequest("clip.mp4", video_destination(output, formats)))
+        video(video_request("clip.mp4", output, formats))
     assert files(tmp_path) == {"clip.mp4", "link.mp4"}
 
 
 def test_a_codec_is_for_its_containers() -> None:
     with pytest.raises(UsageError):
-        video(
-            VideoRequest(
-                "a.mp4", video_destination(None, (VideoFormat.WEBM,)), codec=PreviewCodec.H264
-            )
-        )
+        video(video_request("a.mp4", None, (VideoFormat.WEBM,), codec=PreviewCodec.H264))
 
 
 class Stream(io.BytesIO):
@@ -184,9 +169,7 @@ def test_standard_input_gives_the_bytes_of_a_file(
     path = tmp_path / f"a.{suffix}"
     encode(path, flat_frames(range(24)), NTSC, codec, "yuv420p")
     piped = Stream(path.read_bytes())
-    done = video(
-        VideoRequest("-", video_destination(f"{tmp_path}/piped.mkv"), model=loader, stdin=piped)
-    )
+    done = video(video_request("-", f"{tmp_path}/piped.mkv", model=loader, stdin=piped))
     run(path, tmp_path / "file.mkv", loader)
     assert (done.name, done.frames, done.rate, done.problem) == ("-", 24, NTSC, None)
     assert (tmp_path / "piped.mkv").read_bytes() == (tmp_path / "file.mkv").read_bytes()
@@ -196,9 +179,7 @@ def test_outputs_of_standard_input_are_named_so(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
     with clip.open("rb") as stream:  # it seeks, so that MP4 with its header at the end does
-        request = VideoRequest(
-            "-", video_destination(f"{tmp_path}/out/", sidecar=True), model=loader, stdin=stream
-        )
+        request = video_request("-", f"{tmp_path}/out/", sidecar=True, model=loader, stdin=stream)
         assert video(request).frames == 24
     suffixes = ("depth.mkv", "preview.mp4", "depth.json")
     assert files(tmp_path / "out") == {f"stdin.{suffix}" for suffix in suffixes}
@@ -209,7 +190,7 @@ def test_standard_output_takes_the_frames_of_a_file(
     clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat
 ) -> None:
     stream = Stream()
-    request = VideoRequest(str(clip), video_destination("-", (which,)), model=loader, stdout=stream)
+    request = video_request(clip, "-", (which,), model=loader, stdout=stream)
     if which in SEQUENCES:
         with pytest.raises(UsageError):
             video(request)
@@ -246,9 +227,9 @@ def test_an_exception_of_a_pipe_passes_through_ffmpeg(
     encode(tmp_path / "in.mkv", flat_frames(range(9)), NTSC, "mpeg4", "yuv420p")
     piped = Stopped((tmp_path / "in.mkv").read_bytes())
     with pytest.raises(type(reason)):
-        video(VideoRequest("-", video_destination(f"{tmp_path}/a.mkv"), model=loader, stdin=piped))
+        video(video_request("-", f"{tmp_path}/a.mkv", model=loader, stdin=piped))
     with pytest.raises(type(reason)):
-        video(VideoRequest(str(clip), video_destination("-"), model=loader, stdout=Stopped()))
+        video(video_request(clip, "-", model=loader, stdout=Stopped()))
     assert files(tmp_path) == {"model", "clip.mp4", "in.mkv"}
 
 
@@ -259,11 +240,7 @@ def test_a_pipe_without_a_video_says_what_to_send(
     if data == b"mp4":  # its header is behind more than FFmpeg looks at
         data = clip.read_bytes().replace(b"mdat", b"mdat" + bytes(6_000_000), 1)
     with pytest.raises(InputError):
-        video(
-            VideoRequest(
-                "-", video_destination(f"{tmp_path}/a.mkv"), model=loader, stdin=Stream(data)
-            )
-        )
+        video(video_request("-", f"{tmp_path}/a.mkv", model=loader, stdin=Stream(data)))
 
 
 @pytest.mark.parametrize("name", ["clip.depth.mkv", "clip.preview.mp4"])
@@ -285,7 +262,7 @@ def test_empty_names_are_not_the_working_directory(
         video(VideoRequest("", model=loader))
     for formats in ((), (VideoFormat.MKV,), (VideoFormat.PNG16,)):
         with pytest.raises(UsageError):
-            video(VideoRequest(str(clip), video_destination("", formats), model=loader))
+            video(video_request(clip, "", formats, model=loader))
     assert files(tmp_path / "shot") == {"0000.png", "0001.png", "0002.png"}
 
 
@@ -294,16 +271,14 @@ def test_a_file_in_the_place_of_the_folder_is_an_error(
     clip: Path, loader: SessionLoader, which: VideoFormat
 ) -> None:
     with pytest.raises(OutputError):
-        video(VideoRequest(str(clip), video_destination(f"{clip}/out/", (which,)), model=loader))
+        video(video_request(clip, f"{clip}/out/", (which,), model=loader))
 
 
 def test_numbered_files_of_a_run_that_was_stopped_are_kept(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
-    request = VideoRequest(
-        str(clip),
-        video_destination(f"{tmp_path}/out/", (VideoFormat.PNG16,), sidecar=True),
-        model=loader,
+    request = video_request(
+        clip, f"{tmp_path}/out/", (VideoFormat.PNG16,), sidecar=True, model=loader
     )
     with pytest.raises(KeyboardInterrupt):
         video(request, Watched(last=9))
@@ -339,9 +314,7 @@ def hidden(folder: Path) -> list[Path]:
 def test_a_video_that_was_stopped_twice_goes_on_to_the_same_bytes(
     clip: Path, tmp_path: Path, loader: SessionLoader, formats: tuple[VideoFormat, ...]
 ) -> None:
-    request = VideoRequest(
-        str(clip), video_destination(f"{tmp_path}/out/", formats, sidecar=True), model=loader
-    )
+    request = video_request(clip, f"{tmp_path}/out/", formats, sidecar=True, model=loader)
     for last in (15, 6):
         with pytest.raises(KeyboardInterrupt):
             video(request, Watched(last=last))
@@ -389,9 +362,7 @@ def test_frames_that_keep_less_than_their_depth_tell_no_other_figures(
 def test_frames_of_another_request_are_done_again(
     clip: Path, tmp_path: Path, loader: SessionLoader, settings: VideoSettings
 ) -> None:
-    request = VideoRequest(
-        str(clip), video_destination(f"{tmp_path}/out/", (VideoFormat.PNG16,)), model=loader
-    )
+    request = video_request(clip, f"{tmp_path}/out/", (VideoFormat.PNG16,), model=loader)
     with pytest.raises(KeyboardInterrupt):
         video(request, Watched(last=9))
     for folder in ("out", "whole"):
@@ -404,9 +375,7 @@ def test_frames_of_another_request_are_done_again(
 def test_a_run_that_cannot_be_resumed_ends_the_record_of_an_earlier_one(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
-    request = VideoRequest(
-        str(clip), video_destination(f"{tmp_path}/out/", (VideoFormat.NPY,)), model=loader
-    )
+    request = video_request(clip, f"{tmp_path}/out/", (VideoFormat.NPY,), model=loader)
     with pytest.raises(KeyboardInterrupt):
         video(request, Watched(last=12))
     assert hidden(tmp_path / "out")
@@ -420,18 +389,15 @@ def test_a_run_that_cannot_be_resumed_ends_the_record_of_an_earlier_one(
 
 def test_names_of_outputs(tmp_path: Path) -> None:
     formats = (VideoFormat.MKV, VideoFormat.PNG16)
-    beside = plan_video(VideoRequest("in/a.mov", video_destination(None, formats)))
+    beside = plan_video(video_request("in/a.mov", None, formats))
     assert beside.path(VideoFormat.MKV).as_posix() == "in/a.depth.mkv"
-    assert plan_video(VideoRequest("a.mov", video_destination("x/b.mkv", formats))).names == {
+    assert plan_video(video_request("a.mov", "x/b.mkv", formats)).names == {
         VideoFormat.MKV: "b.depth.mkv",
         VideoFormat.PNG16: "b.depth.%06d.png",
     }
-    described = plan_video(VideoRequest("a.mov", video_destination("x/b.webm", sidecar=True)))
+    described = plan_video(video_request("a.mov", "x/b.webm", sidecar=True))
     assert described.names == {VideoFormat.WEBM: "b.webm", VideoFormat.JSON: "b.json"}
-    assert (
-        plan_video(VideoRequest("a.mov", video_destination(str(tmp_path), formats))).folder
-        == tmp_path
-    )
+    assert plan_video(video_request("a.mov", tmp_path, formats)).folder == tmp_path
     assert video_destination("frames", ()).formats == (VideoFormat.MKV, VideoFormat.MP4)
 
 
@@ -453,13 +419,8 @@ def test_names_of_outputs(tmp_path: Path) -> None:
 )
 def test_only_the_suffix_of_a_format_is_one(output: str, formats: str, names: str) -> None:
     asked = tuple(VideoFormat(word) for word in formats.split())
-    assert (
-        " ".join(plan_video(VideoRequest("a.mov", video_destination(output, asked))).names.values())
-        == names
-    )
-    described = plan_video(
-        VideoRequest("a.mov", video_destination("d.v1", (VideoFormat.NPY,), sidecar=True))
-    )
+    assert " ".join(plan_video(video_request("a.mov", output, asked)).names.values()) == names
+    described = plan_video(video_request("a.mov", "d.v1", (VideoFormat.NPY,), sidecar=True))
     assert described.names[VideoFormat.JSON] == "d.v1.depth.json"
 
 
@@ -467,9 +428,7 @@ def test_every_output_holds_the_same_millimetres(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
     out = tmp_path / "out"
-    done = video(
-        VideoRequest(str(clip), video_destination(str(out), tuple(VideoFormat)), model=loader)
-    )
+    done = video(video_request(clip, out, tuple(VideoFormat), model=loader))
     names = [f"clip{name.facts.suffix}" for name in VideoFormat]
     assert sorted(done.outputs) == sorted(str(out / name) for name in names)
     pipeline = load(tmp_path / "model", detail=UpsamplingOptions())
@@ -491,12 +450,8 @@ def test_one_worker_and_several_write_the_same(
 ) -> None:
     for workers in (1, 4):
         settings = VideoSettings(smooth_s=0.1)
-        request = VideoRequest(
-            str(clip),
-            video_destination(f"{tmp_path}/w{workers}/"),
-            model=loader,
-            settings=settings,
-            workers=workers,
+        request = video_request(
+            clip, f"{tmp_path}/w{workers}/", model=loader, settings=settings, workers=workers
         )
         video(request)
     for name in ("clip.depth.mkv", "clip.preview.mp4"):
@@ -519,11 +474,7 @@ def test_a_part_of_a_video(clip: Path, tmp_path: Path, loader: SessionLoader) ->
     span = Span(Point(Fraction("0.2")), frame_number(20), frame_number(3))
     formats = (VideoFormat.PNG16, VideoFormat.MKV)
     settings = VideoSettings(span=span)
-    done = video(
-        VideoRequest(
-            str(clip), video_destination(f"{tmp_path}/p/", formats), model=loader, settings=settings
-        )
-    )
+    done = video(video_request(clip, f"{tmp_path}/p/", formats, model=loader, settings=settings))
     indices = [6, 9, 12, 15, 18]
     assert (done.frames, done.first.index, done.rate) == (5, 6, NTSC / 3)
     assert done.first.timestamp_s == pytest.approx(6 * 1001 / 30000)
@@ -583,11 +534,7 @@ def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smoot
     path = write_mp4(tmp_path / "a.mp4", flat_frames([9, 50, 99, 200]), Fraction(25), times_s)
     formats = VideoFormat.MKV, VideoFormat.PNG16, VideoFormat.EXR, VideoFormat.NPY, VideoFormat.JSON
     settings = VideoSettings(span=Span(frame_number(1)), smooth_s=smooth_s)
-    video(
-        VideoRequest(
-            str(path), video_destination(f"{tmp_path}/o/", formats), model=loader, settings=settings
-        )
-    )
+    video(video_request(path, f"{tmp_path}/o/", formats, model=loader, settings=settings))
     for i in (1, 2, 3):
         for suffix in ("png", "exr", "npy"):
             file = tmp_path / "o" / f"a.depth.{i:06}.{suffix}"
@@ -625,12 +572,7 @@ def test_numbered_arrays_find_their_time_and_kind_in_the_sidecar(
     clip = write_video(tmp_path / "a.avi", flat_frames(range(3)))
     settings = VideoSettings(start_number=1001)
     video(
-        VideoRequest(
-            str(clip),
-            video_destination(f"{tmp_path}/{pattern}", sidecar=True),
-            model=loader,
-            settings=settings,
-        )
+        video_request(clip, f"{tmp_path}/{pattern}", sidecar=True, model=loader, settings=settings)
     )
     assert (tmp_path / sidecar).exists()
     for number in range(3):

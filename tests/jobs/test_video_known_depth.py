@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.requests import video_request
 from helpers.tiny import write_model
 from helpers.videos import flat_frames, write_mp4
 
@@ -13,7 +14,7 @@ from depthcli.core.types import DepthKind
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchors import AnchorFiles
-from depthcli.jobs.video.plan import VideoRequest, VideoResult, VideoSettings, video_destination
+from depthcli.jobs.video.plan import VideoResult, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
@@ -31,11 +32,12 @@ def clip(tmp_path: Path) -> Path:
 def run(clip: Path, loader: SessionLoader, known: object, **settings: object) -> VideoResult:
     anchors = known if isinstance(known, tuple) else AnchorFiles(str(known))
     return video(
-        VideoRequest(
-            str(clip),
-            video_destination(f"{clip.parent}/out/", (VideoFormat.NPY,)),
+        video_request(
+            clip,
+            f"{clip.parent}/out/",
+            (VideoFormat.NPY,),
             model=loader,
-            settings=VideoSettings(anchors=anchors, **settings),  # type: ignore[arg-type]
+            settings=VideoSettings(anchors=anchors, **settings),
         )
     )
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 from helpers.batches import request
+from helpers.requests import video_request
 from helpers.tiny import write_model
 from helpers.videos import flat_frames, write_mp4, write_video
 
 from depthcli.errors import OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.run import Batch, dry_run
-from depthcli.jobs.video.plan import VideoRequest, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 
@@ -41,9 +41,7 @@ def test_it_is_not_replaced(
     place = folder / "clip.depth.mkv"
     before = place.read_bytes()
     asked = None if output is None else f"{folder}/{output}"
-    request = VideoRequest(
-        str(folder / "clip.mp4"), video_destination(asked, formats), model=loader
-    )
+    request = video_request(folder / "clip.mp4", asked, formats, model=loader)
     with pytest.raises(OutputError, match=str(place)):
         video(request)
     assert {path.name for path in folder.iterdir()} == {"clip.mp4", "clip.depth.mkv"}

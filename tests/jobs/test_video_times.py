@@ -7,12 +7,13 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from helpers.requests import video_request
 from helpers.tiny import write_model, write_picture
 from helpers.videos import NTSC, encode, flat_frames
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.convert import ConvertRequest, convert_video
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
+from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
@@ -45,9 +46,7 @@ def test_frames_that_do_not_follow_the_stated_rate_keep_their_times(
     clip = encode(tmp_path / "a.mkv", frames, Fraction(30), "mjpeg", "yuvj444p", times_s=stated_s)
     formats = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.WEBM, VideoFormat.NPY)
     out = tmp_path / "out"
-    video(
-        VideoRequest(str(clip), video_destination(f"{out}/", formats, sidecar=True), model=loader)
-    )
+    video(video_request(clip, f"{out}/", formats, sidecar=True, model=loader))
     sidecar = json.loads((out / "a.depth.json").read_text())
     assert list(sidecar["times_s"].values()) == pytest.approx(stated_s, abs=0.0011)
     assert not sidecar["constant_rate"]
@@ -149,11 +148,7 @@ def test_numbers_of_a_depth_video_are_those_of_numbered_files(
         out = tmp_path / f"{fps}-{every.value.denominator}-{every.value.numerator}"
         settings = VideoSettings(fps=fps, span=Span(every=every))
         formats = (VideoFormat.MKV, VideoFormat.NPY)
-        done = video(
-            VideoRequest(
-                source, video_destination(f"{out}/", formats), model=loader, settings=settings
-            )
-        )
+        done = video(video_request(source, f"{out}/", formats, model=loader, settings=settings))
         (depth,) = out.glob("*.mkv")
         list(convert_video(ConvertRequest(str(depth), str(out / "c.%06d.npy")), 2))
         converted = sorted(int(path.stem[-6:]) for path in out.glob("c.*.npy"))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.requests import video_request
 from helpers.tiny import write_model
 from helpers.videos import flat_frames, write_mp4
 from helpers.watched import Watched
@@ -27,11 +28,6 @@ def clip(tmp_path: Path) -> Path:
     return write_mp4(tmp_path / "clip.mp4", flat_frames(range(0, 96, 4)))
 
 
-@pytest.fixture
-def request_(clip: Path, tmp_path: Path, loader: SessionLoader) -> VideoRequest:
-    return VideoRequest(str(clip), video_destination(f"{tmp_path}/out/", (MKV,)), model=loader)
-
-
 class Configured(SessionLoader):
     """Sessions of the CPU, which has no options, that state some."""
 
@@ -51,9 +47,7 @@ def test_a_run_with_other_provider_options_is_not_resumed(
         model = Configured(loader.model, "cpu", threads=1, provider_options=options)
         with pytest.raises(KeyboardInterrupt):
             video(
-                VideoRequest(
-                    str(clip), video_destination(f"{tmp_path}/out/", (PNG16,)), model=model
-                ),
+                video_request(clip, f"{tmp_path}/out/", (PNG16,), model=model),
                 Watched(9),
             )
         written_ns.append(frame.stat().st_mtime_ns)
@@ -84,7 +78,7 @@ def test_a_foreign_json_beside_arrays_stays(
     place = tmp_path / "out" / "clip.depth.json"
     for text in ('{"focal_px": 9}', "no json"):
         place.write_text(text)
-        video(VideoRequest(str(clip), video_destination(f"{tmp_path}/out/", (NPY,)), model=loader))
+        video(video_request(clip, f"{tmp_path}/out/", (NPY,), model=loader))
         assert place.read_text() == text
 
 
@@ -96,14 +90,7 @@ def test_the_ends_of_a_normalized_video_are_those_that_were_asked_for(
     loader = SessionLoader(write_model(tmp_path / "relative", **relative), "cpu", threads=1)
     settings = VideoSettings(writing=WriterOptions(vmin=vmin, vmax=vmax))
     formats = (MKV, NPY)
-    video(
-        VideoRequest(
-            str(clip),
-            video_destination(f"{tmp_path}/out/", formats),
-            model=loader,
-            settings=settings,
-        )
-    )
+    video(video_request(clip, f"{tmp_path}/out/", formats, model=loader, settings=settings))
     steps = np.stack(list(DepthVideo(tmp_path / "out" / "clip.depth.mkv").steps()))[:, 9, 9]
     values = np.stack([np.load(p)[9, 9] for p in sorted((tmp_path / "out").glob("*.npy"))])
     assert (np.diff(steps.astype(int)) >= 0).all()

@@ -308,7 +308,6 @@ def test_samples_are_input_output_and_truth_of_six_pairs(
     for row in rows:
         gray = (validation.inputs([row])[0, 0].numpy() + 1) * 127.5
         truth_m = cv2.resize(validation.store.depth_m[row, 0].float().numpy(), (64, 32))
-        assert validation.store.valid_mask is not None
         valid_mask = validation.store.valid_mask[row][None].float()
         measured = F.interpolate(valid_mask, (32, 64), mode="bilinear")[0, 0].numpy() >= 0.5
         ends_m = percentiles(DepthMap(truth_m[measured][None]))

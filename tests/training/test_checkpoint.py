@@ -302,7 +302,6 @@ def test_runs_are_compared_by_content_of_their_data(changes: dict[str, str], cou
 def test_folder_keeps_the_configuration_of_its_run(tmp_path: Path) -> None:
     train_two_steps(SUPERVISED, tmp_path)
     saved = saved_checkpoint(tmp_path)
-    assert saved is not None
     assert saved.config == SUPERVISED
     for settings in ((), ("seed=3", "optim.ema=0.9")):
         assert resolve_config("proposed", None, (), settings, tmp_path) == SUPERVISED

@@ -208,7 +208,6 @@ def test_a_pixel_is_measured_from_exactly_half_of_its_area_on(width: int, column
     half_m = np.zeros((2, width), np.float32)
     half_m[0] = 3.0
     shrunk = downsample(half_m, (columns, 1))
-    assert shrunk is not None
     assert shrunk[1] is None
     np.testing.assert_allclose(shrunk[0], 3.0, rtol=1e-5)
     less_m = np.zeros((5, width), np.float32)
@@ -260,7 +259,6 @@ def test_batches_never_show_zero_and_say_what_is_known() -> None:
     for changes in ({}, {"paired": False}, {"crop_286": True}):
         data = replace(HOLED_DATA, **changes)
         gray, depth_m, valid_mask, *_ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
-        assert valid_mask is not None
         assert valid_mask.shape == depth_m.shape == gray.shape
         assert valid_mask.dtype == torch.bool
         assert 0.4 < float(valid_mask.float().mean()) < 0.95

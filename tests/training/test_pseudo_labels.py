@@ -33,7 +33,6 @@ def test_batch_has_its_share_of_pseudo_labels() -> None:
     assert batches.steps_per_epoch == len(TRAIN) // 3
     for step in range(4):
         batch = batches[step]
-        assert batch.is_pseudo_label is not None
         assert batch.is_pseudo_label.tolist() == [False, False, False, True]
         darkness = (batch.network_input == -1).all(3).all(2).all(1)
         assert torch.equal(darkness, batch.is_pseudo_label)

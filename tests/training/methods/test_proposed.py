@@ -210,7 +210,6 @@ def test_backward_l1_is_of_measured_pixels_alone(config: Any) -> None:
     loss = replace(NOTHING, l1=2.0, l1_backward=True)
     method, plain = Proposed(replace(config, loss=loss)).eval(), tiny_methods.batch()
     backward = method.backward_generator
-    assert backward is not None
     for weight in backward.get_submodule("head").parameters():
         torch.nn.init.normal_(weight, std=0.1)
     valid_mask = torch.rand(1, 1, 32, 32, generator=torch.Generator().manual_seed(3)) < 0.6

@@ -27,7 +27,6 @@ def test_one_output_sees_a_70_by_70_patch() -> None:
     image = torch.rand(1, 1, 128, 128, requires_grad=True)
     output = discriminator(image)
     output[0, 0, output.shape[2] // 2, output.shape[3] // 2].backward()
-    assert image.grad is not None
     rows, columns = image.grad[0, 0].nonzero().T
     assert int(rows.max() - rows.min()) + 1 == 70
     assert int(columns.max() - columns.min()) + 1 == 70
@@ -72,7 +71,6 @@ def test_first_weights_are_normal_or_xavier(antialias: bool) -> None:
         outputs, inputs = layer.weight.shape[:2]
         spread = 0.02 * ((2 / (16 * (inputs + outputs))) ** 0.5 if antialias else 1)
         assert layer.weight.std().item() == pytest.approx(spread, rel=0.05)
-        assert layer.bias is not None
         assert not layer.bias.any()
 
 
@@ -144,16 +142,6 @@ def test_vectors_are_full_precision_under_autocast() -> None:
 
 def test_similarity_map_has_the_parameters_stated() -> None:
     assert sum(p.numel() for p in SimilarityMap(4).parameters()) == 10_688
-
-
-def test_similarity_map_starts_as_the_cut_family_does() -> None:
-    torch.manual_seed(0)
-    weights = dict(SimilarityMap(4).named_parameters())
-    for name, fans in (("conv", 9 * (4 + 64)), ("linear.0", 128), ("linear.2", 128)):
-        assert weights[f"{name}.weight"].std().item() == pytest.approx(
-            0.02 * (2 / fans) ** 0.5, rel=0.1
-        )
-        assert not weights[f"{name}.bias"].any()
 
 
 @pytest.mark.parametrize("narrow", [torch.bfloat16, torch.float16])

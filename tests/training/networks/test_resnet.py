@@ -92,10 +92,8 @@ def test_norm_hides_contrast_and_brightness(antialias: bool, residual: str) -> N
 
 def test_input_residual_sees_brightness_once_its_gain_is_learned() -> None:
     network, image = _grown(residual="input"), torch.rand(1, 1, 16, 16)
-    assert network.input_gain is not None
     torch.testing.assert_close(network(0.5 * image + 0.2), network(image), atol=2e-3, rtol=0)
     network(image).sum().backward()
-    assert network.input_gain.grad is not None
     assert float(network.input_gain.grad.abs()) > 0
     with torch.no_grad():
         network.input_gain += 1
@@ -112,7 +110,6 @@ def test_first_weights(antialias: bool) -> None:
         fans = layer.weight[0].numel() + layer.weight[:, 0].numel()
         spread = 0.02 * (2 / fans) ** 0.5 if antialias else 0.02
         assert layer.weight.std().item() == pytest.approx(spread, rel=0.1)
-        assert layer.bias is not None
         assert not layer.bias.any()
 
 
