@@ -1,7 +1,9 @@
 """Temporal smoothing of depth, and a measure of its flicker."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,6 +20,12 @@ _STATIC_DIFFERENCE = 0.02
 _CUT_MIN_DIFFERENCE = 0.08
 _CUT_RATIO = 3.0
 _CUT_DECAY = 0.8
+_CELL_PX = 3  # thumbnail pixels of a cell of the correction; also the Gaussian's σ
+_MOVING_SHARE = np.float32(0.6)  # of a change of brightness that flow leaves; of noise nearly all
+_NO_CHANGE = np.float32(1e-7)
+_REPEAT = cv2.BORDER_REPLICATE
+_MIN_FLOW_PX = 32  # OpenCV's optical flow reads beyond the memory of smaller pictures
+_MIN_SHARE = 0.02  # of a cell's surroundings that has depth before and now
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +66,7 @@ class ChangeDetector:
 
     def step(self, thumbnail: Float32Array) -> Change:
         """The change to the next picture's :func:`thumbnail`; the first picture is a cut."""
-        blurred = np.asarray(
-            cv2.blur(thumbnail, (_BLUR_PX, _BLUR_PX), borderType=cv2.BORDER_REPLICATE), np.float32
-        )
+        blurred = _blurred(thumbnail)
         before, self._blurred = self._blurred, blurred
         if before is None or before.shape != blurred.shape:
             return Change(np.ones_like(blurred), is_cut=True)
@@ -78,6 +84,10 @@ def thumbnail(pixels: npt.NDArray[np.generic]) -> Float32Array:
     scale = min(1.0, THUMBNAIL_PX / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     return luma(resize_area(np.asarray(pixels), *size))
+
+
+def _blurred(thumbnail: Float32Array) -> Float32Array:
+    return np.asarray(cv2.blur(thumbnail, (_BLUR_PX, _BLUR_PX), borderType=_REPEAT), np.float32)
 
 
 def to_log(depth: DepthMap) -> Float32Array:
@@ -102,29 +112,158 @@ def ema_decay(interval_s: float, time_constant_s: float) -> float:
     return math.exp(-interval_s / time_constant_s) if time_constant_s > 0 else 0.0
 
 
-class Smoother:
-    """An exponential moving average of log depth that does not smear moving objects.
+class Correction(NamedTuple):
+    """Values that steady one frame, on a grid with cells of 3×3 pixels of the thumbnail."""
 
-    The weight of the past is ``decay * static_weight``: less where the picture changes, none where
-    it changes much, and none at a cut.
+    rise: Float32Array  #: (rows, columns) float32, to be added to its :func:`to_log`
+    #: (rows, columns) float32: 1 where nothing moves, 0 where motion explains the change
+    stillness: Float32Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """The change from one frame to the next of its scene, and the weighted sum up to it."""
+
+    rise: Float32Array  # of depth before above depth now, along the motion
+    stillness: Float32Array
+    decay: float  # of weights, over the time between the two
+    past: Float32Array  # sum of the earlier frames' rises above this one, each with its weight
+    weight: float  # sum of their weights, and of 1 for this frame
+
+
+class Deflicker:
+    """Takes the slow part of flicker out of depth, also where the picture moves.
+
+    A network's depth swells and shrinks by some percent from frame to frame, over large parts of
+    the picture. The change between neighbours is measured along the optical flow, averaged over
+    some pixels of the thumbnail, and added up. Each frame is then moved to the mean of those around
+    it in its scene, whose weights decay exponentially with time: all before it, and as many after
+    it as it looks ahead. Edges stay, as the correction is smooth. A steady change, of a camera that
+    comes nearer, stays if the mean reaches as far ahead as back.
+
+    Source of the flow: Kroeger et al., "Fast Optical Flow using Dense Inverse Search", ECCV 2016.
+    """
+
+    def __init__(self, look_ahead: int) -> None:
+        self._look_ahead = look_ahead
+        self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        self._before: tuple[Float32Array, Float32Array] | None = None
+        self._last: _Link | None = None
+        self._waiting: deque[_Link] = deque()
+
+    def step(
+        self, thumbnail: Float32Array, values: Float32Array, decay: float, *, is_cut: bool
+    ) -> list[Correction]:
+        """Take the next frame; return what is now known of frames before it and of it, in order.
+
+        Args:
+            thumbnail: the picture, (h, w) float32 in [0, 1].
+            values: its :func:`to_log` of the same size, NaN where there is no depth.
+            decay: of weights since the frame before; see :func:`ema_decay`.
+            is_cut: whether a new scene begins.
+        """
+        done = self.finish() if is_cut else []
+        picture = _blurred(thumbnail)
+        before, self._before = self._before, (picture, values)
+        if is_cut or before is None or self._last is None:
+            rows, columns = (max(1, size // _CELL_PX) for size in thumbnail.shape)
+            nothing = np.zeros((rows, columns), np.float32)
+            link = _Link(nothing, nothing, 0.0, nothing, 1.0)
+        else:
+            rise, stillness = self._change(*before, picture, values)
+            past = np.float32(decay) * (self._last.past + np.float32(self._last.weight) * rise)
+            link = _Link(rise, stillness, decay, past, 1 + decay * self._last.weight)
+        self._last = link
+        self._waiting.append(link)
+        if len(self._waiting) > self._look_ahead:
+            done.append(self._oldest())
+        return done
+
+    def finish(self) -> list[Correction]:
+        """Corrections of the frames that still wait for later ones, which do not come."""
+        return [self._oldest() for _ in range(len(self._waiting))]
+
+    def _oldest(self) -> Correction:
+        now = self._waiting.popleft()
+        future, weight = np.zeros_like(now.rise), 1.0
+        for link in reversed(self._waiting):
+            future = np.float32(link.decay) * (future - np.float32(weight) * link.rise)
+            weight = 1 + link.decay * weight
+        total = np.float32(now.weight + weight - 1)  # this frame counts once
+        return Correction((now.past + future) / total, now.stillness)
+
+    def _change(
+        self,
+        picture_before: Float32Array,
+        before: Float32Array,
+        picture: Float32Array,
+        values: Float32Array,
+    ) -> tuple[Float32Array, Float32Array]:
+        """Rise and stillness between two frames, on the grid."""
+        height, width = values.shape
+        x_px, y_px = self._motion(picture_before, picture)
+        rows, columns = np.arange(height, dtype=np.float32), np.arange(width, dtype=np.float32)
+        places = x_px + columns, y_px + rows[:, np.newaxis]
+        there = cv2.remap(
+            before,
+            *places,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=(math.nan,) * 4,
+        )
+        rise = there - values
+        is_known = np.isfinite(rise)
+        still = picture_before - picture
+        moved = cv2.remap(picture_before, *places, cv2.INTER_LINEAR, borderMode=_REPEAT) - picture
+        fine = np.dstack([np.where(is_known, rise, 0), is_known, still * still, moved * moved])
+        cells = max(1, width // _CELL_PX), max(1, height // _CELL_PX)
+        coarse = cv2.GaussianBlur(
+            resize_area(fine.astype(np.float32), *cells), (0, 0), 1.0, borderType=_REPEAT
+        )
+        total, share, still, moved = np.moveaxis(coarse, -1, 0)
+        mean = total / np.maximum(share, np.float32(_MIN_SHARE))
+        left = (moved + _NO_CHANGE) / (still + _NO_CHANGE)
+        return mean, np.asarray(np.clip((left - _MOVING_SHARE) / (1 - _MOVING_SHARE), 0, 1))
+
+    def _motion(
+        self, before: Float32Array, picture: Float32Array
+    ) -> tuple[Float32Array, Float32Array]:
+        """Columns and rows from each pixel to its place in the picture before; 0 in small ones."""
+        if min(picture.shape) < _MIN_FLOW_PX:
+            return np.zeros_like(picture), np.zeros_like(picture)
+        now, then = (np.rint(each * 255).astype(np.uint8) for each in (picture, before))
+        flow = np.asarray(self._flow.calc(now, then, np.zeros((*picture.shape, 2), np.float32)))
+        return np.ascontiguousarray(flow[..., 0]), np.ascontiguousarray(flow[..., 1])
+
+
+class Smoother:
+    """An exponential moving average of log depth where nothing moves.
+
+    The weight of the past is ``decay * static_weight * stillness``: less where the picture changes
+    or moves, none where it does so much, and none at a cut.
     """
 
     def __init__(self) -> None:
         self._before: Float32Array | None = None
 
-    def step(self, values: Float32Array, change: Change, decay: float) -> Float32Array:
-        """Smooth the next frame, (H, W) float32 of :func:`to_log`; NaN stays NaN.
+    def step(
+        self, values: Float32Array, change: Change, correction: Correction, decay: float
+    ) -> Float32Array:
+        """Steady and smooth the next frame, (H, W) float32 of :func:`to_log`; NaN stays NaN.
 
         ``decay`` is the weight of the past where nothing moves; see :func:`ema_decay`.
         """
+        height, width = values.shape
+        values = values + resize_bilinear(correction.rise, width, height)
         before = self._before
         if before is None or change.is_cut or before.shape != values.shape:
             self._before = values
             return values
-        share = resize_bilinear(change.static_weight, values.shape[1], values.shape[0])
-        correction = (before - values) * share * np.float32(decay)
-        correction[np.isnan(correction)] = 0  # nothing before, or nothing now
-        self._before = values + correction
+        still = resize_bilinear(correction.stillness, *change.difference.shape[::-1])
+        share = resize_bilinear(change.static_weight * still, width, height)
+        rise = (before - values) * share * np.float32(decay)
+        rise[np.isnan(rise)] = 0  # nothing before, or nothing now
+        self._before = values + rise
         return self._before
 
 

@@ -140,6 +140,7 @@ def test_ctrl_c_completes_the_files(cli: Cli) -> None:
     assert (process.returncode, said) == (0, b"")
     facts = json.loads(output)
     assert facts["outputs"][0] == "out/live.depth.%04d.mkv"
+    assert facts["look_ahead"] == 0
     names = {path.name for path in cli.folder.glob("out/*.mkv")}
     assert names == {f"live.depth.{number:04d}.mkv" for number in range(len(names))}
     steps = [step for name in names for step in DepthVideo(cli.folder / "out" / name).steps()]

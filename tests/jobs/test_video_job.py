@@ -99,6 +99,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
         "flicker": done.flicker,
         "flicker_unsmoothed": done.flicker_unsmoothed if smooth_s else None,
         "smooth_s": smooth_s,
+        "look_ahead": 6,
         "lock_s": 1.0,
         "model": "tiny",
         "model_sha256": loader.load().model.sha256,
@@ -492,9 +493,10 @@ def test_a_part_of_a_video(clip: Path, tmp_path: Path, loader: SessionLoader) ->
 def noisy(path: Path, scenes: int = 2, length: int = 25) -> Path:
     """Still scenes under noise, each of its own brightness."""
     rng = np.random.default_rng(0)
-    columns = np.linspace(0, 60, 64)
+    # Its squares show the optical flow that nothing moves.
+    squares = np.kron(rng.uniform(0, 60, (6, 8, 1)), np.ones((24, 24, 1)))
     frames = [
-        np.clip(columns[:, None] + 50 + 90 * scene + rng.normal(0, 9, (48, 64, 1)), 0, 255)
+        np.clip(squares + 50 + 90 * scene + rng.normal(0, 9, (144, 192, 1)), 0, 255)
         .astype(np.uint8)
         .repeat(3, 2)
         for scene in range(scenes)
@@ -519,13 +521,15 @@ def test_smoothing_lowers_the_flicker_and_stops_at_a_cut(
         [depth.values for depth in DepthVideo(tmp_path / name)]
         for name in ("raw.mkv", "smooth.mkv")
     )
-    # The first frame of the second scene, but for the rounding of a logarithm and back.
-    np.testing.assert_allclose(first[25], second[25], atol=0.0011)
+    for scene in (slice(0, 25), slice(25, 50)):  # nothing of one is in the other
+        np.testing.assert_allclose(
+            np.median(second[scene], (1, 2)), np.median(first[scene]), atol=0.05
+        )
     assert np.median(second[24]) < np.median(first[25]) - 1
     noise = [
         np.std([values[20:28] for values in maps[10:25]], axis=0).mean() for maps in (first, second)
     ]
-    assert noise[1] < noise[0] / 2
+    assert noise[1] < 0.6 * noise[0]
 
 
 @pytest.mark.parametrize("smooth_s", [0.0, 0.2])

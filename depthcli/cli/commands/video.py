@@ -120,10 +120,14 @@ class SmoothOptions(groups.MapOptions):
     """Detail."""
 
     smooth: float = groups.option(
-        "Time constant of temporal smoothing in static regions, in seconds (for example "
-        "0.2). 0 disables it.",
+        "Time constant of temporal smoothing in seconds (for example 0.2). 0 disables it.",
         default=0.0,
         callback=groups.not_negative,
+    )
+    look_ahead: int | None = groups.option(
+        "Later frames that --smooth takes into account. Default: 6, of live streams 0.",
+        min=0,
+        max=100,
     )
 
 
@@ -163,7 +167,12 @@ def video(
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.outputs import STDIO
     from depthcli.jobs.video import run as job
-    from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_destination
+    from depthcli.jobs.video.plan import (
+        LOOK_AHEAD,
+        VideoRequest,
+        VideoSettings,
+        video_destination,
+    )
     from depthcli.jobs.write import FailedInput
     from depthcli.video.container import live_stream
     from depthcli.video.numbering import is_sequence
@@ -175,10 +184,16 @@ def video(
     is_normalized = writing.png.png_normalize or writing.png.png_inverse
     if is_normalized and {VideoFormat.MKV, VideoFormat.PNG16} <= set(destination.formats):
         raise UsageError("mkv is in millimetres", "leave out mkv, or write png16 in metres")
+    say = (lambda _text: None) if screen.quiet else console.warn
+    stream = None if file == STDIO else live_stream(file, is_live=frames.live, say=say)
+    look_ahead = detail.look_ahead
+    if look_ahead is None:
+        look_ahead = LOOK_AHEAD if stream is None else 0  # a stream is shown as it comes
     settings = VideoSettings(
         **parse.map_options(camera, anchors, read, detail, writing, is_folder=None),
         span=parse_span(frames.start, frames.end, frames.every),
         smooth_s=detail.smooth,
+        look_ahead=look_ahead,
         lock_s=preview.lock,
         stream=frames.stream,
         eye=frames.eye,
@@ -186,8 +201,6 @@ def video(
         segment_s=None if output.segment is None else parse_segment(output.segment),
         start_number=output.start_number,
     )
-    say = (lambda _text: None) if screen.quiet else console.warn
-    stream = None if file == STDIO else live_stream(file, is_live=frames.live, say=say)
     request = VideoRequest(
         video=file,
         destination=destination,

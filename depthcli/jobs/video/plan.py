@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _ON_GRID = 1e-6
 _LIVE = "live"
 LOCK_S = 1.0
+LOOK_AHEAD = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,7 @@ class VideoSettings(MapOptions):
 
     span: Span = WHOLE  #: the frames to process
     smooth_s: float = 0.0  #: time constant of the depth's smoothing in seconds; 0 for none
+    look_ahead: int = LOOK_AHEAD  #: later frames that smoothing takes into account
     lock_s: float = LOCK_S  #: time constant of the preview's range in seconds; 0 for each frame's
     stream: int | None = None  #: number of the video stream; None for the one with most frames
     eye: Eye | None = None  #: view of a stereo video; None for whole frames
@@ -202,6 +204,7 @@ class VideoResult:
             "flicker": self.flicker,
             "flicker_unsmoothed": self.flicker_unsmoothed,
             "smooth_s": self.settings.smooth_s,
+            "look_ahead": self.settings.look_ahead,
             "lock_s": self.settings.lock_s,
             **origin_fields(depth),
             **anchor_fields(depth),

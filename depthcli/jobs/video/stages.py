@@ -6,6 +6,7 @@ import dataclasses
 import math
 import time
 from array import array
+from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
@@ -220,12 +221,12 @@ def open_output(
 class PredictedFrame:
     """A frame after prediction, before the stages that depend on other frames."""
 
-    shown: DepthFrame  #: the frame with its depth, and the percentiles of that
+    #: the frame with its depth, of ``to_log`` if it is to be smoothed, and the depth's percentiles
+    shown: DepthFrame
     #: why it is not fitted to known depth that the video has; None if it is
     unfitted: str | None
     thumbnail: npt.NDArray[np.float32]  #: its brightness at a reduced size, (h, w) float32
-    steps: npt.NDArray[np.float32] | None  #: depth for smoothing, (H, W) of ``to_log``
-    sampled: npt.NDArray[np.float32]  #: for the flicker figure, (h, w) of ``to_log``
+    sampled: npt.NDArray[np.float32]  #: its depth at that size, (h, w) of ``to_log``
     warnings: tuple[str, ...] = ()  #: about its depth, one line each
 
 
@@ -249,6 +250,7 @@ class FrameStages:
         self._shift, self._within_s = 0, math.inf  # of numbers; of the times of known depth
         self._changes = temporal.ChangeDetector()
         self._lock = temporal.RangeLock()
+        self._deflicker = temporal.Deflicker(settings.look_ahead)
         self._smoother = temporal.Smoother()
         self._kind = kind = DepthKind.METRIC if anchors else pipeline.card.output.kind
         self.unfitted: list[str] = []
@@ -285,9 +287,10 @@ class FrameStages:
         depth, shown = _in_windows(depth, image.windows, is_kept=kept is not None)
         small_image = temporal.thumbnail(image.pixels)
         small = DepthMap(temporal.sample_cells(shown, small_image.shape), depth.kind)
-        steps = temporal.to_log(depth) if self._settings.smooth_s else None
+        if self._settings.smooth_s:
+            depth = dataclasses.replace(depth, values=temporal.to_log(depth))
         frame = DepthFrame(image, depth, percentiles(small), is_kept=kept is not None)
-        return PredictedFrame(frame, unfitted, small_image, steps, temporal.to_log(small), warnings)
+        return PredictedFrame(frame, unfitted, small_image, temporal.to_log(small), warnings)
 
     def _fitted(self, image: Frame, camera: Intrinsics) -> tuple[Prediction, str | None]:
         """Depth of a frame, and why it is not fitted to known depth, if the video has any."""
@@ -307,31 +310,47 @@ class FrameStages:
 
     def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
         """The stages that need the frames in order; fast, in one thread."""
+        if not self._settings.smooth_s:
+            for frame in frames:
+                yield self._finished(frame, self._changes.step(frame.thumbnail), None)
+            return
+        waiting: deque[tuple[PredictedFrame, temporal.Change]] = deque()
+        before_s = 0.0
         for frame in frames:
-            image = frame.shown.image
-            now_s = image.timestamp_s or 0.0
-            interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
-            self.times_s.append(now_s)
-            self.numbers.append(image.index)
-            if frame.unfitted:
-                self.unfitted.append(frame.unfitted)
-            if self.first is None:
-                shown = frame.shown.displayed()
-                alone = dataclasses.replace(shown.image, pixels=np.zeros((1, 1), np.uint8))
-                self.first = (alone, shown.depth)
-                self.warnings = tuple(about(f"frame {image.index}", w) for w in frame.warnings)
-            yield self._smoothed(frame, interval_s)
+            change, now_s = self._changes.step(frame.thumbnail), frame.shown.time_s
+            decay = temporal.ema_decay(now_s - before_s, self._settings.smooth_s)
+            before_s = now_s
+            waiting.append((frame, change))
+            for correction in self._deflicker.step(
+                frame.thumbnail, frame.sampled, decay, is_cut=change.is_cut
+            ):
+                yield self._finished(*waiting.popleft(), correction)
+        for correction in self._deflicker.finish():
+            yield self._finished(*waiting.popleft(), correction)
 
-    def _smoothed(self, frame: PredictedFrame, interval_s: float) -> DepthFrame:
-        change = self._changes.step(frame.thumbnail)
+    def _finished(
+        self, frame: PredictedFrame, change: temporal.Change, correction: temporal.Correction | None
+    ) -> DepthFrame:
+        """A frame with smoothed depth and colour range, and its share of the report."""
+        image, now_s = frame.shown.image, frame.shown.time_s
+        interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
+        self.times_s.append(now_s)
+        self.numbers.append(image.index)
+        if frame.unfitted:
+            self.unfitted.append(frame.unfitted)
+        if self.first is None:
+            shown = self.restore(frame.shown).displayed()
+            alone = dataclasses.replace(shown.image, pixels=np.zeros((1, 1), np.uint8))
+            self.first = (alone, shown.depth)
+            self.warnings = tuple(about(f"frame {image.index}", w) for w in frame.warnings)
         self.scenes += change.is_cut
         decay = temporal.ema_decay(interval_s, self._settings.lock_s)
         spread = self._lock.step(*frame.shown.spread, decay, is_cut=change.is_cut)
         self.raw.step(frame.sampled, change)
         depth = frame.shown.depth
-        if frame.steps is not None:
+        if correction is not None:
             decay = temporal.ema_decay(interval_s, self._settings.smooth_s)
-            steps = self._smoother.step(frame.steps, change, decay)
+            steps = self._smoother.step(depth.values, change, correction, decay)
             self.smoothed.step(temporal.sample_cells(steps, frame.thumbnail.shape), change)
             depth = dataclasses.replace(depth, values=steps)
         return dataclasses.replace(frame.shown, depth=depth, spread=spread)
