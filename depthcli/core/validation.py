@@ -22,8 +22,6 @@ from typing import (
     Literal,
     NamedTuple,
     TypeVar,
-    Union,
-    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -83,7 +81,8 @@ def validated(kind: type[_T], value: object) -> _T:
 def merged(base: _T, changes: object) -> _T:
     """A copy of a dataclass with some fields changed; nested ones and mappings are merged."""
     given: Any = base
-    hints, _ = _hints(cast("Any", type(base)))
+    kind: Any = type(base)
+    hints, _ = _hints(kind)
     values = {name: getattr(base, name) for name in hints}
     bases = {name: _Base(value) for name, value in values.items() if is_dataclass(value)}
     read = _read_fields({**hints, **bases}, changes)
@@ -111,10 +110,10 @@ _DECODER = json.JSONDecoder(object_pairs_hook=_unique_keys)
 
 
 @cache
-def _hints(kind: type) -> tuple[dict[str, Any], frozenset[str]]:
+def _hints(kind: Any) -> tuple[dict[str, Any], frozenset[str]]:  # noqa: ANN401 - a dataclass
     """The annotations of a dataclass's fields, and the names of those without a default."""
     every = get_type_hints(kind, include_extras=True)
-    own = fields(cast("Any", kind))
+    own = fields(kind)
     required = {f.name for f in own if (f.default, f.default_factory) == (MISSING, MISSING)}
     return {field.name: every[field.name] for field in own}, frozenset(required)
 
@@ -173,7 +172,7 @@ def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa:
         if result is not None and not parts[1].holds(result):
             raise FieldError.expected(parts[1].what, value)
         return result
-    if origin in (Union, UnionType):
+    if origin is UnionType:
         if parts[1] is NoneType:
             return None if value is None else _converted(parts[0], value, rule)
         try:

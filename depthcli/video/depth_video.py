@@ -15,18 +15,9 @@ from depthcli.errors import InputError
 from depthcli.io.depth import metadata, read
 from depthcli.io.depth.scale import denormalized, depth_scale, dequantized
 from depthcli.io.formats.table import LABEL_PREFIX
+from depthcli.video import frames
 from depthcli.video.container import open_video
 from depthcli.video.formats import DEPTH_PIXELS
-from depthcli.video.frames import (
-    Timing,
-    exact_rate,
-    header_time_code,
-    parse_rate,
-    parse_time_code,
-    rate_text,
-    time_code_after,
-    time_code_text,
-)
 
 _ORIGIN = re.compile(r"(-?\d{1,8}),(-?\d{1,8})", re.ASCII)
 
@@ -71,19 +62,19 @@ class DepthVideo:
         self.labels, self.warnings = metadata.of_size(labels, size_px, self.path.name)
         stated = self.labels.get
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
-        self.rate = parse_rate(stated("frame_rate", "")) or exact_rate(fps or 0)
+        self.rate = frames.parse_rate(stated("frame_rate", "")) or frames.exact_rate(fps or 0)
         self.kind = metadata.kind_named(stated("kind"))
         self._stated = depth_scale(self.labels, scale)
         self.scale = self._stated and self._stated.units_per_metre
-        self._source_rate = parse_rate(stated("source_rate", ""))
+        self._source_rate = frames.parse_rate(stated("source_rate", ""))
         step = metadata.number(stated("frame_step"))
         self._step = None if self._source_rate and step is None else int(step or 1)
         time_code = None
         if self._source_rate is not None:
-            time_code = parse_time_code(stated("time_code", ""), self._source_rate)
+            time_code = frames.parse_time_code(stated("time_code", ""), self._source_rate)
         elif self.rate is not None:  # of another program
             self._source_rate = self.rate
-            time_code = header_time_code(container, stream, self.rate)
+            time_code = frames.header_time_code(container, stream, self.rate)
         self._first = Frame(
             np.zeros((1, 1), np.uint8),
             index=int(metadata.number(stated("first_frame")) or 0),
@@ -131,7 +122,9 @@ class DepthVideo:
                 index=last,
                 timestamp_s=time_s,
                 windows=windows,
-                time_code=time_code_after(code, since_first, rate) if code and rate else None,
+                time_code=frames.time_code_after(code, since_first, rate)
+                if code and rate
+                else None,
             )
             yield read.StoredDepth(
                 name or str(self.path),
@@ -179,15 +172,15 @@ class DepthVideo:
             raise InputError(f"{self.path} is damaged {where}", "write it again")
 
 
-def frame_texts(first: Frame, timing: Timing) -> dict[str, str]:
+def frame_texts(first: Frame, timing: frames.Timing) -> dict[str, str]:
     """Labels that tell number, time code and geometry of all frames by those of the first one."""
     texts = {"first_frame": str(first.index)}
     if timing.source_rate is not None:
-        texts["source_rate"] = rate_text(timing.source_rate)
+        texts["source_rate"] = frames.rate_text(timing.source_rate)
         if timing.step is not None:
             texts["frame_step"] = str(timing.step)
         if first.time_code is not None:
-            texts["time_code"] = time_code_text(first.time_code, timing.source_rate)
+            texts["time_code"] = frames.time_code_text(first.time_code, timing.source_rate)
     if first.pixel_aspect != 1:
         texts["pixel_aspect"] = f"{first.pixel_aspect:.9g}"
     if first.windows is not None and first.windows.display[:2] != (0, 0):

@@ -15,14 +15,8 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame, displayed_depth
 from depthcli.errors import InputError, Message
+from depthcli.io.depth import scale as scales
 from depthcli.io.depth.metadata import provenance_of
-from depthcli.io.depth.scale import (
-    NORMALIZED,
-    DepthScale,
-    denormalized,
-    depth_scale,
-    dequantized,
-)
 from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
 from depthcli.io.formats.table import MILLIMETRES, READABLE_SUFFIXES, readable_format, reader_of
 from depthcli.io.storage.paths import path_of
@@ -72,7 +66,7 @@ class StoredDepth:
     name: str  #: the file
     depth: DepthMap  #: the map, of an EXR over its data window
     metadata: Mapping[str, str]  #: metadata of the file and its sidecar, texts by name
-    scale: DepthScale | None  #: of the numbers in the file; None if they have no unit
+    scale: scales.DepthScale | None  #: of the numbers in the file; None if they have no unit
     is_integer: bool  #: whether they are integers
     frame: Frame  #: without an image; has windows, shape of pixels, rate and time code of an EXR
     channel: str | None = None  #: of an EXR, that the depth is read from
@@ -93,7 +87,7 @@ class StoredDepth:
         texts, is_integer = metadata.texts, stored.dtype.kind in "iu"
         stated = DepthEncoding(texts["kind"]) if texts.get("kind") in set(DepthKind) else None
         encoding = stated or options.kind or DepthEncoding.METRIC
-        scale = depth_scale(
+        scale = scales.depth_scale(
             texts,
             options.scale,
             options.unstated_scale,
@@ -104,10 +98,10 @@ class StoredDepth:
         warnings = metadata.warnings
         if options.kind not in {None, encoding}:
             warnings += (f"{path} states {encoding} depth, so it is not read as {options.kind}",)
-        if is_integer and scale is None and texts.get("scale") in NORMALIZED:
+        if is_integer and scale is None and texts.get("scale") in scales.NORMALIZED:
             values = _unnormalized(stored, texts)
         elif is_integer:
-            values = dequantized(stored, units)
+            values = scales.dequantized(stored, units)
         else:
             with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 there is no depth
                 values = np.ascontiguousarray(stored, np.float32)
@@ -190,8 +184,8 @@ def _unnormalized(steps: AnyArray, texts: Mapping[str, str]) -> Float32Array:
     except ValueError:
         low = high = math.nan
     if not -_FARTHEST < low <= high < _FARTHEST:
-        return dequantized(steps, MILLIMETRES)
-    values = denormalized(steps, low, high)
+        return scales.dequantized(steps, MILLIMETRES)
+    values = scales.denormalized(steps, low, high)
     return reciprocal(values) if texts["scale"] == "inverse" else values
 
 

@@ -13,13 +13,7 @@ from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, ov
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
-from depthcli.io.exr.file import (
-    StoredChannel,
-    choose_depth,
-    layer_of,
-    read_exr_channels,
-    write_exr,
-)
+from depthcli.io.exr import file as exr_file
 
 _COLOURS = ("G", "B", "RY", "BY")
 _UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")  # of its Movie Render Queue, in cm
@@ -43,7 +37,7 @@ class ExrWriter:
         if self.half:
             with np.errstate(over="ignore"):
                 values = values.astype(np.float16)
-        write_exr(
+        exr_file.write_exr(
             path,
             {self.exr_channel: values},
             own_texts(metadata_texts(shown)),
@@ -79,8 +73,8 @@ def _windowed(
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of an EXR of any program, over its data window."""
-    channels = read_exr_channels(path)
-    name, doubt = choose_depth(str(path), channels, options.layer)
+    channels = exr_file.read_exr_channels(path)
+    name, doubt = exr_file.choose_depth(str(path), channels, options.layer)
     if name is None or _is_coloured(name, channels):
         raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
     stored, part = channels[name], channels[name].part
@@ -102,9 +96,9 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     return replace(found, channel=name, warnings=warnings)
 
 
-def _is_coloured(name: str, channels: Mapping[str, StoredChannel]) -> bool:
+def _is_coloured(name: str, channels: Mapping[str, exr_file.StoredChannel]) -> bool:
     """Whether a channel belongs to a colour picture; gray may be stored as three equal colours."""
-    layer = layer_of(name)
+    layer = exr_file.layer_of(name)
     names = [] if name == layer + "Z" else [layer + colour for colour in _COLOURS]
     shown, *others = (
         channels[one].over(channels[one].part.display) for one in (name, *names) if one in channels

@@ -11,14 +11,7 @@ from typing import NamedTuple
 from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame, Provenance
 from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import Message, OutputError
-from depthcli.io.depth.metadata import (
-    ORIGIN_FIELDS,
-    SOFTWARE,
-    anchor_fields,
-    number,
-    of_size,
-    origin_fields,
-)
+from depthcli.io.depth import metadata
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.paths import read_regular
 
@@ -26,7 +19,7 @@ _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _NUMBER = re.compile(r"[._\- ]*(\d+)", re.ASCII)
 _SHARED = (
     *("software", "kind", "orientation", "time_s", "projection", "network_size_px", "anchors"),
-    *ORIGIN_FIELDS,
+    *metadata.ORIGIN_FIELDS,
 )
 
 
@@ -43,7 +36,7 @@ class SidecarWriter:
         source = depth.provenance or Provenance()
         is_normalized = self.png_normalize or self.png_inverse
         document = {
-            "software": SOFTWARE,
+            "software": metadata.SOFTWARE,
             "kind": depth.kind.value,
             "unit": depth.unit,
             "png16_scale": None if is_normalized or not depth.is_metric else self.png_scale,
@@ -55,8 +48,8 @@ class SidecarWriter:
             **({} if source.time_s is None else {"time_s": source.time_s}),
             **DepthRange.of(depth)._asdict(),
             "network_size_px": source.input_size_px,
-            **origin_fields(depth),
-            **anchor_fields(depth),
+            **metadata.origin_fields(depth),
+            **metadata.anchor_fields(depth),
         }
         path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()
@@ -80,7 +73,7 @@ def with_sidecar(path: Path, own: Mapping[str, str], size_px: tuple[int, int]) -
     ``own`` is what the file itself states, ``size_px`` (columns, rows) of its map. A warning tells
     if the sidecar is that of another map.
     """
-    own, warnings = of_size(own, size_px, path.name)
+    own, warnings = metadata.of_size(own, size_px, path.name)
     found = _find_sidecar(path)
     if found is None:
         return FileMetadata(own, warnings)
@@ -172,7 +165,7 @@ def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
         return {"scale": _text(scale)}
     if "png16_scale" not in fields:
         return {}
-    low, high = (number(_text(fields.get(name))) for name in ("min", "max"))
+    low, high = (metadata.number(_text(fields.get(name))) for name in ("min", "max"))
     if fields.get("png16_inverse") and low and high:
         return {"scale": "inverse", "range": f"{1 / high} {1 / low}"}
     return {"scale": "normalized", "range": f"{low} {high}"}
