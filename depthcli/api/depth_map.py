@@ -201,7 +201,10 @@ class DepthMap(types.DepthMap):
             raise UsageError(f"no colormap named {colormap!r}; choose {', '.join(Colormap)}")
         if near not in tuple(Near):
             raise UsageError(f"near is {' or '.join(Near)}, not {near!r}")
-        return PreviewWriter(Colormap(colormap), Near(near), vmin, vmax, legend).render(self)
+        writer = PreviewWriter(
+            colormap=Colormap(colormap), near=Near(near), vmin=vmin, vmax=vmax, legend=legend
+        )
+        return writer.render(self)
 
     def view(
         self,
@@ -221,7 +224,7 @@ class DepthMap(types.DepthMap):
             OutputError: the map has no metres, or no point within the limit.
         """
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg))
-        writer = HtmlWriter(stride, max_depth_m, keep_edges)
+        writer = HtmlWriter(stride=stride, max_depth_m=max_depth_m, keep_edges=keep_edges)
         page, messages = writer.render(depth, self.frame)
         for message in messages:
             warnings.warn(message, DepthcliWarning, stacklevel=2)

@@ -8,6 +8,7 @@ a dataclass and takes 28 ms to load.)
 import hashlib
 import json
 import math
+import typing
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, fields, is_dataclass, replace
@@ -16,16 +17,7 @@ from fractions import Fraction
 from functools import cache
 from pathlib import PurePath
 from types import NoneType, UnionType
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    NamedTuple,
-    TypeVar,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from depthcli.core.options import Rule, short_repr
 
@@ -112,7 +104,7 @@ _DECODER = json.JSONDecoder(object_pairs_hook=_unique_keys)
 @cache
 def _hints(kind: Any) -> tuple[dict[str, Any], frozenset[str]]:  # noqa: ANN401 - a dataclass
     """The annotations of a dataclass's fields, and the names of those without a default."""
-    every = get_type_hints(kind, include_extras=True)
+    every = typing.get_type_hints(kind, include_extras=True)
     own = fields(kind)
     required = {f.name for f in own if (f.default, f.default_factory) == (MISSING, MISSING)}
     return {field.name: every[field.name] for field in own}, frozenset(required)
@@ -156,7 +148,7 @@ def _read_fields(
 
 @cache
 def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:  # noqa: ANN401
-    return get_origin(hint), get_args(hint)
+    return typing.get_origin(hint), typing.get_args(hint)
 
 
 def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa: ANN401, PLR0911
@@ -172,7 +164,7 @@ def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa:
         if result is not None and not parts[1].holds(result):
             raise FieldError.expected(parts[1].what, value)
         return result
-    if origin is UnionType:
+    if origin in (typing.Union, UnionType):
         if parts[1] is NoneType:
             return None if value is None else _converted(parts[0], value, rule)
         try:

@@ -118,7 +118,7 @@ def _fit_to_truth(depth: DepthMap, truth_m: Float32Array) -> DepthMap:
 def _pictures_of_row(row: _FigureRow, colormap: Colormap) -> list[UInt8Array]:
     """The cells of a row, of one size; colours have a legend."""
     (rows, columns), (near, far) = row.picture.shape[:2], row.limits_m
-    writer = PreviewWriter(colormap, vmin=near, vmax=far)
+    writer = PreviewWriter(colormap=colormap, vmin=near, vmax=far)
     size = _CELL_WIDTH_PX, max(1, round(rows * _CELL_WIDTH_PX / columns))
     images = (row.picture, *map(writer.render, row.depths))
     cells = [np.rint(resize_area(i.astype(np.float32), *size)).astype(np.uint8) for i in images]

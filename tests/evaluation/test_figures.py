@@ -112,7 +112,7 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
         picture = np.repeat(dataset.image(i).max(2)[..., None], 3, 2)
         for sheet, colormap in ((_pixels(gray), "gray"), (_pixels(coloured), "inferno")):
             assert np.array_equal(_cell(sheet, row, 0), picture)
-            writer = PreviewWriter(colormap, vmin=float(near), vmax=float(far))
+            writer = PreviewWriter(colormap=colormap, vmin=float(near), vmax=float(far))
             for column, depth in enumerate(maps, 1):
                 cell = _cell(sheet, row, column)
                 assert np.abs(cell - writer.render(depth).astype(int)).max() <= 3 * (column == 2)

@@ -54,7 +54,7 @@ def grid_of(data: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("stride", [1, 3])
 def test_page_holds_the_points_and_their_links(stride: int, tmp_path: Path) -> None:
     depth = made()
-    HtmlWriter(stride, keep_edges=True).write(depth, tmp_path / "a.html")
+    HtmlWriter(stride=stride, keep_edges=True).write(depth, tmp_path / "a.html")
     assert is_own(tmp_path / "a.html")
     data = data_of((tmp_path / "a.html").read_text("utf-8"))
     surface = surface_of(depth, 30.0, stride=stride)

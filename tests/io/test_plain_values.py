@@ -119,7 +119,7 @@ def test_limits(
     shares = nearness(depth, near, far)
     expected = np.where(np.isnan(shares), 96, np.rint(255 * np.nan_to_num(shares)))
     for spread in (None, (1.0, 5.0)):
-        image = PreviewWriter("gray", vmin=vmin, vmax=vmax).render(depth, spread=spread)
+        image = PreviewWriter(colormap="gray", vmin=vmin, vmax=vmax).render(depth, spread=spread)
         np.testing.assert_array_equal(image, np.repeat(expected[..., None], 3, 2))
 
 

@@ -74,7 +74,9 @@ def test_map_without_metres_is_three_percent_deep(kind: DepthKind) -> None:
 
 def test_anaglyph_has_the_left_eye_in_red(tmp_path: Path) -> None:
     left, right = eyes(box_before_wall(), TEXTURE)
-    StereoWriter(StereoLayout.ANAGLYPH).write(box_before_wall(), tmp_path / "a.png", TEXTURE)
+    StereoWriter(stereo_layout=StereoLayout.ANAGLYPH).write(
+        box_before_wall(), tmp_path / "a.png", TEXTURE
+    )
     anaglyph = np.asarray(Image.open(tmp_path / "a.png"))
     np.testing.assert_array_equal(anaglyph, np.dstack([left[..., 0], right[..., 1], right[..., 2]]))
 

@@ -111,7 +111,7 @@ def test_a_frame_belongs_to_a_video(depth_mkv: Path, depth_npy: Path) -> None:
 
 def test_a_scale_is_of_integers_and_of_floats(tmp_path: Path, depth_npy: Path) -> None:
     path = tmp_path / "d.png"
-    Png16Writer(100).write(DepthMap(FRAMES_M[0]), path)
+    Png16Writer(png_scale=100).write(DepthMap(FRAMES_M[0]), path)
     for scale, unit_m in ((None, 1), (50, 2)):
         facts = inspect_file(str(path), DepthReadOptions(scale))
         found = tuple(facts[name] for name in ("valid", "min", "median", "max"))
@@ -124,7 +124,7 @@ def test_a_scale_is_of_integers_and_of_floats(tmp_path: Path, depth_npy: Path) -
 
 def test_the_scale_of_a_file_says_who_states_it(tmp_path: Path, depth_npy: Path) -> None:
     stated, plain, range_only = (tmp_path / f"{name}.png" for name in ("own", "plain", "range"))
-    Png16Writer(256).write(DepthMap(FRAMES_M[0]), stated)
+    Png16Writer(png_scale=256).write(DepthMap(FRAMES_M[0]), stated)
     Png16Writer(png_normalize=True).write(DepthMap(FRAMES_M[0]), range_only)
     cv2.imwrite(str(plain), np.full((2, 4), 1000, np.uint16))
     found = {

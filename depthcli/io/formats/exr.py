@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +14,14 @@ from depthcli.errors import InputError
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.exr import file as exr_file
+from depthcli.io.formats.table import WriterOptions
 
 _COLOURS = ("G", "B", "RY", "BY")
 _UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")  # of its Movie Render Queue, in cm
 
 
-@dataclass(frozen=True, slots=True)
-class ExrWriter:
+class ExrWriter(WriterOptions):
     """One channel, ZIP-compressed."""
-
-    #: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``
-    exr_channel: str = "Y"
-    half: bool = False  #: 16-bit instead of 32-bit floats
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN.

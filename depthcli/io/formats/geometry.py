@@ -1,6 +1,5 @@
 """What formats of points and meshes share, their options and the camera; normals as 16-bit PNG."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,26 +7,16 @@ import numpy as np
 from depthcli.core.camera import CameraSource, focal_px_of_hfov, hfov_deg
 from depthcli.core.surface import Surface, surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.errors import Message, OutputError, UsageError
+from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import metadata_texts, own_texts
-from depthcli.io.formats.table import SOFTWARE_KEY
+from depthcli.io.formats.table import SOFTWARE_KEY, WriterOptions
 from depthcli.io.images.png import encode_png
 
 _NYU_HFOV_DEG = 63.3  # assumed if the map states no focal length
 
 
-@dataclass(frozen=True, slots=True)
-class SurfaceWriter:
-    """Options of the formats that show a map in space."""
-
-    stride: int = 1  #: every n-th pixel of every n-th row
-    max_depth_m: float | None = None  #: pixels beyond are left out; None for no limit
-    keep_edges: bool = False  #: keep pixels between near and far at smeared edges
-
-    def __post_init__(self) -> None:
-        """Check the options."""
-        if self.stride < 1:
-            raise UsageError(f"a stride of {self.stride} is not 1 or more", option="stride")
+class SurfaceWriter(WriterOptions):
+    """Formats that show a map in space."""
 
     def surface(self, depth: DepthMap) -> tuple[Surface, tuple[Message, ...]]:
         """The points of a map by its camera, and warnings about that."""
@@ -69,8 +58,7 @@ def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
 _HALF = 65535 / 2
 
 
-@dataclass(frozen=True, slots=True)
-class NormalsWriter:
+class NormalsWriter(WriterOptions):
     """Red is x to the right, green y up, blue z towards the camera; -1 to 1 as 0 to 65535."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ Source: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
 
 import json
 import struct
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ _JPEG_QUALITY = 92
 _ALIGNMENT = 4
 
 
-@dataclass(frozen=True, slots=True)
 class GlbWriter(SurfaceWriter):
     """Metres: x right, y up, the camera at the origin looks along -z."""
 

@@ -5,7 +5,7 @@ import html
 import json
 import math
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,6 @@ _JPEG_QUALITY = 90
 _MAX_POINTS = 640 * 480  # points of a page for which the stride is 1, if none is given
 
 
-@dataclass(frozen=True, slots=True)
 class HtmlWriter(SurfaceWriter):
     """Points or a mesh to orbit, with a grid in metres, depth at the pointer, and distances."""
 

@@ -1,6 +1,5 @@
 """A coloured point cloud or mesh, as binary PLY."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +19,8 @@ _WHITE = 255
 _TYPES = {"<f4": "float", "u1": "uchar"}
 
 
-@dataclass(frozen=True, slots=True)
 class PlyWriter(SurfaceWriter):
     """Metres: x right, y down, z along the camera axis; normals towards the camera."""
-
-    faces: bool = False  #: triangles between neighbours, cut along edges of depth
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one vertex for each pixel with depth; comments in the header have the metadata."""

@@ -4,7 +4,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +16,7 @@ from depthcli.io.depth import scale as steps_of
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts, step_unit
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal, stored_depth
 from depthcli.io.formats.sidecar import with_sidecar
-from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
+from depthcli.io.formats.table import KEY_PREFIX, WriterOptions
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, decode, image_size
 from depthcli.io.storage.paths import read_bytes
@@ -27,13 +26,8 @@ _PGM_TEXT = re.compile(rb"^# (%s\w+) (.*)$" % KEY_PREFIX.encode(), re.MULTILINE)
 _PGM_HEAD_BYTES = 4096
 
 
-class Png16Writer(NamedTuple):
+class Png16Writer(WriterOptions):
     """uint16 gray PNG, or PGM (Netpbm) by the suffix of the file."""
-
-    #: units per metre: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM), 4000 (Matterport)
-    png_scale: float = MILLIMETRES
-    png_normalize: bool = False  #: normalize each map to 1-65535 instead, without a unit
-    png_inverse: bool = False  #: normalize 1/depth instead: the nearest pixel is white
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""

@@ -1,19 +1,15 @@
 """A preview of a depth map: a colormap over inverse depth, near is warm."""
 
-import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import UsageError
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.drawing import colour_table, with_legend
-from depthcli.io.formats.table import SOFTWARE_KEY
+from depthcli.io.formats.table import SOFTWARE_KEY, WriterOptions
 from depthcli.io.images.png import encode_png
 
 _NEAREST_M = 1e-6
@@ -21,25 +17,8 @@ _CLIPPED_SHARE = 0.02
 _INVALID_RGB = (96, 96, 96)
 
 
-@dataclass(frozen=True, slots=True)
-class PreviewWriter:
+class PreviewWriter(WriterOptions):
     """8-bit RGB PNG."""
-
-    colormap: Colormap = Colormap.INFERNO
-    #: end of the colormap that is near: its warm end, or for gray ``white`` or ``black``
-    near: Near = Near.WARM
-    #: low end of the colour range, in metres (or the map's unit); None for percentile 2. It is the
-    #: near end, or the far end of an inverse map
-    vmin: float | None = None
-    vmax: float | None = None  #: high end of the colour range; None for percentile 98
-    legend: bool = False  #: draw a scale at the right
-    side_by_side: bool = False  #: put the picture at the left
-
-    def __post_init__(self) -> None:
-        if math.isnan(self.vmin or 0) or math.isnan(self.vmax or 0):
-            raise UsageError("vmin and vmax have to be numbers, not nan")
-        if self.vmin is not None and self.vmax is not None and self.vmin > self.vmax:
-            raise UsageError(f"vmin {self.vmin:g} is above vmax {self.vmax:g}; swap them")
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the preview, also of flat, empty and infinite maps."""

@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +11,7 @@ from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame, Provenan
 from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import Message, OutputError
 from depthcli.io.depth import metadata
-from depthcli.io.formats.table import MILLIMETRES
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.paths import read_regular
 
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
@@ -23,13 +22,8 @@ _SHARED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class SidecarWriter:
+class SidecarWriter(WriterOptions):
     """Unit, scale, kind, orientation, model, resize, camera, range and version."""
-
-    png_scale: float = MILLIMETRES  #: units per metre of the 16-bit PNG beside it
-    png_normalize: bool = False  #: whether that PNG is normalized instead
-    png_inverse: bool = False  #: whether 1/depth is normalized in that PNG
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""

@@ -1,6 +1,5 @@
 """A stereo pair from an image and its depth, for headsets, 3-D screens or red-cyan glasses."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -13,24 +12,17 @@ from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.geometry import camera_of
 from depthcli.io.formats.preview import nearness, percentiles
-from depthcli.io.formats.table import SOFTWARE_KEY
+from depthcli.io.formats.table import EYE_DISTANCE_M, SOFTWARE_KEY, WriterOptions
 from depthcli.io.images.png import encode_png
 
-EYE_DISTANCE_M = 0.063  #: mean distance of adults' eyes
 _SHARE = 0.03  # of the width: disparity between near and far, where there are no metres
 _EDGE_SHARE = 1 / 128  # of the width: as wide is a smeared edge of depth
 _LEAST_EDGE_PX = 2.0  # of disparity
 _LEVELS = 2**15
 
 
-@dataclass(frozen=True, slots=True)
-class StereoWriter:
+class StereoWriter(WriterOptions):
     """8-bit RGB PNG of the two views."""
-
-    stereo_layout: StereoLayout = StereoLayout.SIDE_BY_SIDE
-    eye_distance_m: float = EYE_DISTANCE_M
-    #: depth that appears at the screen; nearer is before it. None for the nearest 2 % of pixels
-    convergence_m: float | None = None
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the pair."""

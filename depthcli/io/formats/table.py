@@ -6,6 +6,7 @@ a dataclass of its options, and a function ``read`` if ``info`` and ``convert`` 
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from depthcli.core.options import Colormap, Near, StereoLayout
+from depthcli.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
 
 MILLIMETRES = 1000.0  #: default units per metre of 16-bit depth
+EYE_DISTANCE_M = 0.063  #: mean distance of adults' eyes
 KEY_PREFIX = "depthcli:"  #: start of the names of texts in PNG, EXR and PLY
 SOFTWARE_KEY = f"{KEY_PREFIX}software"  #: a text in every PNG (after its header) and EXR
 LABEL_PREFIX = "DEPTHCLI_"  #: start of the names of the labels in a depth video
@@ -223,28 +226,41 @@ def writer_class(name: Format) -> type[Writer]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class WriterOptions:
     """Options of all formats; the table of formats states which of them each writer uses."""
 
-    png_scale: float = MILLIMETRES  #: units per metre in 16-bit PNG
-    png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range
+    #: units per metre in 16-bit PNG: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM)
+    png_scale: float = MILLIMETRES
+    png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range, without a unit
     png_inverse: bool = False  #: stretch 1/depth in each 16-bit PNG; the nearest pixel is white
-    exr_channel: str = "Y"  #: name of the channel in EXR
-    half: bool = False  #: 16-bit floats in EXR
+    #: of EXR: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``
+    exr_channel: str = "Y"
+    half: bool = False  #: 16-bit instead of 32-bit floats in EXR
     colormap: Colormap = Colormap.INFERNO  #: colours of the preview
     near: Near = Near.WARM  #: the colormap's end that is near
-    vmin: float | None = None  #: low end of the colour range; None for a percentile
-    vmax: float | None = None  #: high end of the colour range; None for a percentile
-    legend: bool = False  #: a scale beside the preview
-    side_by_side: bool = False  #: the image beside its preview
+    #: low end of the colour range, in metres or the map's unit; None for percentile 2. It is the
+    #: near end, or the far end of an inverse map
+    vmin: float | None = None
+    vmax: float | None = None  #: high end of the colour range; None for percentile 98
+    legend: bool = False  #: a scale at the right of the preview
+    side_by_side: bool = False  #: the image at the left of its preview
     stride: int = 1  #: points and meshes: every n-th pixel of every n-th row
     max_depth_m: float | None = None  #: points and meshes: pixels beyond are left out
     keep_edges: bool = False  #: points and meshes: keep pixels between near and far
-    faces: bool = False  #: triangles in PLY
+    faces: bool = False  #: triangles between neighbours in PLY, cut along edges of depth
     stereo_layout: StereoLayout = StereoLayout.SIDE_BY_SIDE  #: arrangement of a stereo pair
-    eye_distance_m: float = 0.063  #: between the eyes of a stereo pair
-    convergence_m: float | None = None  #: depth at the screen of a stereo pair; None: nearest
+    eye_distance_m: float = EYE_DISTANCE_M  #: between the eyes of a stereo pair
+    #: depth that appears at the screen of a stereo pair; None for the nearest 2 % of pixels
+    convergence_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.vmin or 0) or math.isnan(self.vmax or 0):
+            raise UsageError("vmin and vmax have to be numbers, not nan")
+        if self.vmin is not None and self.vmax is not None and self.vmin > self.vmax:
+            raise UsageError(f"vmin {self.vmin:g} is above vmax {self.vmax:g}; swap them")
+        if self.stride < 1:
+            raise UsageError(f"a stride of {self.stride} is not 1 or more", option="stride")
 
     def writer(self, name: Format) -> Writer:
         """The writer of a format; its module is loaded now."""
