@@ -30,26 +30,15 @@ _SAME_ASPECT = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnchorPoints:
-    """Pixels of known depth.
+    """Pixels of known depth."""
 
-    Attributes:
-        x: (N,) int64, columns from 0 at the left.
-        y: (N,) int64, rows from 0 at the top.
-        depth_m: (N,) float64, metres along the camera axis.
-        size_px: (columns, rows) of the map that they are from; None for a list of points.
-        warnings: about their file, or why it has none, one line each.
-        fit: how depth is fitted to them; None for the best that the model can.
-        may_be_outside: whether most can be outside the image, as those of a lidar that looks around
-            are.
-    """
-
-    x: npt.NDArray[np.int64]
-    y: npt.NDArray[np.int64]
-    depth_m: npt.NDArray[np.float64]
-    size_px: tuple[int, int] | None = None
-    warnings: tuple[str, ...] = ()
-    fit: AnchorsFit | None = None
-    may_be_outside: bool = False
+    x: npt.NDArray[np.int64]  #: (N,), columns from 0 at the left
+    y: npt.NDArray[np.int64]  #: (N,), rows from 0 at the top
+    depth_m: npt.NDArray[np.float64]  #: (N,), metres along the camera axis
+    size_px: tuple[int, int] | None = None  #: (columns, rows) of their map; None for a list
+    warnings: tuple[str, ...] = ()  #: about their file, or why it has none, one line each
+    fit: AnchorsFit | None = None  #: how depth is fitted; None for the best that the model can
+    may_be_outside: bool = False  #: whether most can be outside the image, as those of a lidar
 
     @classmethod
     def of(cls, points: Sequence[Anchor]) -> Self:
@@ -153,22 +142,13 @@ class ScaleShift(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Values and what they should become.
+    """Values and what they should become."""
 
-    Attributes:
-        values: (N,) float64.
-        wanted: (N,) float64.
-        unit: (N,) float64 above 0, in which the error of each pair is measured.
-        error_sd: expected standard deviation of the errors, in their units.
-        shift_sd: expected standard deviation of the shift, in the median unit; infinite if
-            nothing is known of it.
-    """
-
-    values: _Values
-    wanted: _Values
-    unit: _Values
-    error_sd: float = 1.0
-    shift_sd: float = math.inf
+    values: _Values  #: (N,)
+    wanted: _Values  #: (N,)
+    unit: _Values  #: (N,), above 0, in which the error of each pair is measured
+    error_sd: float = 1.0  #: expected standard deviation of the errors, in their units
+    shift_sd: float = math.inf  #: that of the shift, in the median unit; infinite if not known
 
     def errors(self, fit: ScaleShift) -> _Values:
         """Absolute error of each pair, in its unit: (N,) float64."""
@@ -201,10 +181,8 @@ def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
     """Like :func:`least_squares`, but wrong pairs have no effect.
 
     An MM-like estimate: the least absolute errors, then iteratively reweighted least squares with
-    Tukey's biweight. The standard deviation of the errors is 1.4826 times the median error of the
-    first fit.
-    Pairs farther than 4.685 standard deviations from the fit have no effect.
-    Of more than 100,000 pairs, this many determine the fit.
+    Tukey's biweight. Pairs farther than 4.685 standard deviations from the fit have no effect; of
+    more than 100,000, this many determine it.
 
     Source: Holland, Welsch: Robust regression using iteratively reweighted least-squares.
     Communications in Statistics A6, 1977; Yohai: High breakdown-point and high efficiency robust

@@ -25,8 +25,8 @@ from depthcli.core.types import Frame
 def resize_bilinear(values: Float32Array, width: int, height: int) -> Float32Array:
     """Bilinear, half-pixel centres, edges repeated, no antialiasing: how depth is resized.
 
-    From (H, W) or (H, W, C) float32 to (height, width) or (height, width, C); a copy only if the
-    size changes.
+    From (H, W) or (H, W, C) float32 to (height, width) or (height, width, C), as all others here;
+    a copy only if the size changes.
     """
     if values.shape[:2] == (height, width):
         return values
@@ -49,10 +49,7 @@ def resize_rows(values: Float32Array, width: int, height: int, rows: slice) -> F
 
 
 def resize_area(values: Float32Array, width: int, height: int) -> Float32Array:
-    """Mean over each output pixel's area where it shrinks, bilinear where it grows: pictures.
-
-    Shapes and types as of :func:`resize_bilinear`.
-    """
+    """Mean over each output pixel's area where it shrinks, bilinear where it grows: pictures."""
     if values.shape[:2] == (height, width):
         return values
     rows, columns = values.shape[:2]
@@ -64,28 +61,19 @@ def resize_area(values: Float32Array, width: int, height: int) -> Float32Array:
 
 
 def resize_cubic(values: Float32Array, width: int, height: int) -> Float32Array:
-    """Bicubic, half-pixel centres, edges repeated, no antialiasing; it may overshoot.
-
-    Shapes and types as of :func:`resize_bilinear`.
-    """
+    """Bicubic, half-pixel centres, edges repeated, no antialiasing; it may overshoot."""
     return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_CUBIC))
 
 
 def resize_area_or_cubic(values: Float32Array, width: int, height: int) -> Float32Array:
-    """OpenCV's INTER_AREA if both sides shrink, else its INTER_CUBIC.
-
-    Shapes and types as of :func:`resize_bilinear`.
-    """
+    """OpenCV's INTER_AREA if both sides shrink, else its INTER_CUBIC."""
     rows, columns = values.shape[:2]
     is_smaller = width <= columns and height <= rows
     return (resize_area if is_smaller else resize_cubic)(values, width, height)
 
 
 def resize_corners(values: Float32Array, width: int, height: int) -> Float32Array:
-    """Bilinear, in which the corner pixels keep their place: torch's ``align_corners``.
-
-    Shapes and types as of :func:`resize_bilinear`.
-    """
+    """Bilinear, in which the corner pixels keep their place: torch's ``align_corners``."""
     rows, columns = values.shape[:2]
     x = np.linspace(0, columns - 1, width, dtype=np.float32)
     y = np.linspace(0, rows - 1, height, dtype=np.float32)
@@ -114,9 +102,8 @@ def resize_antialiased(
 ) -> Float32Array:
     """Bilinear or bicubic (a = -0.5) with a kernel that is as wide as an output pixel: Pillow's.
 
-    Shapes and types as of :func:`resize_bilinear`. With ``eight_bit``, colours in [0, 1] are
-    rounded to 8 bits after each axis. Source: Pillow's ``Resample.c``, which torch's
-    ``antialias=True`` follows.
+    With ``eight_bit``, colours in [0, 1] are rounded to 8 bits after each axis. Source: Pillow's
+    ``Resample.c``, which torch's ``antialias=True`` follows.
     """
     for size in (width, height):
         rows = np.ascontiguousarray(np.swapaxes(values, 0, 1))
@@ -278,10 +265,7 @@ class GuidedMap(NamedTuple):
 
     @classmethod
     def fit(cls, coarse: Float32Array, guide: Float32Array, radius: int = 1) -> Self:
-        """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both.
-
-        A larger radius of the window, in coarse pixels, blurs depth.
-        """
+        """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both."""
         mean = partial(_box_mean, radius=radius)
         mean_guide, mean_coarse = mean(guide), mean(coarse)
         # Differences of large numbers lose float32's digits, so the mean is subtracted first.

@@ -51,12 +51,8 @@ class _Level:
     def __init__(self, scale: float, at: _Values, aspect: float, low: float, high: float) -> None:
         """Weights of the eight nodes around each point.
 
-        Args:
-            scale: standard deviation in widths of the image.
-            at: (3, N): log depth, row and column, in widths of the image.
-            aspect: height of the image in widths.
-            low: least log depth of the map.
-            high: its largest log depth.
+        ``at`` is (3, N): log depth, from ``low`` to ``high`` in the map, row and column; these, the
+        scale and the aspect (the height) are in widths of the image.
         """
         self.depth_step = max(_LEAST_SURFACE, _SURFACE * math.sqrt(scale / _SCALES[0]))
         depths = math.ceil((high - low) / self.depth_step) + 2

@@ -137,10 +137,7 @@ def _quota(path: Path) -> float:
 
 
 def share_cores(workers: int | None = None, threads: int | None = None) -> tuple[int, int]:
-    """Number of workers, and of threads for each of them.
-
-    None stands for one worker a core, and for each worker's share of the cores.
-    """
+    """Number of workers, by default one a core, and of threads for each, by default its share."""
     cores = usable_cores()
     workers = workers or cores
     return workers, threads or max(1, cores // workers)

@@ -19,18 +19,13 @@ _LEAST_REACH, _REACH_SHARE = 5, 1 / 128  # pixels, and of the width: more than a
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """A grid of points, one for each pixel, or each n-th of each n-th row.
+    """A grid of points, one for each pixel, or each n-th of each n-th row."""
 
-    Attributes:
-        xyz_m: (H, W, 3) float32 metres: x right, y down, z along the camera axis; NaN without one.
-        depth_m: (H, W) float32 metres along the camera axis, or along the ray in a panorama; NaN
-            without a point.
-        steepest: change of depth between neighbours, by depth, above which they may be on different
-            surfaces.
-    """
-
+    #: (H, W, 3) metres: x right, y down, z along the camera axis; NaN without a point
     xyz_m: npt.NDArray[np.float32]
+    #: (H, W) metres along the camera axis, or along the ray in a panorama; NaN without a point
     depth_m: npt.NDArray[np.float32]
+    #: change of depth between neighbours, by depth, above which they may be on two surfaces
     steepest: float
 
     @property
@@ -51,10 +46,7 @@ class Surface:
         return ~(np.isnan(steps) | _stands_out(steps, self.steepest)).T
 
     def faces(self) -> npt.NDArray[np.uint32]:
-        """Triangles, (N, 3), of numbers of valid points; counter-clockwise for the camera.
-
-        There are two for each four neighbours, or one or none where the surface is torn.
-        """
+        """Triangles, (N, 3), of numbers of valid points; counter-clockwise for the camera."""
         numbers = np.cumsum(self.valid, dtype=np.uint32).reshape(self.valid.shape) - np.uint32(1)
         a, b, c, d = numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, :-1], numbers[1:, 1:]
         right, down = self.right, self.down
@@ -109,12 +101,7 @@ def surface_of(
 
 
 def is_flying(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[np.bool_]:
-    """Pixels on a steep ramp between near and far, or far from both neighbours; (H, W) bool.
-
-    Args:
-        depth_m: (H, W) float32 metres, NaN where there is no depth.
-        focal_px: focal length in pixels.
-    """
+    """Pixels on a steep ramp between near and far, or far from both neighbours; (H, W) bool."""
     return _is_ramp(depth_m, focal_px) | _is_ramp(depth_m.T, focal_px).T
 
 

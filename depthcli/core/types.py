@@ -309,10 +309,7 @@ class DepthMap:
 
 
 def panorama_rays(width: int, height: int, rows: slice = slice(None)) -> Float32Array:
-    """Unit vectors of the pixels of an equirectangular image, (rows, W, 3) float32.
-
-    x is to the right, y down, and z towards the middle of the image.
-    """
+    """Unit vectors, (rows, W, 3) float32: x right, y down, z to the middle of the panorama."""
     longitude = ((np.arange(width) + 0.5) / width - 0.5) * (2 * math.pi)
     latitude = (((np.arange(height) + 0.5) / height - 0.5) * math.pi)[rows, np.newaxis]
     across = np.cos(latitude)

@@ -35,10 +35,7 @@ class AudioTrack:
         self.warnings: tuple[str, ...] = ()
 
     def open(self, output: OutputContainer, first_s: float) -> None:
-        """Add an audio stream to a file whose header is not written yet, if the video has audio.
-
-        The preview's first frame is ``first_s`` after the video's.
-        """
+        """Add a stream, if there is audio; the first frame is ``first_s`` after the video's."""
         if isinstance(self._source, InputPipe):  # which can be read once
             self.warnings = ("the audio of standard input is not in the preview",)
             return

@@ -35,10 +35,7 @@ _PROJECTIONS = {0: Projection.EQUIRECTANGULAR, 1: "cubemap", 2: "tiles", 3: "VR1
 def focal_lengths(
     path: Path | None, container: InputContainer
 ) -> tuple[float | None, float | None]:
-    """Focal length of a video in millimetres: the 35-mm equivalent, and that of the lens.
-
-    Of a pipe, which has no path, only what FFmpeg passes on is searched.
-    """
+    """35-mm equivalent and lens length of a video in mm; of a pipe, what FFmpeg passes on."""
     tags = dict(container.metadata)
     if path is not None and container.format.name.startswith("mov"):
         tags |= _quicktime_tags(path)
@@ -108,10 +105,7 @@ def _boxes(
 def camera_warnings(
     frame: VideoFrame, eye: Eye | None, projection: Projection | None
 ) -> Iterator[str]:
-    """Warnings about what the network does not expect, by the first frame of a video.
-
-    A view and a projection that are given are not warned about.
-    """
+    """Warnings by the first frame, but not about a view or a projection that is given."""
     from av.sidedata.sidedata import Type  # noqa: PLC0415 - loads FFmpeg
 
     from depthcli.core.imageops import transfer_warning  # noqa: PLC0415 - loads NumPy
@@ -155,10 +149,7 @@ def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
 
 
 def _stereo(frame: VideoFrame) -> tuple[int, bool] | None:
-    """FFmpeg's number of the stereo layout, and whether the right view is the first one.
-
-    None if the frame has one view, or one that is not decoded.
-    """
+    """FFmpeg's number of the stereo layout, and whether right is first; None for one view."""
     from av.sidedata.sidedata import Type  # noqa: PLC0415
 
     data = side_data(frame, Type.STEREO3D)

@@ -105,10 +105,7 @@ class LiveReader:
     problem: str | None
 
     def next(self) -> LiveFrame | None:
-        """Wait for a frame that was not returned yet; None when the stream ended or was stopped.
-
-        InputError if it cannot be opened at first, UsageError if it has no such video stream.
-        """
+        """Wait for a frame that was not returned yet; None when the stream ended or was stopped."""
         stop = self._stream.stop
         with self._news:
             while self._newest is None and not (self._has_ended or stop.is_set()):

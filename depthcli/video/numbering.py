@@ -90,10 +90,7 @@ def sequence_name(pattern: str) -> str:
 
 
 def _parts(pattern: str) -> tuple[str, int, str]:
-    """Text before the last placeholder, least number of digits, and text after it.
-
-    Without a placeholder: the whole text, 0 and nothing.
-    """
+    """Text before the last placeholder, least number of digits, and text after; 0 without one."""
     matches = list(_PLACEHOLDER.finditer(pattern))
     if not matches:
         return pattern, 0, ""

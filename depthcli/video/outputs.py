@@ -276,10 +276,7 @@ class DepthVideoOutput(VideoFile):
         guard: Guard | None,
         colours: PreviewWriter = _COLOURS,
     ) -> None:
-        """Prepare a ``.mkv`` file of ``scale`` units per metre.
-
-        The ends of ``colours`` are those of a file whose depth has no unit.
-        """
+        """Prepare ``scale`` units per metre; without metres, the ends of ``colours``."""
         super().__init__(target, timing, guard)
         self._scale, self._colours = scale, colours
         self._saturated = self._count = 0
@@ -373,10 +370,7 @@ class SequenceOutput(VideoOutput):
         *,
         has_overscan: bool = False,
     ) -> None:
-        """Prepare the output.
-
-        ``label`` names the format in warnings, and ``name`` each file by its frame's number.
-        """
+        """Prepare files, named by their frames' numbers; ``label`` is for warnings."""
         self.has_overscan = has_overscan
         super().__init__()
         self._label, self._folder, self._name = label, folder, name

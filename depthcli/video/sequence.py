@@ -56,10 +56,7 @@ class ImageSequence(FrameSource):
         return self._files[0].number, self._files[-1].number
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
-        """Read the frames of a span: (H, W) gray or (H, W, 3) RGB; uint8, uint16 or EXR's float32.
-
-        ``index`` is the number in the name, and ``timestamp_s`` counts from the first image.
-        """
+        """Read the images of a span; ``index`` is the number in the name."""
         cut, told, sizes_px = 0, self.warnings, None
         for frame in self._readable(span):
             found_px = (frame.width, frame.height), frame.display_size_px

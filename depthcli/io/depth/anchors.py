@@ -30,10 +30,7 @@ _ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 @dataclass(frozen=True)
 class AnchorFiles:
-    """A file with known depth, a folder with one for each picture, or the pictures themselves.
-
-    The folder can be a reconstruction by COLMAP.
-    """
+    """A file with known depth, a folder of such files or of COLMAP's, or the images themselves."""
 
     path: str  #: the file, the folder, or ``SELF``
     #: units per metre; None for what the file states: of integers millimetres, else metres
@@ -66,10 +63,7 @@ class AnchorFiles:
         return read_known_depth(path, self)
 
     def of_image(self, image: Path | None) -> AnchorPoints:
-        """The depth within an image itself, or that a reconstruction has of it.
-
-        There are no points if the image has none of metres, but a warning.
-        """
+        """Depth within an image or of its reconstruction; a warning and no points without metres."""
         if image is None:
             raise InputError("standard input is no file whose own depth can be read")
         if self.reconstruction:

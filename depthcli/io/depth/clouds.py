@@ -99,15 +99,10 @@ def _no_pose(path: Path) -> InputError:
 
 
 def projected(cloud: _Values, camera: Intrinsics, units_per_m: float = 1.0) -> AnchorPoints:
-    """Points of a camera's axes, x to the right, y down and z forward, in its image.
+    """Points (N, 3) of a camera's axes, x to the right, y down and z forward, in its image.
 
     Of several points in a pixel, the nearest counts. Points that are not finite, behind the camera
     or far outside of any image are left out and counted in a warning.
-
-    Args:
-        cloud: (N, 3) float64.
-        camera: with a focal length and a principal point in pixels.
-        units_per_m: of the cloud.
     """
     if camera.focal_px is None or camera.centre_px is None:
         told = "points in three dimensions need the focal length and the principal point in pixels"

@@ -40,12 +40,9 @@ class _Reconstruction:
 def read_reconstruction(
     files: tuple[Path, ...], image: Path, units_per_m: float | None
 ) -> AnchorPoints:
-    """The points that were seen in an image, at the pixels where they were seen.
+    """The points that were seen in an image, whose path ends in one that the files state.
 
-    Args:
-        files: of cameras, images and points, binary or text, in one folder.
-        image: whose path ends in one that the reconstruction states.
-        units_per_m: of the reconstruction; None to keep its unit.
+    These are of cameras, images and points, binary or text; without ``units_per_m`` in their unit.
     """
     found = _read(files, tuple(file.stat().st_mtime_ns for file in files))
     folder = files[0].parent

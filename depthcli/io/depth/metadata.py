@@ -39,10 +39,7 @@ def origin_fields(depth: DepthMap) -> dict[str, _Value | None]:
 
 
 def anchor_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
-    """Fit of a map to known points, for JSON: ``anchors``, None if it was not fitted.
-
-    With a calibrated camera, also its ``camera_scale``.
-    """
+    """Fit to known points for JSON, None without one; with a calibrated camera, also its scale."""
     source = depth.provenance or _UNKNOWN
     fit, scale = source.anchor_fit, source.camera_scale
     found = {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
@@ -177,10 +174,7 @@ def kind_named(text: str | None) -> DepthKind:
 
 
 def positive_number(text: str | None) -> float | None:
-    """A number above 0 from an untrusted file; None for anything else.
-
-    Extremely small and large numbers are refused: depths divided by them would not be finite.
-    """
+    """A number above 0 from an untrusted file; None for others, and for extreme ones."""
     value = number(text)
     return value if value is not None and value > _LEAST else None
 

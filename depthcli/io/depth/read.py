@@ -48,10 +48,7 @@ class DepthReadOptions:
     frame: int | None = None  #: of several maps in NPY or NPZ, from 0
 
     def for_name(self, name: str) -> Self:
-        """The options with what the name of a layer or an array implies, if no kind is stated.
-
-        Disparity without a baseline is inverse depth.
-        """
+        """The options, with inverse depth if a name says so and no kind is stated."""
         is_inverse = self.kind is None and _INVERSE_NAME.search(name)
         return replace(self, kind=DepthEncoding.INVERSE) if is_inverse else self
 
@@ -162,12 +159,8 @@ def stored_depth(
 ) -> StoredDepth:
     """Depth of a file from its numbers, its own metadata and the sidecar beside it.
 
-    Args:
-        path: the file.
-        stored: (H, W), integers, of which 0 is no depth, or floats.
-        own: what the file itself states, as of :func:`~depthcli.io.depth.metadata.metadata_texts`.
-        options: what the user states.
-        frame: with the windows of an EXR.
+    ``stored`` is (H, W) integers, of which 0 is no depth, or floats; ``own`` what the file states,
+    as of ``metadata_texts``; ``frame`` has the windows of an EXR.
     """
     height, width = stored.shape
     size_px = frame.display_size_px if frame else (width, height)
@@ -175,10 +168,7 @@ def stored_depth(
 
 
 def _unnormalized(steps: AnyArray, texts: Mapping[str, str]) -> Float32Array:
-    """Depth of integers that span its range, or that of 1/depth; (H, W) float32.
-
-    Without a valid range they are taken for millimetres.
-    """
+    """Depth of integers that span its range, or that of 1/depth; of millimetres without a range."""
     try:
         low, high = (float(word) for word in texts.get("range", "").split())
     except ValueError:

@@ -97,10 +97,7 @@ def dequantized(steps: npt.NDArray[np.generic], scale: float) -> Float32Array:
 def normalized(
     values: FloatArray, known: BoolArray, low: float, high: float
 ) -> npt.NDArray[np.uint16]:
-    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not known.
-
-    Any shape in, the same out. It is computed in the precision of ``values``.
-    """
+    """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not known."""
     share = (np.where(known, values, low) - low) / ((high - low) or 1.0)
     steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))
     return np.where(known, steps, 0).astype(np.uint16)

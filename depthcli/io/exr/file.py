@@ -123,10 +123,7 @@ class ExrPart(NamedTuple):
 
     @classmethod
     def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
-        """Read a header of OpenEXR.
-
-        A part that states no rate, no time code or no primaries has those of the first part.
-        """
+        """Read a header; the first part's rate, time code and primaries stand for missing ones."""
         stated: Any = header.get("chromaticities")
         if not (isinstance(stated, tuple) and len(stated) == _CHROMATICITIES):
             stated = first.chromaticities if first else None
@@ -169,10 +166,7 @@ class StoredChannel(NamedTuple):
 def read_exr_channels(
     path: Path, *, name: str | None = None, max_pixels: int = MAX_PIXELS
 ) -> dict[str, StoredChannel]:
-    """All channels of all parts, by name; of several parts, the part's name precedes it.
-
-    Larger windows are refused before pixels are decoded.
-    """
+    """All channels by name, after that of their part if there are several."""
     if not isinstance(path, RemotePath):
         read_bytes(path, first=1)  # errors of files are told apart here
     shown = name or str(path)
@@ -328,10 +322,7 @@ def _of_layer(file: str, layer: str, layers: Mapping[str, _Found], what: str) ->
 
 
 def is_of_vectors(name: str, names: Collection[str]) -> bool:
-    """Whether a channel is of normals, positions, motion (X, Y, Z) or texture coordinates (U, V).
-
-    ``names`` are those of all channels.
-    """
+    """Whether a channel, of all ``names``, is of vectors (X, Y, Z) or texture places (U, V)."""
     layer = layer_of(name)
     return layer + "X" in names or layer + "U" in names
 

@@ -35,10 +35,7 @@ _SIZE = 0.5  # of a title
 
 
 def colour_table(name: Colormap, near: Near = Near.WARM) -> npt.NDArray[np.uint8]:
-    """The colours of a colormap, (256, 3) RGB uint8, the far one first.
-
-    ``warm`` and ``white`` put the bright or red end near, ``black`` the other.
-    """
+    """The colours of a colormap, (256, 3) RGB uint8, far first; ``black`` turns it round."""
     levels = np.arange(_LEVELS, dtype=np.uint8)
     colours: npt.NDArray[np.generic]
     if name == Colormap.GRAY:
@@ -60,10 +57,7 @@ def with_legend(
     far: float,
     kind: DepthKind,
 ) -> npt.NDArray[np.uint8]:
-    """The image (H, W, 3) RGB uint8 with a colour bar at its right, near at the top.
-
-    Colours are (256, 3) RGB uint8, far first; metric maps are labelled in metres.
-    """
+    """The image, (H, W, 3) RGB uint8, with a bar of (256, 3) colours at its right, near on top."""
     height = image.shape[0]
     size = float(np.clip(height / _REFERENCE_HEIGHT, _MIN_SIZE, 4))
     margin, bar_width, width = (round(n * size) for n in (16, 20, 104))
@@ -81,10 +75,7 @@ def with_legend(
 
 
 def _ticks(room: float, *, flat: bool) -> npt.NDArray[np.float64]:
-    """Positions of the ticks that fit, 0 at the near end; one if both ends are the same.
-
-    ``room`` is the number of labels that fit below the first one.
-    """
+    """Positions, 0 at the near end, of the ticks that fit if ``room`` labels do below the first."""
     if flat or room < _MIN_ROOM:
         return np.array([0.5])
     return np.linspace(0, 1, int(np.clip(1 + room, 2, _MAX_TICKS)))

@@ -24,10 +24,7 @@ class ExrWriter(WriterOptions):
     """One channel, ZIP-compressed."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN.
-
-        The windows, the rate and the time code are those of the frame.
-        """
+        """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
         shown, stored, windows = _windowed(depth, frame)
         values = np.ascontiguousarray(stored)
         if self.half:

@@ -35,10 +35,7 @@ class HtmlWriter(SurfaceWriter):
         return warnings
 
     def render(self, depth: DepthMap, frame: Frame | None = None) -> tuple[str, tuple[str, ...]]:
-        """The text of the page, and warnings of one line.
-
-        Of a large map, every n-th point is shown if no stride is given.
-        """
+        """The text of the page, and warnings; a large map is thinned if no stride is given."""
         stride = self.stride
         if stride == 1:
             stride = math.ceil(math.sqrt(depth.values.size / _MAX_POINTS))

@@ -67,11 +67,7 @@ def stored_steps(
 
 
 def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
-    """Depth scaled linearly to 1-65535; 0 where there is none.
-
-    Returns:
-        (H, W) uint16, and the values that 1 and 65535 stand for.
-    """
+    """Depth as 1-65535, 0 for none, (H, W) uint16; and the values that 1 and 65535 stand for."""
     values, known = depth.values, depth.valid
     if not known.any():
         return np.zeros(values.shape, np.uint16), 0.0, 0.0

@@ -28,10 +28,7 @@ class PreviewWriter(WriterOptions):
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
     ) -> npt.NDArray[np.uint8]:
-        """Draw the preview, (H, W', 3) RGB uint8, wider than the map with a legend or the frame.
-
-        ``spread`` is the range of a video; None for the map's percentiles.
-        """
+        """Draw (H, W', 3) RGB uint8, wider with legend or frame; ``spread`` is that of a video."""
         low, high = self.range_of(spread or percentiles(depth))
         near, far = (high, low) if depth.kind is DepthKind.INVERSE else (low, high)
         colours = colour_table(self.colormap, self.near)

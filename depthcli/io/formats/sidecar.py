@@ -93,10 +93,7 @@ def remove_video_sidecar(path: Path) -> None:
 
 
 def _find_sidecar(path: Path) -> _Sidecar | None:
-    """The sidecar of a file, or of the video that the file is a frame of; None if there is none.
-
-    The latter has the time of that frame as ``time_s``.
-    """
+    """The sidecar of a file, or with ``time_s`` that of the video of which it is a frame."""
     own = path.with_suffix(".json")
     if fields := _read_sidecar(own):
         return _Sidecar(own, fields)

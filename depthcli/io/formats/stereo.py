@@ -37,13 +37,7 @@ class StereoWriter(WriterOptions):
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
     ) -> npt.NDArray[np.uint8]:
-        """Draw the pair: (H, 2 W, 3) RGB uint8, the left eye's at the left, or (H, W, 3) in one.
-
-        Args:
-            depth: the map; without depth, a pixel is as far as the farthest.
-            frame: the image.
-            spread: low and high end of depth, of a video; None for the map's percentiles.
-        """
+        """Draw (H, 2 W, 3) RGB uint8, or (H, W, 3) in one; ``spread`` is that of a video."""
         if frame is None:
             raise OutputError("a stereo pair is made of the image", "give it with {picture}")
         if (depth.provenance or Provenance()).projection.is_other:
@@ -78,15 +72,7 @@ class StereoWriter(WriterOptions):
 def _eye_view(
     rgb: npt.NDArray[np.uint8], shift_px: npt.NDArray[np.float32], nearness: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.uint8]:
-    """An image whose pixels are moved to the right; the nearest one hides others.
-
-    Gaps, which the other eye does not see, are filled with the mirrored surface behind.
-
-    Args:
-        rgb: (H, W, 3) uint8.
-        shift_px: (H, W) float32, finite.
-        nearness: (H, W) float32 in [0, 1], 1 at the nearest pixel.
-    """
+    """The image, pixels moved right by (H, W) float32; gaps show the mirrored surface behind."""
     height, width = shift_px.shape
     columns, rows = np.arange(width), np.arange(height)[:, np.newaxis]
     target = np.rint(columns + shift_px).astype(np.int64)
@@ -116,12 +102,7 @@ def _sharpened(disparity_px: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]
 
 
 def _fill_gaps(place: npt.NDArray[np.floating], best: npt.NDArray[np.int64]) -> None:
-    """Put the columns of the surface behind, mirrored at its end, into the gaps of ``place``.
-
-    Args:
-        place: (H, W), columns of the source; of any value in gaps.
-        best: (H, W), larger where nearer, -1 in gaps.
-    """
+    """Put columns of the surface behind where ``best``, larger where nearer, is -1."""
     width = best.shape[1]
     columns = np.arange(width)
     left = np.maximum.accumulate(np.where(best < 0, -1, columns), axis=1)

@@ -90,10 +90,7 @@ def _not_for_opencv(tags: Mapping[int, int]) -> str | None:
 
 
 def _with_colours_as_stored(data: bytes) -> bytes:
-    """The file with its alpha declared as associated, so that no decoder multiplies colours by it.
-
-    A truncated one is returned as it is.
-    """
+    """The file with its alpha declared associated, so that no decoder multiplies by it."""
     with suppress(struct.error):
         for _, form, position in tag_entries(data, (_EXTRA_SAMPLES,), None):
             values = unpack_at(form, data, position)

@@ -86,10 +86,7 @@ def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
 
 
 def parse_list(data: bytes) -> list[str]:
-    """Paths of a list, in its order.
-
-    One a line, or separated by NUL bytes (``find -print0``), which allows newlines in names.
-    """
+    """Paths, one a line, or separated by NUL bytes (``find -print0``), in their order."""
     data = data.removeprefix(BOM_UTF8)
     words = data.split(b"\0") if b"\0" in data else data.splitlines()
     return [os.fsdecode(word) for word in words if word]

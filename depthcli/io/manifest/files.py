@@ -202,10 +202,7 @@ def is_journal(path: Path) -> bool:
 
 
 def row_files(folder: Path, shard: Shard) -> list[Path]:
-    """The files that can hold rows of a shard's inputs, the latest last.
-
-    Those of other shards of the same number are left out, because they hold other inputs.
-    """
+    """The files that can hold rows of a shard's inputs, not of its sisters; the latest last."""
     found = []
     for path in (*folder.glob("manifest*"), *folder.glob(".depthcli-batch*")):
         match = _NAME.fullmatch(path.name)

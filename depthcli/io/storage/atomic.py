@@ -38,10 +38,7 @@ class Guard:
         return cls(is_own, frozenset(map(_identity, inputs)), overwrite)
 
     def check(self, path: Path) -> None:
-        """Check that an output may be written to a path.
-
-        In an object store, that takes one request.
-        """
+        """Check that an output may be written to a path; one request in an object store."""
         if self.inputs and _identity(path) in self.inputs:
             raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
         if not self.overwrite and self._is_foreign(path):

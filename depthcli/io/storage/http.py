@@ -49,10 +49,7 @@ def head(url: str) -> tuple[int, int]:
 def fetch(
     url: str, retries: int, pause: Callable[[int], None], start: int = 0
 ) -> tuple[int, Iterator[bytes]]:
-    """Size of a file, and its content from a byte on; resumed where it is cut off.
-
-    The content comes a few megabytes at a time.
-    """
+    """Size of a file, and its content from a byte on in parts; resumed where it is cut off."""
     asked = {"Range": f"bytes={start}-"} if start else None
     answer = _retried(lambda: _opened(url, asked), retries, pause)
     first = start if answer.status == _PARTIAL else 0

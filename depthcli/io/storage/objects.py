@@ -204,10 +204,7 @@ def head(address: RemotePath) -> tuple[int, int, Mapping[str, str]]:
 def fetch(
     address: RemotePath, max_bytes: int | None = None, start: int = 0
 ) -> tuple[int, Iterator[bytes]]:
-    """Size of an object, and its content from a byte on, by one request.
-
-    The content comes a few megabytes at a time.
-    """
+    """Size of an object, and its content from a byte on in parts, by one request."""
     if address.is_http:
         with _as_os_errors(address):
             size, content = _http().fetch(address.url, _retries(), _pause, start)

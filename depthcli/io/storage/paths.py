@@ -97,11 +97,7 @@ def check_writable(path: Path) -> None:
 
 
 def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
-    """Content of a regular file, or its ``first`` bytes.
-
-    Raises:
-        OSError: it cannot be read, is not a regular file, or is larger than ``max_bytes``.
-    """
+    """Content, or ``first`` bytes, of a regular file of up to ``max_bytes``; else OSError."""
     if isinstance(path, RemotePath):
         return path.read_some(max_bytes, first=first)
     size = regular_size(path)

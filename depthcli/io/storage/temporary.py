@@ -83,11 +83,7 @@ def folder_lock(folder: Path, *, shared: bool = False) -> Iterator[bool]:
 
 
 def open_locked(path: Path) -> int | None:
-    """Open or create a file to read and append to, and lock it; None if it is locked already.
-
-    Raises:
-        OSError: it cannot be opened, or is a link or a folder.
-    """
+    """Open or create a file to append to, and lock it; None if locked, OSError for links."""
     while True:
         handle = os.open(path, _FLAGS, 0o666)
         is_ours = lock(handle)
