@@ -63,7 +63,7 @@ class AnchorFiles:
         return read_known_depth(path, self)
 
     def of_image(self, image: Path | None) -> AnchorPoints:
-        """Depth within an image or of its reconstruction; a warning and no points without metres."""
+        """Depth within an image or of its reconstruction; without metres, a warning alone."""
         if image is None:
             raise InputError("standard input is no file whose own depth can be read")
         if self.reconstruction:
