@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.command_line import Cli
-from helpers.live import Camera
 from helpers.videos import NTSC, encode, flat_frames, write_video
+from helpers.web import Camera
 
 from depthcli.errors import InputError, UsageError
 from depthcli.video.container import live_stream
@@ -83,7 +83,7 @@ class Answer(Camera):
 
     body = b""
 
-    def _answer(self, request: BaseHTTPRequestHandler) -> None:
+    def answer(self, request: BaseHTTPRequestHandler) -> None:
         request.send_response(200)
         request.end_headers()
         request.wfile.write(self.body)
