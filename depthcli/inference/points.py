@@ -31,12 +31,9 @@ def depth_of_points(
     has_depth: BoolArray | None = None,
     hfov_deg: float | None = None,
 ) -> PointFit:
-    """Depth of a point map (h, w, 3), whose x is to the right and y is down.
+    """Depth of a point map (h, w, 3) of square pixels, whose x is to the right and y is down.
 
-    Args:
-        points: the map, of square pixels.
-        has_depth: (h, w), the points that are fitted; None for all.
-        hfov_deg: horizontal field of view; None to fit it.
+    Points are fitted where ``has_depth`` (h, w), None for everywhere; None fits the field of view.
     """
     height, width = points.shape[:2]
     diagonal = math.hypot(width, height)

@@ -106,12 +106,6 @@ def prompt_input(
     """Known depth and its mask as the network takes them: (2, H, W) float32.
 
     A pixel of the network has the mean of the logarithms of the points in it, coded as the output.
-
-    Args:
-        spec: of the network's output.
-        points: of the displayed part of the picture.
-        frame: the picture.
-        layout: its place in the network's input.
     """
     x, y = pixels_of(points, frame.windows)
     inside = (x >= 0) & (x < frame.width) & (y >= 0) & (y < frame.height)

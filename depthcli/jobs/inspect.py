@@ -107,12 +107,7 @@ class AreaDepth:
 
 
 def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | npt.NDArray[np.bool_]) -> AreaDepth:
-    """Depth in a box or a mask.
-
-    Args:
-        depth: the map.
-        area: first column and row, and those after the last ones; or (H, W) bool.
-    """
+    """Depth in a box (first column and row, and those after the last), or a mask (H, W) bool."""
     size = f"the map of {depth.width}×{depth.height} pixels"
     if isinstance(area, tuple):
         left, top, right, bottom = area

@@ -10,12 +10,13 @@ import hmac
 import json
 import mimetypes
 import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram
@@ -24,8 +25,10 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
@@ -34,17 +37,10 @@ from depthcli.core.types import displayed_depth
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.jobs.write import depth_facts, write_stream
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from starlette.requests import Request
-    from starlette.types import ASGIApp, Message, Receive
-
-    from depthcli.inference.session import Session
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
@@ -80,14 +76,9 @@ class Limits:
 class DepthServer:
     """The application of a server, for uvicorn or another ASGI server.
 
-    Args:
-        session: the loaded model.
-        parse: makes the options of a request of the names and values in its query; raises
-            UsageError.
-        limits: of requests.
-        token: that requests need as ``Authorization: Bearer TOKEN``; None for none.
-        hosts: values of the header ``Host`` that are answered, which keeps web pages of other sites
-            out.
+    ``parse`` makes the options of a request of the names and values in its query. Requests need a
+    token, if there is one, and one of ``hosts`` in their header, which keeps pages of other sites
+    out.
     """
 
     def __init__(
@@ -123,10 +114,7 @@ class DepthServer:
     def run(self, host: str, port: int, started: Callable[[str], None]) -> None:
         """Serve until SIGINT or SIGTERM, which lets requests end that have begun.
 
-        Args:
-            host: address to listen at.
-            port: of TCP; 0 for any free one.
-            started: called with the address as URL.
+        Port 0 is any free one; ``started`` is called with the URL.
         """
         config = uvicorn.Config(
             self.app,

@@ -45,14 +45,9 @@ def weights_file(source: Path) -> Path:
 
 
 def settings_of(source: Path) -> dict[str, Any]:
-    """Settings that a network with the layers of another has to share with it.
+    """Fields of a configuration that a network with the layers of another shares with it.
 
-    Args:
-        source: a checkpoint or a model.
-
-    Returns:
-        Fields of ``generator``, ``output`` and ``data``; of an exported model, as far as its card
-        states them.
+    Those of an exported model are there as far as its card states them.
     """
     path = weights_file(source)
     if _is_encoder_file(path):
@@ -80,13 +75,9 @@ def load_init_weights(
     The mean of networks fine-tuned from the same one is often better than each of them (Wortsman
     et al. 2022, "Model soups").
 
-    Args:
-        generator: of the same architecture; for an exported model, without batch norm, which is
-            folded into its weights.
-        paths: ONNX files that `depthcli export-onnx` made of floats, or checkpoints; at least one.
-            A file of a pretrained encoder, or :data:`HUB`, is loaded into that of the generator.
-        provenance: of the run; returned with the origin of the weights and, as far as they are
-            known, the pairs that they were trained on.
+    For an exported model, the generator has no batch norm, which is folded into its weights. A file
+    of a pretrained encoder, or :data:`HUB`, is loaded into that of the generator. Returns the
+    provenance with the origin of the weights and, as far as known, the pairs they were trained on.
     """
     origin = _origin(paths)
     if isinstance(generator, EncoderGenerator) and _is_encoder_file(paths[0]):

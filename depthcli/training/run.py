@@ -275,16 +275,8 @@ def fit(
 ) -> TrainState:
     """Train until the schedule, a limit or a signal ends it; resume from the folder's checkpoint.
 
-    Args:
-        config: of the run; for a resumed run, equal to that of the checkpoint.
-        data: pairs; whole scenes are held out for validation.
-        folder: receives checkpoint, metrics log and sample images.
-        fabric: device and precision.
-        callback: called after each step and epoch.
-        init_weights: exported models or checkpoints; a new run starts from the mean of them.
-        max_minutes: wall-clock minutes after which it stops and saves.
-        max_steps: steps from here after which it does.
-        interrupt: entered here; after a signal, it does at the end of the step.
+    The folder receives checkpoint, metrics log and sample images. A new run starts from the mean of
+    the init weights. After ``max_minutes``, ``max_steps`` or a signal, it saves and ends.
     """
     interrupt = interrupt or Interrupt()
     run, batches, validation = _set_up(config, data, folder, fabric, init_weights)

@@ -6,21 +6,16 @@ import dataclasses
 import json
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from depthcli.cli.screen import console
-from depthcli.cli.screen.progress import show_progress
+from depthcli.cli.screen.progress import ProgressDisplay, Stage, show_progress
+from depthcli.jobs.train import TrainResult
 from depthcli.training.callbacks import Callback, finite_or_none
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from depthcli.cli.screen.progress import ProgressDisplay, Stage
-    from depthcli.jobs.train import TrainResult
-    from depthcli.training.checkpoint import TrainState
-    from depthcli.training.config import TrainConfig
+from depthcli.training.checkpoint import TrainState
+from depthcli.training.config import TrainConfig
 
 _SHOWN = ("abs_rel", "rmse", "d1")
 

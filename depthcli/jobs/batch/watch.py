@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from threading import Event
+from typing import NamedTuple
 
 from watchfiles import watch
 
 from depthcli.io.listing.folder import NameFilter, list_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from threading import Event
 
 _SETTLE_MS = 1000
 
@@ -25,10 +23,7 @@ class _Stamp(NamedTuple):
 class FolderChanges:
     """Images and videos of a folder tree that are new or changed since the start or the last look.
 
-    Args:
-        root: the folder.
-        out: the output folder, which is left out.
-        wanted: include and exclude patterns.
+    The output folder ``out`` is left out.
     """
 
     def __init__(self, root: str, out: str, wanted: NameFilter) -> None:

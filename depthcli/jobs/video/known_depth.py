@@ -62,10 +62,7 @@ class FrameAnchors:
     def of_frame(self, number: int, time_s: float, within_s: float) -> AnchorPoints | None:
         """The points of a frame; None if it has none.
 
-        Args:
-            number: of the frame in its video or sequence.
-            time_s: seconds from the first frame.
-            within_s: points of the nearest time count, if it is at most this far away.
+        Points of the nearest time count, if it is at most ``within_s`` away.
         """
         found: _Points | None = self._of_all or self._by_number.get(number)
         if self._by_time_s:

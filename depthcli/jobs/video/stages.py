@@ -112,24 +112,16 @@ def write_video(
 
 
 def _open_source(plan: VideoPlan, settings: VideoSettings) -> FrameSource:
+    shared: dict[str, Any] = {
+        "max_pixels": settings.max_pixels,
+        "eye": settings.eye,
+        "options": settings.reading,
+    }
     if isinstance(plan.source, LiveStream):
         from depthcli.video.live_source import LiveSource  # noqa: PLC0415 - a file needs none
 
-        return LiveSource(
-            plan.source,
-            max_pixels=settings.max_pixels,
-            number=settings.stream,
-            eye=settings.eye,
-            options=settings.reading,
-        )
-    return open_frames(
-        plan.source,
-        rate=settings.fps,
-        max_pixels=settings.max_pixels,
-        options=settings.reading,
-        stream=settings.stream,
-        eye=settings.eye,
-    )
+        return LiveSource(plan.source, number=settings.stream, **shared)
+    return open_frames(plan.source, rate=settings.fps, stream=settings.stream, **shared)
 
 
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
