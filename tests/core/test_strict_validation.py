@@ -48,25 +48,15 @@ def test_every_type_is_read() -> None:
         "colour": "blue",
         "word": "b",
         "flag": True,
-        "inner": {"even": 4, "share": 1},
         "perhaps": None,
+        "inner": {"even": 4, "share": 1},
         "numbers": [1, 2.5],
         "counts": {"a": 2},
         "score": math.inf,
         "free": {"a": [1, None, "b", 2**70]},
     }
-    assert validated(Outer, values) == Outer(
-        "x",
-        Colour.BLUE,
-        "b",
-        True,
-        Inner(4, 1.0),
-        None,
-        (1.0, 2.5),
-        {"a": 2},
-        math.inf,
-        values["free"],
-    )
+    nested = Inner(4, 1.0), None, (1.0, 2.5), {"a": 2}, math.inf, values["free"]
+    assert validated(Outer, values) == Outer("x", Colour.BLUE, "b", True, *nested)
     assert type(validated(Outer, values).inner.share) is float
     assert validated(Outer, {"name": "x"}) == Outer("x")
 

@@ -29,25 +29,18 @@ def test_a_table_has_its_columns_in_any_order(tmp_path: Path) -> None:
     assert AnchorFiles(str(path)).read().listed() == points.listed()
 
 
-@pytest.mark.parametrize(
-    ("text", "why"),
-    [
-        (b"", "has no column x; its first line has to name x, y and depth_m"),
-        (b"320,240,2.5\n", "has no column x"),
-        (b"x,y,metres\n1,2,3\n", "has no column depth_m"),
-        (b"x,y,depth_m\n", "has no points"),
-        (b"x,y,depth_m\n1,2,3\n1,2\n", "a.csv, line 3: depth_m is a depth from 0.001 to"),
-        (b"x,y,depth_m\n1,2,0\n", "depth_m is a depth from 0.001 to 1000000, not '0'"),
-        (b"x,y,depth_m\n1,nan,1\n", "line 2: y is a pixel from 0 at the top left, not 'nan'"),
-        (b"x,y,depth_m\n1,2,\xff\n", r"line 2: depth_m is .*, not '\\udcff'"),
-        (b'x,y,depth_m\n1,2,"3\n', "a.csv, line 2: unexpected end of data"),
-    ],
-)
-def test_a_table_that_is_none_is_refused(tmp_path: Path, text: bytes, why: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_bytes(text)
-    with pytest.raises(InputError, match=why):
-        AnchorFiles(str(path)).read()
+@pytest.mark.parametrize("text", [b"", b"320,240,2.5\n", b"x,y,metres\n1,2,3\n", b"x,y,depth_m\n"])
+def test_a_table_without_columns_or_points_is_refused(tmp_path: Path, text: bytes) -> None:
+    (tmp_path / "a.csv").write_bytes(text)
+    with pytest.raises(InputError):
+        AnchorFiles(str(tmp_path / "a.csv")).read()
+
+
+@pytest.mark.parametrize("row", [b"1,2", b"1,2,0", b"1,nan,1", b"1,2,\xff", b'1,2,"3'])
+def test_an_invalid_row_of_a_table_is_named_by_its_line(tmp_path: Path, row: bytes) -> None:
+    (tmp_path / "a.csv").write_bytes(b"x,y,depth_m\n1,2,3\n%s\n" % row)
+    with pytest.raises(InputError, match=r"a\.csv, line 3"):
+        AnchorFiles(str(tmp_path / "a.csv")).read()
 
 
 @pytest.mark.parametrize("suffix", ["png", "exr", "npy"])

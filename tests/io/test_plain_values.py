@@ -233,19 +233,19 @@ def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:
         "png16_scale": 1000.0,
         "width": 4,
         "height": 2,
-        "orientation": 6,
         "min": 1,
         "median": statistics.median(finite),
         "max": 9,
-        "network_size_px": [8, 6],
+        "orientation": 6,
         "model": "m",
         "model_sha256": "ab",
+        "network_size_px": [8, 6],
+        "anchors": None,
         "focal_px": 3.0,
         "centre_px": None,
         "camera_source": "card",
         "pixel_aspect": 1.0,
         "camera": f"hfov {hfov_deg:.1f}° (assumed, from the model's card)",
-        "anchors": None,
     }
     inverse = DepthMap(np.full((1, 2), np.nan, F32), DepthKind.INVERSE)
     SidecarWriter().write(inverse, path, Frame(np.zeros((1, 2), np.uint8), orientation=3))
@@ -271,17 +271,9 @@ PIXELS = np.arange(200, 224, dtype=np.uint8).reshape(2, 3, 4)
         (PIXELS, PIXELS[..., :3]),
         (PIXELS[..., 0].astype(">u2"), PIXELS[..., 0]),
         (PIXELS[:, ::-1, :3], PIXELS[:, ::-1, :3]),
-        (PIXELS[..., 0].tolist, None),
-        (object(), None),
-        (np.uint8(3), None),
-        ([[1, 2], [3]], None),
     ],
 )
-def test_arrays_as_pictures(picture: object, expected: np.ndarray | None) -> None:
-    if expected is None:
-        with pytest.raises(InputError):
-            frame_of(picture)
-        return
+def test_arrays_as_pictures(picture: np.ndarray, expected: np.ndarray) -> None:
     frame = frame_of(picture)
     np.testing.assert_array_equal(frame.pixels, expected)
     assert frame.pixels.dtype.isnative

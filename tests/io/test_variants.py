@@ -37,17 +37,6 @@ def pixels(data: bytes) -> npt.NDArray[np.generic]:
         (made.png([bytes(range(8))], 1, 16, 6), [[[0x0001, 0x0203, 0x0405]]]),
         (made.tiff(np.array([[0, 100, 255]], np.uint8), photometric=0), [[255, 155, 0]]),
     ],
-    ids=[
-        "1 bit",
-        "2 bits",
-        "4 bits",
-        "palette",
-        "transparent palette",
-        "gray with alpha",
-        "RGBA",
-        "16-bit RGBA",
-        "min is white",
-    ],
 )
 def test_variants_decode_to_gray_or_rgb(data: bytes, expected: list[object]) -> None:
     np.testing.assert_array_equal(pixels(data), expected)
