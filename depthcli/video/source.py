@@ -27,19 +27,10 @@ from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.pixels import full_range, upright
+from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, open_video, pipe_advice, video_streams
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
 from depthcli.video.facts import camera_warnings, focal_lengths, side_data, view_of
-from depthcli.video.frames import (
-    FALLBACK_RATE,
-    WHOLE,
-    FrameSource,
-    Span,
-    Timeline,
-    exact_rate,
-    header_time_code,
-    time_code_after,
-)
 from depthcli.video.numbering import is_sequence
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
@@ -56,8 +47,8 @@ _AVI_UNKNOWN_FRAMES = 1 << 30  # as FFmpeg states in an AVI that it writes into 
 def _stated_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
     """Frames a second that a file states, often as a mean; None if it states none."""
     if container.format.name not in _RAW_FORMATS:
-        return exact_rate(stream.average_rate or stream.guessed_rate or 0)
-    return exact_rate(stream.guessed_rate or 0) if stream.codec_context.framerate else None
+        return clock.exact_rate(stream.average_rate or stream.guessed_rate or 0)
+    return clock.exact_rate(stream.guessed_rate or 0) if stream.codec_context.framerate else None
 
 
 def _stated_frames(container: InputContainer, stream: VideoStream, rate: Fraction) -> int | None:
@@ -119,7 +110,7 @@ _RGB = 3
 TRANSPOSED = 5  #: the first EXIF orientation that swaps rows and columns
 
 
-class VideoSource(FrameSource):
+class VideoSource(clock.FrameSource):
     """A video file or a pipe, read from its beginning to its end."""
 
     width: int  #: columns of an upright frame
@@ -158,9 +149,9 @@ class VideoSource(FrameSource):
         check_pixel_count(str(source), chosen.width, chosen.height, max_pixels)
         rate = _stated_rate(self._container, chosen)
         if rate is None:
-            no_rate = f"the file states no frame rate; {FALLBACK_RATE} a second is assumed"
+            no_rate = f"the file states no frame rate; {clock.FALLBACK_RATE} a second is assumed"
             self.warnings += (no_rate,)
-        self.rate = rate or FALLBACK_RATE
+        self.rate = rate or clock.FALLBACK_RATE
         self.tick_s = chosen.time_base or 1 / self.rate
         if self.paths:  # in a pipe it is a guess
             self.frames_stated = _stated_frames(self._container, chosen, self.rate)
@@ -170,7 +161,7 @@ class VideoSource(FrameSource):
             problem = f"of its {len(streams)} video streams, number {streams.index(chosen)} is read"
             self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
         self._focal_mm = focal_lengths(self._path, self._container)
-        self._time_code = header_time_code(self._container, chosen, self.rate)
+        self._time_code = clock.header_time_code(self._container, chosen, self.rate)
         self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
         self._reformatter = VideoReformatter()
         first = self._decoder.next()
@@ -187,7 +178,7 @@ class VideoSource(FrameSource):
         container = self._container.format.name
         is_raw = container in _RAW_FORMATS
         self._timestamps = None if is_raw else "dts" if container in _NUMBERED_FORMATS else "pts"
-        self._timeline = Timeline(
+        self._timeline = clock.Timeline(
             self.rate,
             self.tick_s,
             self._ticks(first),
@@ -199,7 +190,7 @@ class VideoSource(FrameSource):
             begins_s = (stream.start_time or 0) * self.tick_s
             self.start_s = self._timeline.start_s if self._timestamps == "pts" else begins_s
 
-    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+    def frames(self, span: clock.Span = clock.WHOLE) -> Iterator[Frame]:
         """Decode the frames of a span; to be called once.
 
         They are RGB, (H, W, 3): uint8, or uint16 of a video of more than 8 bits, rotated and
@@ -215,7 +206,7 @@ class VideoSource(FrameSource):
         self._is_read = True
         return self._frames(span)
 
-    def _frames(self, span: Span) -> Iterator[Frame]:
+    def _frames(self, span: clock.Span) -> Iterator[Frame]:
         for wanted in span.selected(self._numbers_and_times()):
             if not wanted:
                 continue
@@ -251,7 +242,7 @@ class VideoSource(FrameSource):
             warnings=warnings,
             pixel_aspect=self._pixel_aspect,
             projection=options.projection or Projection.PINHOLE,
-            time_code=time_code_after(code, since_first, self.rate) if code else None,
+            time_code=clock.time_code_after(code, since_first, self.rate) if code else None,
         )
         if has_alpha:
             from depthcli.io.images.read import masked  # noqa: PLC0415 - few videos need it
@@ -344,7 +335,7 @@ def open_frames(
     options: ReadOptions = AS_STATED,
     stream: int | None = None,
     eye: Eye | None = None,
-) -> FrameSource:
+) -> clock.FrameSource:
     """Open a video, or a sequence: a folder, or a pattern such as ``plate.%04d.exr``.
 
     ``rate`` is frames a second of a sequence; None for what it states. InputError if it cannot be

@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING
 from depthcli.core.options import INSTALL_PYARROW, one_line
 from depthcli.errors import InputError, UsageError
 from depthcli.io.listing.folder import InputFile, is_exr, is_media
-from depthcli.io.storage.paths import (
-    RemotePath,
-    is_remote,
-    join,
-    local_copy,
-    path_of,
-    without_file_scheme,
-)
+from depthcli.io.storage import paths
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
@@ -37,7 +30,7 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
     They are in the table's column, or in its only one, or in that called ``path``, read a part at a
     time.
     """
-    if is_remote(source):
+    if paths.is_remote(source):
         return _remote_list(source, column)
     path, suffix = Path(source), Path(source).suffix.lower()
     try:
@@ -54,7 +47,7 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
 
 def _remote_list(source: str, column: str | None) -> Iterator[str]:
     try:
-        with local_copy(path_of(source)) as copy:
+        with paths.local_copy(paths.path_of(source)) as copy:
             yield from read_list(str(copy), column)
     except InputError as error:
         raise UsageError(f"the list {error}") from error
@@ -102,10 +95,10 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
     words = map(_local_path, words)
     first = list(islice(words, _MAX_PROBED))
     base = os.path.abspath(root or ".")  # noqa: PTH100 - links stay as named
-    starts = (root or "",) if is_remote(root or "") else (root or "", "")
+    starts = (root or "",) if paths.is_remote(root or "") else (root or "", "")
     start = max(starts, key=lambda folder: _existing(first, folder))
     for word in chain(first, words):
-        path = join(start, word)
+        path = paths.join(start, word)
         is_whole = root is None and os.path.isabs(path)  # noqa: PTH117 - may be a URI
         place = os.path.abspath(path)  # noqa: PTH100 - links stay as named
         name = _whole_name(place) if is_whole else _relative_name(place, base)
@@ -115,7 +108,7 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
 def _local_path(word: str) -> str:
     """A ``file://`` URI as a path."""
     try:
-        return without_file_scheme(word)
+        return paths.without_file_scheme(word)
     except UsageError:
         return word  # the problem is reported with this input
 
@@ -125,11 +118,11 @@ def _listed_uri(uri: str, root: str) -> InputFile | None:
     if "://" not in uri:
         return None
     try:
-        path = path_of(uri)
-        if not isinstance(path, RemotePath):
+        path = paths.path_of(uri)
+        if not isinstance(path, paths.RemotePath):
             return None
-        folder = path_of(root)
-        if isinstance(folder, RemotePath) and path.is_relative_to(folder):
+        folder = paths.path_of(root)
+        if isinstance(folder, paths.RemotePath) and path.is_relative_to(folder):
             return InputFile(path.relative_to(folder).as_posix(), uri)
         return InputFile(str(path).partition("://")[2], uri)
     except UsageError as error:
@@ -193,13 +186,13 @@ def _text_column(file: pq.ParquetFile, column: str | None, path: Path) -> str:
 
 def column_texts(path: Path, column: str | None) -> Iterator[str]:
     """The texts of a column of a file or of a folder of files, a row group at a time."""
-    paths = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
-    if not paths:
+    parts = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
+    if not parts:
         raise UsageError(f"no .parquet file in {path}")
-    for one in paths:  # before any is read
+    for one in parts:  # before any is read
         with open_parquet(one) as file:
             _text_column(file, column, one)
-    return (text for one in paths for text in _texts(one, column))
+    return (text for one in parts for text in _texts(one, column))
 
 
 def _texts(path: Path, column: str | None) -> Iterator[str]:
