@@ -2,12 +2,16 @@
 
 import json
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterable
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
 
+import cv2
 import numpy as np
 import pytest
 from helpers.command_line import Cli
@@ -146,6 +150,52 @@ def test_ctrl_c_completes_the_files(cli: Cli) -> None:
     steps = [step for name in names for step in DepthVideo(cli.folder / "out" / name).steps()]
     assert len(steps) == facts["frames"] == len(list(cli.folder.glob("out/*.npy")))
     assert facts["live"]["received"] >= facts["frames"] + facts["live"]["dropped"]
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return int(taken.getsockname()[1])
+
+
+def is_open(port: int) -> bool:
+    with socket.socket() as client:
+        return client.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_a_page_shows_the_newest_preview_until_the_video_ends(cli: Cli) -> None:
+    port = free_port()
+    with Camera() as camera:
+        words = ("video", camera.url, "--live", "-o", "a.mkv", "--show", str(port))
+        process = cli.started(*words)
+        wait_for(lambda: is_open(port))
+        with urlopen(f"http://127.0.0.1:{port}/") as page:
+            assert b"/stream" in page.read()
+        foreign = Request(f"http://127.0.0.1:{port}/stream", headers={"Host": f"evil.org:{port}"})
+        with pytest.raises(HTTPError):
+            urlopen(foreign)  # noqa: S310 - of HTTP
+        with urlopen(f"http://127.0.0.1:{port}/stream", timeout=50) as stream:
+            for _ in range(3):
+                assert stream.readline() == b"--frame\r\n"
+                assert stream.readline() == b"Content-Type: image/jpeg\r\n"
+                size = int(stream.readline().split()[1])
+                assert stream.readline() == b"\r\n"
+                image = cv2.imdecode(np.frombuffer(stream.read(size), np.uint8), cv2.IMREAD_COLOR)
+                assert image.shape == (48, 64, 3)
+                assert stream.readline() == b"\r\n"
+            taken = cli("video", "no.mp4", "--show", str(port))
+            assert (taken.returncode, len(taken.stderr.splitlines())) == (2, 1)
+            process.send_signal(signal.SIGINT)
+            stream.read()  # to its end
+        process.communicate(timeout=50)
+    assert process.returncode == 0
+
+
+def test_a_page_that_nobody_looks_at_changes_no_byte(cli: Cli) -> None:
+    write_video(cli.folder / "clip.avi", flat_frames(range(0, 250, 10)))
+    for name, words in (("a", ()), ("b", ("--show", str(free_port())))):
+        done = cli("video", "clip.avi", "-o", f"{name}.mkv", "--smooth", "0.2", *words)
+        assert done.returncode == 0
+    assert (cli.folder / "a.mkv").read_bytes() == (cli.folder / "b.mkv").read_bytes()
 
 
 def test_segments_of_a_video_hold_all_of_its_frames(cli: Cli) -> None:

@@ -113,6 +113,12 @@ class PreviewVideoOptions:
         "Default: h264 in mp4, vp9 in webm, prores in mov."
     )
     audio: bool = groups.option("Include the audio of the video in previews.", default=True)
+    show: int | None = groups.option(
+        "Show the newest preview at http://127.0.0.1:PORT/ while it works.",
+        metavar="PORT",
+        min=1,
+        max=65535,
+    )
 
 
 @group
@@ -201,6 +207,13 @@ def video(
         segment_s=None if output.segment is None else parse_segment(output.segment),
         start_number=output.start_number,
     )
+    page = None
+    if preview.show is not None:
+        from depthcli.video.page import PreviewPage
+
+        page = PreviewPage(preview.show, settings.writing)
+        if not screen.quiet:
+            console.note(f"previews at http://127.0.0.1:{preview.show}/")
     request = VideoRequest(
         video=file,
         destination=destination,
@@ -212,6 +225,7 @@ def video(
         workers=workers,
         live=stream,
         raw=None if frames.raw is None else parse_raw(frames.raw),
+        page=page,
     )
     if not screen.quiet:
         of_images = {*parse.INPUT_OPTIONS} - {"videos"}

@@ -28,6 +28,7 @@ from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
     from depthcli.video.live_source import LiveCounts
+    from depthcli.video.page import PreviewPage
 
 _ON_GRID = 1e-6
 _LIVE = "live"
@@ -107,6 +108,7 @@ class VideoRequest:
     live: LiveStream | None = None  #: the stream that ``video`` names; None for a file
     raw: container.RawVideo | None = None  #: frames without a container in ``-``; None for others
     stdout: BinaryIO | None = None  #: where ``-`` is written; None for that of the process
+    page: PreviewPage | None = None  #: shows the newest preview
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +123,7 @@ class VideoPlan:
     has_audio: bool = True  #: whether previews include the audio
     stdout: BinaryIO | None = None  #: the stream for ``-``
     overwrite: bool = False  #: whether outputs may replace files of other programs
+    page: PreviewPage | None = None  #: shows the newest preview
     first_segment: int = 0  #: number of the first file, if they are of a limited length
     sha256: str | None = None  #: of a source that is a temporary copy, which no path identifies
 
@@ -313,6 +316,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         has_audio=request.has_audio,
         stdout=(request.stdout or sys.stdout.buffer) if destination.kind is Kind.STDOUT else None,
         overwrite=request.overwrite,
+        page=request.page,
         first_segment=first_segment,
     )
     for path in map(plan.path, names):

@@ -79,11 +79,7 @@ def write_video(
         guard = output_guard(
             [*source.paths, *known], overwrite=plan.overwrite or journal.is_resumed
         )
-        outputs = [
-            stack.enter_context(_open_output(which, plan, settings, source, rate, guard))
-            for which in plan.names
-            if which is not VideoFormat.JSON
-        ]
+        outputs = _open_outputs(plan, settings, source, rate, guard, stack)
         sidecar = None
         if VideoFormat.JSON in plan.names:
             sidecar = stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
@@ -160,6 +156,23 @@ def _process_frames(
             for output, one in zip(outputs, part, strict=True):
                 output.append(one)
             yield stages.numbers[index]
+
+
+def _open_outputs(
+    plan: VideoPlan,
+    settings: VideoSettings,
+    source: FrameSource,
+    rate: Fraction,
+    guard: Guard | None,
+    stack: ExitStack,
+) -> list[VideoOutput]:
+    """The outputs of all formats but JSON, and the page, entered."""
+    outputs = [
+        stack.enter_context(_open_output(which, plan, settings, source, rate, guard))
+        for which in plan.names
+        if which is not VideoFormat.JSON
+    ]
+    return outputs if plan.page is None else [*outputs, stack.enter_context(plan.page)]
 
 
 def _open_output(
