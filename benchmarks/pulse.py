@@ -212,8 +212,8 @@ METHODS: dict[str, Callable[[list[Floats], Made], list[Floats]]] = {
     "none": lambda logs, _: logs,
     "0.18.0": lambda logs, made: smoothed(logs, made.rgb, None),
     "look-ahead 0": lambda logs, made: smoothed(logs, made.rgb, 0),
-    "look-ahead 3": lambda logs, made: smoothed(logs, made.rgb, 3),
-    "look-ahead 6": lambda logs, made: smoothed(logs, made.rgb, 6),
+    "look-ahead 4": lambda logs, made: smoothed(logs, made.rgb, 4),
+    "look-ahead 8": lambda logs, made: smoothed(logs, made.rgb, 8),
 }
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ _CELL_PX = 3  # thumbnail pixels of a cell of the correction; also the Gaussian'
 _MOVING_SHARE = np.float32(0.6)  # of a change of brightness that flow leaves; of noise nearly all
 _NO_CHANGE = np.float32(1e-7)
 _REPEAT = cv2.BORDER_REPLICATE
+_MAX_PAST = 60  # frames that count without look-ahead
 _MIN_FLOW_PX = 32  # OpenCV's optical flow reads beyond the memory of smaller pictures
 _MIN_SHARE = 0.02  # of a cell's surroundings that has depth before and now
 
@@ -120,15 +122,12 @@ class Correction(NamedTuple):
     stillness: Float32Array
 
 
-@dataclass(frozen=True, slots=True)
-class _Link:
-    """The change from one frame to the next of its scene, and the weighted sum up to it."""
+class _Link(NamedTuple):
+    """The change from a frame to the next of its scene."""
 
     rise: Float32Array  # of depth before above depth now, along the motion
     stillness: Float32Array
-    decay: float  # of weights, over the time between the two
-    past: Float32Array  # sum of the earlier frames' rises above this one, each with its weight
-    weight: float  # sum of their weights, and of 1 for this frame
+    decay: float  # of weights, over the time between the two; 0 for the first frame
 
 
 class Deflicker:
@@ -137,9 +136,9 @@ class Deflicker:
     A network's depth swells and shrinks by some percent from frame to frame, over large parts of
     the picture. The change between neighbours is measured along the optical flow, averaged over
     some pixels of the thumbnail, and added up. Each frame is then moved to the mean of those around
-    it in its scene, whose weights decay exponentially with time: all before it, and as many after
-    it as it looks ahead. Edges stay, as the correction is smooth. A steady change, of a camera that
-    comes nearer, stays if the mean reaches as far ahead as back.
+    it in its scene, whose weights decay exponentially with time. Edges stay, as the correction is
+    smooth. The mean reaches as far back as ahead, so that a steady change, as of a camera that
+    comes nearer, stays. Without look-ahead, depth lags behind it.
 
     Source of the flow: Kroeger et al., "Fast Optical Flow using Dense Inverse Search", ECCV 2016.
     """
@@ -148,7 +147,7 @@ class Deflicker:
         self._look_ahead = look_ahead
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
         self._before: tuple[Float32Array, Float32Array] | None = None
-        self._last: _Link | None = None
+        self._past: deque[_Link] = deque(maxlen=look_ahead or _MAX_PAST)
         self._waiting: deque[_Link] = deque()
 
     def step(
@@ -165,15 +164,12 @@ class Deflicker:
         done = self.finish() if is_cut else []
         picture = _blurred(thumbnail)
         before, self._before = self._before, (picture, values)
-        if is_cut or before is None or self._last is None:
+        if is_cut or before is None:
             rows, columns = (max(1, size // _CELL_PX) for size in thumbnail.shape)
             nothing = np.zeros((rows, columns), np.float32)
-            link = _Link(nothing, nothing, 0.0, nothing, 1.0)
+            link = _Link(nothing, nothing, 0.0)
         else:
-            rise, stillness = self._change(*before, picture, values)
-            past = np.float32(decay) * (self._last.past + np.float32(self._last.weight) * rise)
-            link = _Link(rise, stillness, decay, past, 1 + decay * self._last.weight)
-        self._last = link
+            link = _Link(*self._change(*before, picture, values), decay)
         self._waiting.append(link)
         if len(self._waiting) > self._look_ahead:
             done.append(self._oldest())
@@ -185,12 +181,11 @@ class Deflicker:
 
     def _oldest(self) -> Correction:
         now = self._waiting.popleft()
-        future, weight = np.zeros_like(now.rise), 1.0
-        for link in reversed(self._waiting):
-            future = np.float32(link.decay) * (future - np.float32(weight) * link.rise)
-            weight = 1 + link.decay * weight
-        total = np.float32(now.weight + weight - 1)  # this frame counts once
-        return Correction((now.past + future) / total, now.stillness)
+        self._past.append(now)
+        past, past_weight = _weighted_sum(self._past, 1)
+        future, future_weight = _weighted_sum(reversed(self._waiting), -1)
+        weight = past_weight + future_weight - 1  # this frame counts once
+        return Correction(np.asarray((past + future) / weight, np.float32), now.stillness)
 
     def _change(
         self,
@@ -234,6 +229,20 @@ class Deflicker:
         now, then = (np.rint(each * 255).astype(np.uint8) for each in (picture, before))
         flow = np.asarray(self._flow.calc(now, then, np.zeros((*picture.shape, 2), np.float32)))
         return np.ascontiguousarray(flow[..., 0]), np.ascontiguousarray(flow[..., 1])
+
+
+def _weighted_sum(links: Iterable[_Link], sign: int) -> tuple[Float32Array | float, float]:
+    """Sum of frames' rises above one, to which links lead, each with its weight; sum of weights.
+
+    A frame's weight is the product of decays on its way. That one has 1; the sign is -1 for links
+    that are gone backwards.
+    """
+    total: Float32Array | float = 0.0
+    weight = 1.0
+    for link in links:
+        total = np.float32(link.decay) * (total + np.float32(sign * weight) * link.rise)
+        weight = 1 + link.decay * weight
+    return total, weight
 
 
 class Smoother:

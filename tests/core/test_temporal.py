@@ -188,7 +188,7 @@ def test_flickering_scale_becomes_its_mean_around_each_frame(
     found = corrections([picture] * len(rises), logs, look_ahead, cuts)
     assert len(found) == len(rises)
     for now, correction in enumerate(found):
-        first = max(cut for cut in cuts if cut <= now)
+        first = max([cut for cut in cuts if cut <= now] + [now - (look_ahead or now)])
         end = min([cut for cut in cuts if cut > now] + [len(rises), now + look_ahead + 1])
         weights = {i: 0.8 ** abs(i - now) for i in range(first, end)}
         mean = sum(weight * rises[i] for i, weight in weights.items()) / sum(weights.values())
@@ -222,7 +222,7 @@ def test_flicker_goes_from_depth_that_moves_and_a_true_change_stays(step_px: int
     ]
     before, after = (np.subtract(maps, truth) for maps in (logs, steady))
     assert np.abs(np.diff(after, axis=0)).mean() < 0.35 * np.abs(np.diff(before, axis=0)).mean()
-    assert abs(after[6:-6].mean()) < 0.012  # a camera that comes nearer, by 15 % in all
+    assert abs(after[6:-6].mean()) < 0.005  # a camera that comes nearer, by 15 % in all
     edges = [np.abs(np.diff(maps, axis=2)).mean() for maps in (truth, steady)]
     assert edges[1] == pytest.approx(edges[0], rel=0.03)
 

@@ -99,7 +99,7 @@ def test_the_sidecar_says_what_the_outputs_mean(
         "flicker": done.flicker,
         "flicker_unsmoothed": done.flicker_unsmoothed if smooth_s else None,
         "smooth_s": smooth_s,
-        "look_ahead": 6,
+        "look_ahead": 8,
         "lock_s": 1.0,
         "model": "tiny",
         "model_sha256": loader.load().model.sha256,

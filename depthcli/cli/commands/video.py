@@ -131,7 +131,7 @@ class SmoothOptions(groups.MapOptions):
         callback=groups.not_negative,
     )
     look_ahead: int | None = groups.option(
-        "Later frames that --smooth takes into account. Default: 6, of live streams 0.",
+        "Later frames that --smooth takes into account. Default: 8, of live streams 0.",
         min=0,
         max=100,
     )

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _ON_GRID = 1e-6
 _LIVE = "live"
 LOCK_S = 1.0
-LOOK_AHEAD = 6
+LOOK_AHEAD = 8
 
 
 @dataclass(frozen=True, slots=True)
