@@ -16,27 +16,26 @@ from depthcli.cli.table import PROGRAM, help_text
 TYPE_CHECKING = False  # checkers take it for typing's, which would be a quarter of ``--help``
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import NoReturn
 
 _GC_THRESHOLD = 50_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code. Without arguments, they are the process's."""
-    if arguments is None:
-        _exit(_run_process())
-    return _run(list(arguments))
-
-
-def _run_process() -> int:
+    if arguments is not None:
+        return _run(list(arguments))
     if not sys.warnoptions:  # libraries' warnings are for developers
         warnings.simplefilter("ignore")
     open_streams()
     try:
-        return _run(sys.argv[1:], is_process=True)
+        code = _run(sys.argv[1:], is_process=True)
     except OSError as error:
         sys.stderr.write(f"depthcli: error: cannot write standard output: {error.strerror}\n")
-        return 1
+        code = 1
+    # Without clean-up of the interpreter: to unload onnxruntime and OpenCV takes longer than to
+    # read a picture, and would crash a thread that still loads a model.
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def _prepare() -> None:
@@ -52,16 +51,6 @@ def _prepare() -> None:
     os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
     # For modules that import onnxruntime themselves; see depthcli/inference/providers.py.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-
-
-def _exit(code: int) -> NoReturn:
-    """Exit without cleaning up the interpreter.
-
-    Unloading onnxruntime and OpenCV takes longer than reading a picture, and would crash a thread
-    that still loads a model.
-    """
-    sys.stderr.flush()
-    os._exit(code)
 
 
 def _run(arguments: list[str], *, is_process: bool = False) -> int:

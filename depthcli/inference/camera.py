@@ -6,7 +6,6 @@ resizing stretches, the focal length is the geometric mean over both axes.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 from depthcli.core.camera import (
@@ -17,7 +16,6 @@ from depthcli.core.camera import (
     focal_px_of_hfov,
 )
 from depthcli.core.types import DepthKind, Frame
-from depthcli.errors import Message
 from depthcli.inference.transforms import Layout
 from depthcli.models.card import CameraSpec, FocalAxis, InputSpec, ModelCard
 
@@ -33,15 +31,6 @@ def focal_warnings(card: ModelCard, camera: Intrinsics) -> tuple[str, ...]:
         return ()
     no_camera = f"model {card.name!r} gives no metres of a known camera"
     return (f"{no_camera}: the focal length is used for point clouds, and does not scale depth",)
-
-
-def frame_warnings(frame: Frame, source: CameraSource | None) -> Iterator[str]:
-    """Facts of an image file about its camera that are not used, one line each."""
-    if source is CameraSource.CARD and frame.focal_mm is not None:
-        yield Message(
-            f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size",
-            "give {focal_px} or {hfov}, as the one that is assumed may be far off",
-        )
 
 
 def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsics:

@@ -25,7 +25,7 @@ from depthcli.inference import camera as lenses
 from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import Layout, prepare
-from depthcli.models.card import InputSpec, ModelCard, OutputSpec
+from depthcli.models.card import InputSpec, OutputSpec
 
 _STEP = 4  # pixels between those that are counted
 _END_SHARE, _MANY = 0.02, 0.1  # of the depth at an end of the range; of the pixels
@@ -45,12 +45,8 @@ class Pipeline:
 
     def __init__(self, session: Session, detail: UpsamplingOptions = DEFAULT_UPSAMPLING) -> None:
         self.session = session
+        self.card = session.model.card
         self.detail = detail
-
-    @property
-    def card(self) -> ModelCard:
-        """The model's card."""
-        return self.session.model.card
 
     def predict(
         self, frame: Frame, camera: Intrinsics = UNKNOWN_CAMERA, anchors: AnchorPoints | None = None
@@ -321,9 +317,12 @@ def _finished(
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
     found, of_anchors = fitted(depth, anchors, frame.windows)
-    source = depth.provenance.camera_source if depth.provenance and not anchors else None
-    of_file = lenses.frame_warnings(frame, source)
-    return Prediction(found, (*warnings, *of_file, *of_anchors))
+    source = depth.provenance and depth.provenance.camera_source
+    if source is CameraSource.CARD and frame.focal_mm is not None and not anchors:
+        told = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"
+        advice = "give {focal_px} or {hfov}, as the one that is assumed may be far off"
+        warnings += (Message(told, advice),)
+    return Prediction(found, (*warnings, *of_anchors))
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> int | None:

@@ -2,7 +2,7 @@
 
 import re
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NamedTuple
 
@@ -24,31 +24,35 @@ _IMAGE_RANK = 4
 _POINT = 3  # numbers
 
 
-def _map_output(session: ort.InferenceSession, model: Model) -> str:
-    """Name of the output that is the depth map: the card's, the only one, or one of ``_NAMES``."""
+def _output_names(session: ort.InferenceSession, model: Model) -> dict[str, str]:
+    """Names of the outputs by their fields of :class:`RawOutputs`; the first is the depth map's.
+
+    That is the output that the card names, the only one, or one of ``_NAMES``.
+    """
     outputs: list[Any] = session.get_outputs()
-    wanted = model.card.onnx.output
+    card, wanted = model.card, model.card.onnx.output
     names = _NAMES if wanted is None else {wanted}
     found = [one for one in outputs if one.name in names]
     if wanted is None and len(outputs) == 1:
         found = outputs
+    listed = one_line(", ".join(f"{one.name} {one.shape}" for one in outputs))
     if len(found) != 1:
-        listed = one_line(", ".join(f"{one.name} {one.shape}" for one in outputs))
         which = "which of them is the depth map" if wanted is None else "one of them"
         raise ModelError(
             f"{model.path} has the outputs {listed}; state {which} in the card, as onnx.output"
         )
     if not _NUMBERS.fullmatch(found[0].type):
         raise ModelError(f"{model.path} gives {found[0].type}, not numbers; use a depth model")
-    return str(found[0].name)
-
-
-def _check_outputs(session: ort.InferenceSession, model: Model, wanted: Iterable[str]) -> None:
-    names = {one.name for one in session.get_outputs()}
-    for name in wanted:
-        if name not in names:
-            listed = one_line(", ".join(sorted(names)))
+    others = {
+        "mask": card.output.mask and card.output.mask.output,
+        "hfov_deg": card.camera and card.camera.hfov_output,
+        "scale": card.output.points and card.output.points.scale_output,
+    }
+    named = {"maps": str(found[0].name)} | {field: name for field, name in others.items() if name}
+    for name in named.values():
+        if name not in {one.name for one in outputs}:
             raise ModelError(f"{model.path} has no output {name!r}, but {listed}; correct the card")
+    return named
 
 
 class RawOutputs(NamedTuple):
@@ -109,16 +113,7 @@ class Session:
         self._run_lock: AbstractContextManager[Any] = (
             threading.Lock() if self.provider == DIRECTML else nullcontext()
         )
-        self._outputs = [_map_output(self._session, model)]
-        camera, output = model.card.camera, model.card.output
-        named = {
-            "mask": output.mask and output.mask.output,
-            "hfov_deg": camera and camera.hfov_output,
-            "scale": output.points and output.points.scale_output,
-        }
-        self._more = {field: name for field, name in named.items() if name}
-        _check_outputs(self._session, model, self._more.values())
-        self._outputs += self._more.values()
+        self._outputs = _output_names(self._session, model)
         self._input, shape = _image_input(self._session, model)
         self._input_type = _INPUT_TYPES[self._session.get_inputs()[0].type]
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
@@ -160,12 +155,12 @@ class Session:
         feed = {name: values.astype(self._input_type, copy=False) for name, values in feed.items()}
         try:
             with self._run_lock:
-                raw = self._session.run([*self._outputs], feed, self._run_options)
+                raw = self._session.run([*self._outputs.values()], feed, self._run_options)
         except Exception as error:
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
             ) from error
-        found = dict(zip(("maps", *self._more), raw, strict=True))
+        found = dict(zip(self._outputs, raw, strict=True))
         for name in {"maps", "mask"} & found.keys():
             found[name] = self._maps(found[name], len(batch))
         for name in {"hfov_deg", "scale"} & found.keys():

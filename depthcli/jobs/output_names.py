@@ -122,17 +122,13 @@ def output_bases(sources: Sequence[Path | None]) -> list[str]:
             inside.setdefault(source.parent, set()).add(source.name)
     bases: dict[tuple[Path, str], str] = {}
     for folder, own in inside.items():
-        names = own | _rivals(folder, own)
+        near = set(chain(*namesakes(folder, own).values())) - own
+        names = own | {
+            name
+            for name in filter(is_media, near)
+            if not (folder / name).is_dir() and not is_own_picture(folder / name)
+        }
         others = {name for name in names if not is_exr(name)}
         for them, among in ((own & others, TreeNames(others)), (own - others, TreeNames(names))):
             bases |= {(folder, name): among.base(name) for name in them}
     return [STDIN_STEM if s is None else bases[s.parent, s.name] for s in sources]
-
-
-def _rivals(folder: Path, own: set[str]) -> set[str]:
-    """The images and videos beside the inputs of a folder whose outputs could collide."""
-    return {
-        name
-        for name in set(chain(*namesakes(folder, own).values())) - own
-        if is_media(name) and not (folder / name).is_dir() and not is_own_picture(folder / name)
-    }

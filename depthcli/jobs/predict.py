@@ -68,7 +68,18 @@ def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
     order of the images, which are processed while they are iterated over; ModelError is raised
     then if the model cannot be used, and UsageError if it does not accept a focal length.
     """
-    plans = plan_pictures(request.pictures, request.destination)
+    names, destination = request.pictures, request.destination
+    if names.count(STDIO) > 1:
+        raise UsageError("'-' is standard input and can be read once", "give it once")
+    sources = [None if name == STDIO else path_of(name) for name in names]
+    if destination.kind is not Kind.STDOUT:
+        plans = outputs.plan_outputs(sources, destination)
+    elif len(names) == len(destination.wanted) == 1:
+        plans = [OutputPlan(sources[0], dict.fromkeys(destination.wanted, Path(STDIO)))]
+    else:
+        problem = "standard output takes one input and one format"
+        raise UsageError(problem, "name a folder for more", option="out")
+    plans = [plan._replace(name=safe_name(n)) for n, plan in zip(names, plans, strict=True)]
     loading = request.model.start()
     # Imported here, while the model loads; by its name, as it imports this module.
     pictures = resolve_name("depthcli.jobs.predict_images:predict_pictures")
@@ -86,20 +97,3 @@ def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
             "name a picture, or use 'depthcli convert' for depth files",
         )
     return others, own
-
-
-def plan_pictures(
-    names: Sequence[str], destination: Destination[Format]
-) -> list[OutputPlan[Format]]:
-    """Name every output before anything is read; UsageError if they do not fit, or collide."""
-    if list(names).count(STDIO) > 1:
-        raise UsageError("'-' is standard input and can be read once", "give it once")
-    sources = [None if name == STDIO else path_of(name) for name in names]
-    if destination.kind is not Kind.STDOUT:
-        plans = outputs.plan_outputs(sources, destination)
-    elif len(names) == len(destination.wanted) == 1:
-        plans = [OutputPlan(sources[0], dict.fromkeys(destination.wanted, Path(STDIO)))]
-    else:
-        problem = "standard output takes one input and one format"
-        raise UsageError(problem, "name a folder for more", option="out")
-    return [plan._replace(name=safe_name(n)) for n, plan in zip(names, plans, strict=True)]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.parallel import Background
-from depthcli.core.types import Frame, displayed_depth
+from depthcli.core.types import displayed_depth
 from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
@@ -63,7 +63,13 @@ def _predict_picture(
     guard: Guard,
 ) -> PictureResult:
     start = time.perf_counter()
-    frame = _read_picture(request, plan)
+    try:
+        data = None if plan.source else (request.stdin or sys.stdin.buffer).read()
+        frame = read_image(
+            plan.source, data, max_pixels=request.max_pixels, **request.reading._asdict()
+        )
+    except OSError as error:
+        raise InputError(f"cannot read standard input: {error.strerror}") from error
     session = loading.result()
     points = points and replace(points, fit=request.anchors_fit)
     depth, depth_warnings = Pipeline(session, request.detail).predict(frame, request.camera, points)
@@ -90,13 +96,3 @@ def _known_points(request: PredictRequest) -> AnchorPoints | None:
         return request.anchors.read()
     except InputError as error:
         raise UsageError(error.message, option="anchors") from error
-
-
-def _read_picture(request: PredictRequest, plan: OutputPlan[Format]) -> Frame:
-    try:
-        data = None if plan.source else (request.stdin or sys.stdin.buffer).read()
-        return read_image(
-            plan.source, data, max_pixels=request.max_pixels, **request.reading._asdict()
-        )
-    except OSError as error:
-        raise InputError(f"cannot read standard input: {error.strerror}") from error

@@ -77,29 +77,6 @@ class ModelLocation(NamedTuple):
         return path
 
 
-def find_location(name_or_path: str | os.PathLike[str] | None = None) -> ModelLocation:
-    """Find a model without reading it."""
-    name = os.fspath(DEFAULT_MODEL if name_or_path is None else name_or_path)
-    separators = {os.sep, os.altsep or os.sep}
-    is_path = name in {".", ".."} or name.endswith(_ONNX_SUFFIX) or bool(separators & {*name})
-    folders = () if is_path else roots()
-    candidates = [root / file for root in folders for file in (name, name + _ONNX_SUFFIX)]
-    try:
-        found = next(filter(None, map(location_at, [*candidates, path_of(name)])), None)
-    except OSError as error:  # a name that is too long, a host that cannot be reached
-        raise ModelError(f"no model at {short_repr(safe_name(name))}: {error.strerror}") from error
-    if found:
-        return found
-    if is_path:
-        raise ModelError(
-            f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
-        )
-    advice = "see 'depthcli models list', or give a path"
-    if name in ready_names():
-        advice = f"it is a ready card; {how_to_add(ready_card(name), name)}"
-    raise ModelError(f"no model named {name!r}", advice)
-
-
 def roots() -> tuple[Path, ...]:
     """Folders of models: the environment variable's, the user's, the bundled, a checkout's."""
     package = Path(__file__).resolve().parents[1]
@@ -173,7 +150,25 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
     Raises:
         ModelError: not found, no card, damaged, external data, or a checksum that differs.
     """
-    return read_model(find_location(name_or_path))
+    name = os.fspath(DEFAULT_MODEL if name_or_path is None else name_or_path)
+    separators = {os.sep, os.altsep or os.sep}
+    is_path = name in {".", ".."} or name.endswith(_ONNX_SUFFIX) or bool(separators & {*name})
+    folders = () if is_path else roots()
+    candidates = [root / file for root in folders for file in (name, name + _ONNX_SUFFIX)]
+    try:
+        found = next(filter(None, map(location_at, [*candidates, path_of(name)])), None)
+    except OSError as error:  # a name that is too long, a host that cannot be reached
+        raise ModelError(f"no model at {short_repr(safe_name(name))}: {error.strerror}") from error
+    if found:
+        return read_model(found)
+    if is_path:
+        raise ModelError(
+            f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
+        )
+    advice = "see 'depthcli models list', or give a path"
+    if name in ready_names():
+        advice = f"it is a ready card; {how_to_add(ready_card(name), name)}"
+    raise ModelError(f"no model named {name!r}", advice)
 
 
 def read_model(location: ModelLocation) -> Model:

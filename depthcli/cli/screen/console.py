@@ -122,18 +122,14 @@ def error(text: str) -> None:
 def _write_line(stream: TextIO, text: str) -> None:
     """Write a line; control characters, and those that cannot be encoded, are escaped."""
     text = re.sub(_CONTROL, lambda found: one_line(found[0]), text)
-    if _bars and stream.isatty():
-        # Standard error is replaced by Rich, which has no encoding and wraps lines.
-        shown = _bars[-1].console
-        text = _encodable(text, cast("TextIO", shown.file))
+    shown = _bars[-1].console if _bars and stream.isatty() else None
+    # Rich's replacement of standard error has no encoding.
+    encoding = (cast("TextIO", shown.file) if shown else stream).encoding or "ascii"
+    text = text.encode(encoding, "backslashreplace").decode(encoding)
+    if shown:
         shown.print(text, markup=False, highlight=False, emoji=False, soft_wrap=True)
     else:
-        stream.write(_encodable(text, stream) + "\n")
-
-
-def _encodable(text: str, stream: TextIO) -> str:
-    encoding = stream.encoding or "ascii"
-    return text.encode(encoding, "backslashreplace").decode(encoding)
+        stream.write(text + "\n")
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
