@@ -351,9 +351,7 @@ def test_anchors_are_fitted_and_kept(model: depthcli.DepthModel) -> None:
     np.testing.assert_array_equal(again.values, depth.values)
 
 
-def test_many_anchors_are_a_table_or_a_sparse_map(
-    model: depthcli.DepthModel, tmp_path: Path
-) -> None:
+def test_many_anchors_are_a_table_or_a_map(model: depthcli.DepthModel, tmp_path: Path) -> None:
     known_m = 2 * model.predict(PIXELS).values + 3
     sparse_m = np.where(np.arange(known_m.size).reshape(known_m.shape) % 7, 0, known_m)
     y, x = np.nonzero(sparse_m)

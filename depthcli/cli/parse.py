@@ -316,11 +316,8 @@ def without_effect(
 
 def image_kinds(names: Iterable[str]) -> set[str]:
     """The kinds of images, for :data:`INPUT_OPTIONS`."""
-    kinds = set()
-    for name in names:
-        kinds |= (
-            {*INPUT_OPTIONS}
-            if name == _STDIN
-            else ({"EXR"} if is_exr(name) else {"PNG and TIFF", "JPEG"})
-        )
-    return kinds
+    of_name = (
+        INPUT_OPTIONS if name == _STDIN else ("EXR",) if is_exr(name) else ("PNG and TIFF", "JPEG")
+        for name in names
+    )
+    return {kind for kinds in of_name for kind in kinds}

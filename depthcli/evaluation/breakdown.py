@@ -9,8 +9,8 @@ import numpy as np
 
 from depthcli.core.options import Alignment, Part
 from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.report import Breakdown, ImageScores, PartScores, ReportRow
-from depthcli.metrics.depth import PixelSums, Scores
+from depthcli.evaluation.report import Breakdown, PartScores, ReportRow, mean_of
+from depthcli.metrics.depth import PixelSums
 from depthcli.metrics.pixels import DepthPixels
 
 _EDGES_M = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 80.0)
@@ -81,7 +81,7 @@ def _by_scene(rows: Sequence[ReportRow], scenes: Mapping[str, str]) -> Iterator[
     for kind in sorted(set(kinds.values())):
         for row in rows:
             own = [image for image in row.images if kinds[image.id] == kind]
-            yield PartScores(kind, _label(row), len(own), _mean(own))
+            yield PartScores(kind, _label(row), len(own), mean_of(own))
 
 
 def _worst(rows: Sequence[ReportRow]) -> Iterator[PartScores]:
@@ -94,9 +94,3 @@ def _worst(rows: Sequence[ReportRow]) -> Iterator[PartScores]:
 
 def _label(row: ReportRow) -> str:
     return row.name if row.alignment is Alignment.NONE else f"{row.name}, {row.alignment}"
-
-
-def _mean(images: Sequence[ImageScores]) -> Scores:
-    values = np.array([image.scores.values for image in images])
-    known = values[np.isfinite(values).any(1)]
-    return Scores(tuple(map(float, known.mean(0)))) if len(known) else Scores.of()

@@ -64,6 +64,7 @@ class EvalProtocol:
     @property
     def name(self) -> str:
         """Short name: "headline", or what differs from it."""
+        tile = "3/4 of the width" if self.tile_px == AUTO_TILE else f"{self.tile_px} px"
         changes = [
             (self.averaging != HEADLINE.averaging, f"{self.averaging} average"),
             (self.crop != HEADLINE.crop, f"{self.crop} crop"),
@@ -73,7 +74,7 @@ class EvalProtocol:
             (self.min_m != HEADLINE.min_m, f"min {self.min_m:g} m"),
             (self.max_m != HEADLINE.max_m, f"max {self.max_m:g} m"),
             (self.upsampling != HEADLINE.upsampling, f"{self.upsampling} upsampling"),
-            (self.tile_px != HEADLINE.tile_px, f"tiles of {_tile_text(self.tile_px)}"),
+            (self.tile_px != HEADLINE.tile_px, f"tiles of {tile}"),
         ]
         return ", ".join(text for differs, text in changes if differs) or "headline"
 
@@ -160,10 +161,6 @@ def _select(values: Float32Array, valid: BoolArray) -> Float32Array:
 
 def _size_text(size_px: tuple[int, int] | None) -> str:
     return "native size" if size_px is None else f"{size_px[0]}×{size_px[1]}"
-
-
-def _tile_text(tile_px: int | None) -> str:
-    return "3/4 of the width" if tile_px == AUTO_TILE else f"{tile_px} px"
 
 
 def _crop(crop: Crop, shape: tuple[int, ...]) -> BoolArray:

@@ -4,10 +4,12 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
+
+import numpy as np
 
 from depthcli.core.options import Alignment, Part
 from depthcli.datasets.base import ALL_PAIRS, SplitName
@@ -82,6 +84,12 @@ class ImageScores:
     id: str
     scores: Scores
     boundary: BoundaryScores | None = None
+
+
+def mean_of(images: Iterable[ImageScores]) -> Scores:
+    """Mean over the images with a valid pixel; NaN if none has one."""
+    values = [image.scores.values for image in images if np.isfinite(image.scores.values).any()]
+    return Scores(tuple(map(float, np.mean(values, 0)))) if values else Scores.of()
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +208,10 @@ class EvalReport:
             document["differences"] = [_difference_json(found) for found in self.differences]
         if self.breakdowns:
             document["breakdowns"] = {
-                one.by: [_part_json(scored) for scored in one.scored] for one in self.breakdowns
+                one.by: [
+                    asdict(part) | {"scores": _scores_json(part.scores)} for part in one.scored
+                ]
+                for one in self.breakdowns
             }
         if self.scenes and any(row.images for row in self.rows):
             document["scenes"] = dict(self.scenes)
@@ -295,11 +306,6 @@ def _difference_json(difference: Difference) -> dict[str, Any]:
         "align": difference.alignment,
         "intervals": {metric: _scores_json(asdict(interval)) for metric, interval in intervals},
     }
-
-
-def _part_json(scored: PartScores) -> dict[str, Any]:
-    facts = {"part": scored.part, "row": scored.row, "count": scored.count}
-    return facts | {"scores": _scores_json(scored.scores)}
 
 
 def _scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:

@@ -6,8 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from depthcli.core.options import Alignment
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import UsageError
@@ -19,6 +17,7 @@ from depthcli.evaluation.report import (
     ImageScores,
     ReportRow,
     Source,
+    mean_of,
 )
 from depthcli.io.storage.paths import read_bytes
 from depthcli.metrics.depth import Scores
@@ -79,7 +78,11 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
     names = [path.stem for path in (first, second)]
     labels = names if names[0] != names[1] else [str(first), str(second)]
     rows = [
-        [replace(row, name=f"{row.name} ({label})") for row in _compared(report)]
+        [
+            replace(row, name=f"{row.name} ({label})")
+            for row in report.rows
+            if row.source in {Source.MODEL, Source.FILES}
+        ]
         for report, label in zip(reports, labels, strict=True)
     ]
     sets = [{image.id for image in row.images} for own in rows for row in own]
@@ -98,17 +101,12 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
     )
 
 
-def _compared(report: EvalReport) -> list[ReportRow]:
-    return [row for row in report.rows if row.source in (Source.MODEL, Source.FILES)]
-
-
 def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
     images = sorted((one for one in row.images if one.id in shared), key=lambda one: one.id)
     if len(images) == len(row.images):
         return replace(row, images=tuple(images))
-    values = np.array([image.scores.values for image in images])
-    scores = Scores(tuple(map(float, values[np.isfinite(values).any(1)].mean(0))))
-    return replace(row, images=tuple(images), image_count=len(images), scores=scores, pixel_count=0)
+    kept = replace(row, images=tuple(images), image_count=len(images), pixel_count=0)
+    return replace(kept, scores=mean_of(images))
 
 
 def _differences(

@@ -10,7 +10,7 @@ from depthcli.core.options import Tracker
 from depthcli.core.progress import Interrupt
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.training_data import open_training_data
-from depthcli.training.callbacks import Callback, Callbacks
+from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.init_weights import weights_file
@@ -71,7 +71,8 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
             data,
             out,
             fabric,
-            Callbacks(callback, *followers),
+            callback,
+            *followers,
             init_weights=init_weights,
             max_minutes=request.minutes,
             interrupt=interrupt,

@@ -52,32 +52,6 @@ class Callback:
         """Called at the end, also of a run that fails."""
 
 
-class Callbacks(Callback):
-    """Calls several one after another."""
-
-    def __init__(self, *callbacks: Callback) -> None:
-        self.callbacks = callbacks
-
-    def on_train_start(
-        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
-    ) -> None:
-        """Call all."""
-        for one in self.callbacks:
-            one.on_train_start(
-                lacks_scenes=lacks_scenes, seen_held_out=seen_held_out, warnings=warnings
-            )
-
-    def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
-        """Call all."""
-        for one in self.callbacks:
-            one.on_step_end(state, steps, losses)
-
-    def on_epoch_end(self, state: TrainState) -> None:
-        """Call all."""
-        for one in self.callbacks:
-            one.on_epoch_end(state)
-
-
 def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
     """Add the line of an epoch to a run's metrics log, one JSON object per epoch."""
     line = {

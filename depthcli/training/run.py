@@ -266,8 +266,7 @@ def fit(
     data: TrainingData,
     folder: Path,
     fabric: Fabric,
-    callback: callbacks.Callback,
-    *,
+    *followers: callbacks.Callback,
     init_weights: Sequence[Path] = (),
     max_minutes: float = math.inf,
     max_steps: float = math.inf,
@@ -281,11 +280,12 @@ def fit(
     interrupt = interrupt or Interrupt()
     run, batches, validation = _set_up(config, data, folder, fabric, init_weights)
     held_out, seen = run.provenance.held_out_ids, run.provenance.init_ids
-    callback.on_train_start(
-        lacks_scenes=bool(config.data.holdout_every) and not held_out,
-        seen_held_out=len(provenance.common_ids(data, held_out, seen)),
-        warnings=data.warnings,
-    )
+    for follower in followers:
+        follower.on_train_start(
+            lacks_scenes=bool(config.data.holdout_every) and not held_out,
+            seen_held_out=len(provenance.common_ids(data, held_out, seen)),
+            warnings=data.warnings,
+        )
     started, before = time.monotonic(), run.state
     with interrupt:
         while run.state.step < run.steps and not run.state.has_stalled(config.patience):
@@ -293,7 +293,8 @@ def fit(
             step, elapsed_s = run.state.step + 1, time.monotonic() - started
             seconds = before.seconds + elapsed_s
             run.state = replace(run.state, step=step, seconds=seconds, scores={})
-            callback.on_step_end(run.state, run.steps, losses)
+            for follower in followers:
+                follower.on_step_end(run.state, run.steps, losses)
             epoch_ends = step % batches.steps_per_epoch == 0
             if epoch_ends:
                 _end_epoch(run, validation, folder, losses)
@@ -303,8 +304,8 @@ def fit(
             due = epoch_ends and run.state.epoch % config.save_every == 0
             if due or stops or step == run.steps:
                 run.save(folder / checkpoint.CHECKPOINT)
-            if epoch_ends:
-                callback.on_epoch_end(run.state)
+            for follower in followers if epoch_ends else ():
+                follower.on_epoch_end(run.state)
             if stops:
                 break
     return run.state

@@ -276,9 +276,7 @@ def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     assert rows(inside, "elsewhere").keys() == {"a.png", "b.preview.png", "out/manifest.jsonl"}
 
 
-def test_an_error_that_nobody_foresaw_stops_no_other(
-    cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unforeseen_error_stops_no_other(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = Pipeline._predict_batch
 
     def predict_batch(self: Pipeline, frames: list[Frame], *rest: Any) -> list[Prediction]:

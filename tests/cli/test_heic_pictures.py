@@ -56,9 +56,7 @@ def test_without_pillow_heif_the_other_pictures_are_done(inside: Cli) -> None:
     assert contents(inside, "out").keys() == {"b.depth.png"}
 
 
-def test_a_batch_reads_heic_once_pillow_heif_is_there(
-    inside: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_batch_reads_heic_by_pillow_heif(inside: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     tree(inside, "a.png")
     (inside.folder / "in" / "b.HEIC").write_bytes(HEIC)
     (inside.folder / "in" / "c.heic").write_bytes(HEIC[:-1])

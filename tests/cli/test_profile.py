@@ -55,7 +55,7 @@ def test_profile_gives_options_to_the_command(inside: Cli) -> None:
         (("-o", "x.png", "--png-normalize"), None),
     ],
 )
-def test_command_line_overrides_the_profile(
+def test_options_override_the_profile(
     inside: Cli, words: tuple[str, ...], scale: str | None
 ) -> None:
     write_picture(inside.folder / "room.png")

@@ -88,9 +88,7 @@ def test_every_command_is_there_and_every_option_has_help(name: str) -> None:
         (("models", "nonsense"), "nonsense"),
     ],
 )
-def test_wrong_usage_is_one_line_and_exit_code_2(
-    cli: Cli, arguments: tuple[str, ...], said: str
-) -> None:
+def test_wrong_usage_is_a_line_and_exit_2(cli: Cli, arguments: tuple[str, ...], said: str) -> None:
     done = cli(*arguments)
     lines = done.stderr.decode().splitlines()
     assert done.returncode == 2

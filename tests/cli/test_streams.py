@@ -24,9 +24,7 @@ from depthcli.cli.screen import console
         ("predict in/a.png -o -", ">&-"),
     ],
 )
-def test_results_that_standard_output_does_not_take_are_an_error(
-    cli: Cli, words: str, stream: str
-) -> None:
+def test_results_that_stdout_does_not_take_are_an_error(cli: Cli, words: str, stream: str) -> None:
     write_picture(cli.folder / "in" / "a.png")
     line = f"{shlex.join(cli.command(*words.split()))} {stream}"
     done = subprocess.run(

@@ -87,9 +87,7 @@ def test_row_of_a_model_trained_on_test_images_is_flagged(
 
 
 @pytest.mark.usefixtures("models")
-def test_table_names_protocol_split_and_images(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_table_names_protocol_split_images(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _run(data, "--split", "val") == ExitCode.OK
     output = capsys.readouterr()
     lines = output.out.splitlines()

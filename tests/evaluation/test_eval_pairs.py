@@ -61,9 +61,7 @@ def test_predictions_are_scaled_to_the_focal_length_of_each_image(
     assert scores["abs_rel"] == pytest.approx((0 + 0.5 + 1) / 3, abs=0.03)
 
 
-def test_only_depth_up_to_the_farthest_counts(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_depth_up_to_the_farthest_counts(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (data / "cameras.csv").unlink()
     row = _row(data, capsys, "--max-depth", "3.5")
     assert (row["images"], row["images_without_valid_pixel"]) == (2, 1)  # the second: from 3.6 m
@@ -191,9 +189,7 @@ def _table(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[dict[str, A
     return json.loads(shown.out), shown.err
 
 
-def test_table_states_unit_and_who_states_it(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_table_states_unit_and_who_says_it(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """SUN RGB-D stores eighths of a millimetre; as millimetres, all models are equally bad.
 
     Source: https://github.com/laughtervv/DepthAwareCNN/issues/34
@@ -282,9 +278,7 @@ def test_disparity_is_compared_as_depth(data: Path, capsys: pytest.CaptureFixtur
     assert main(["eval", "pairs", *words, "--baseline", "0.5"]) == ExitCode.USAGE
 
 
-def test_pixels_without_a_prediction_are_counted(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_pixels_without_depth_are_counted(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = data.parent / "files"
     for name in FACTORS:
         (files / name).parent.mkdir(parents=True, exist_ok=True)
@@ -304,9 +298,7 @@ def test_no_pixel_that_counts_is_an_error(data: Path, capsys: pytest.CaptureFixt
     assert main([*words, "--rgb", "*.png"]) == ExitCode.USAGE
 
 
-def test_crop_of_kitti_and_range_choose_pixels(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_crop_and_range_choose_pixels(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tiny = ("--model", str(data.parent / "tiny"))
     (row,) = _table(capsys, str(data), *tiny, "--crop", "garg")[0]["rows"]
     rows, columns = slice(48, 119), slice(5, 154)
@@ -337,9 +329,7 @@ def test_model_that_was_trained_on_these_pairs_is_marked(
     assert "images_trained_on" not in row
 
 
-def test_focal_length_of_exif_scales_predictions(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_exif_focal_length_scales_depth(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As predict does: pictures of a phone state it, and a folder of them has no cameras.csv."""
     (data / "cameras.csv").unlink()
     for name, factor in FACTORS.items():

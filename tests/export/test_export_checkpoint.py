@@ -38,9 +38,7 @@ def test_round_trip(config: GeneratorConfig, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("half", "allowed"), [(False, 1e-3), (True, 2e-2)])
-def test_the_gate_is_as_narrow_as_the_weights_allow(
-    half: bool, allowed: float, tmp_path: Path
-) -> None:
+def test_the_gate_is_as_narrow_as_weights_allow(half: bool, allowed: float, tmp_path: Path) -> None:
     checkpoint = write_checkpoint(tmp_path / "last.ckpt")
     parity = export_checkpoint(checkpoint, tmp_path / "a.onnx", ExportOptions(half=half)).parity
     assert parity.tolerance == allowed

@@ -116,9 +116,7 @@ def test_a_run_is_exported_once_a_checkpoint(
         export_run(run, tmp_path, Weights.RAW)
 
 
-def test_a_run_whose_folder_takes_no_model_is_exported_elsewhere(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_a_run_whose_folder_is_full_is_exported_elsewhere(folder: Path, tmp_path: Path) -> None:
     (folder / "evaluated-raw.onnx").mkdir()
     model = export_run(open_run(folder), tmp_path / "spare", Weights.RAW)
     assert model == tmp_path / "spare" / "proposed-seed7" / "evaluated-raw.onnx"

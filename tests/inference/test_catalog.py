@@ -30,9 +30,7 @@ def test_a_folder_is_found_by_path(model_folder: Path) -> None:
     assert model.card.name == "tiny"
 
 
-def test_a_name_is_found_in_the_variable_s_folders(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_is_found_by_the_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_model(tmp_path / "a" / "mine", version="1")
     write_model(tmp_path / "b" / "mine", version="2")
     write_model(tmp_path / "b" / "other")

@@ -358,9 +358,7 @@ def test_a_link_is_removed_and_not_what_it_leads_to(own: Path, tmp_path: Path) -
     assert (elsewhere / "card.json").is_file()
 
 
-def test_the_user_s_folder_follows_the_variables(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_user_s_folder_is_by_variables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DEPTHCLI_MODELS", raising=False)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     assert user_root() == tmp_path / "data" / "depthcli" / "models"

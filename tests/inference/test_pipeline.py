@@ -195,9 +195,7 @@ def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipel
         kinect.predict(gray(90), anchors=outside)
 
 
-def test_pictures_of_one_network_size_run_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pipeline = load(write_model(tmp_path, input__fit="keep-aspect"))
     run, shapes = pipeline.session.outputs, []
 

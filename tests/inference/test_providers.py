@@ -61,9 +61,7 @@ def test_auto_tries_the_best_first_and_never_tensorrt(
 
 
 @pytest.mark.parametrize("name", [n for n in providers.PROVIDERS if n != "cpu"])
-def test_a_named_provider_that_is_absent_is_an_error(
-    monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_a_named_provider_that_is_absent_fails(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     built_with(monkeypatch, "cpu")
     with pytest.raises(ProviderError, match=rf"'{name}' is not in this onnxruntime \(it has cpu\)"):
         providers.wanted_providers(name)
@@ -75,9 +73,7 @@ def test_a_named_provider_is_tried_alone(monkeypatch: pytest.MonkeyPatch, name: 
     assert providers.wanted_providers(name) == (name,)
 
 
-def test_auto_settles_for_less_and_says_so(
-    monkeypatch: pytest.MonkeyPatch, model_folder: Path
-) -> None:
+def test_auto_takes_less_and_says_so(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:
     built_with(monkeypatch, "cuda", "cpu")
     wanted = starting(monkeypatch, "cuda")
     loaded = Session(find_model(model_folder))

@@ -117,9 +117,7 @@ def test_a_network_of_its_signature_runs(tmp_path: Path, name: str, signature: S
 
 
 @pytest.mark.parametrize(("name", "signature"), INPUTS.values())
-def test_several_pictures_at_once_are_the_same(
-    tmp_path: Path, name: str, signature: Signature
-) -> None:
+def test_several_pictures_at_once_agree(tmp_path: Path, name: str, signature: Signature) -> None:
     session = Session(add_model(write_network(tmp_path / "m.onnx", signature), name))
     spec = session.model.card.input
     batches = [prepare(spec, Frame(ramp(30, 40) // part))[0] for part in (1, 2, 4)]

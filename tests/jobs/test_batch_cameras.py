@@ -116,9 +116,7 @@ def test_a_video_has_its_own_principal_point(tmp_path: Path) -> None:
         (TABLE + "z,50\n", {"z.png"}),
     ],
 )
-def test_a_picture_whose_row_changed_is_done_again(
-    tmp_path: Path, table: str, redone: set[str]
-) -> None:
+def test_a_picture_of_a_new_row_is_done_again(tmp_path: Path, table: str, redone: set[str]) -> None:
     pictures(tmp_path)
     assert not any(kept(with_table(tmp_path)).values())
     would = dry_run(with_table(tmp_path, table), request(tmp_path).model.load())

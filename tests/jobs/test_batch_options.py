@@ -24,9 +24,7 @@ DETAIL = UpsamplingOptions(Upsampling.BILINEAR)
 
 
 @pytest.mark.parametrize("camera", [Intrinsics(hfov_deg=80.0), Intrinsics(focal_px=40.0)])
-def test_a_file_in_a_batch_becomes_what_it_becomes_alone(
-    tmp_path: Path, camera: Intrinsics
-) -> None:
+def test_a_file_in_a_batch_becomes_what_it_is_alone(tmp_path: Path, camera: Intrinsics) -> None:
     pictures(tmp_path)
     clip = with_sound(tmp_path / "in" / "clip.mkv", seconds=0.12)
     formats = (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON)
@@ -72,9 +70,7 @@ def test_session_warning_is_printed_once_a_batch(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("provider", "at_once"), [("cpu", 1), ("cuda", GPU_BATCH)])
-def test_a_gpu_takes_several_pictures_at_a_time(
-    tmp_path: Path, provider: str, at_once: int
-) -> None:
+def test_a_gpu_takes_several_pictures_at_once(tmp_path: Path, provider: str, at_once: int) -> None:
     for number in range(GPU_BATCH + 1):
         (tmp_path / "in").mkdir(exist_ok=True)
         (tmp_path / "in" / f"{number}.png").write_bytes(b"no picture")

@@ -10,8 +10,8 @@ import pytest
 from helpers.batches import NAMES, kept, pictures, request
 from helpers.tiny import write_picture
 
+from depthcli.core.camera import CameraScale, Intrinsics
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest.files import FAILED, OK
@@ -110,7 +110,7 @@ def test_unreadable_folder_fails_with_its_reason(tmp_path: Path) -> None:
     assert would == became == dict.fromkeys(NAMES) | {"hall": closed.problem}
 
 
-def test_a_picture_beyond_the_memory_fails_alone(
+def test_a_picture_beyond_memory_fails_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def read(path: Path, *rest: Any, **options: Any) -> Any:
@@ -126,7 +126,8 @@ def test_a_picture_beyond_the_memory_fails_alone(
 
 def test_options_that_fit_no_picture_end_the_batch(tmp_path: Path) -> None:
     pictures(tmp_path)
-    options = BatchOptions((Format.PREVIEW,), writing=WriterOptions(vmin=2.0, vmax=1.0))
+    of_another_model = CameraScale("a", "other", "0" * 64, 2.0, 0.0, None, 1, 1)
+    options = BatchOptions(camera=Intrinsics(scale=of_another_model))
     with pytest.raises(UsageError):
         list(Batch(request(tmp_path, options=options)))
 

@@ -31,9 +31,7 @@ class Slow(Pipeline):
         return super().predict(frame, *rest, **words)
 
 
-def test_throughput_is_limited_by_workers_that_take_turns(
-    model_folder: Path, tmp_path: Path
-) -> None:
+def test_throughput_is_that_of_workers_that_take_turns(model_folder: Path, tmp_path: Path) -> None:
     slow = Slow(load(model_folder, provider="cpu", threads=1).session)
     rate = bench.throughput(slow, bench.synthetic_picture(64, 48), tmp_path, workers=2, seconds=0)
     assert slow.count == 9

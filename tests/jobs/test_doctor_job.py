@@ -67,9 +67,7 @@ def test_two_packages_of_one_module_are_a_conflict(
     assert ", ".join(names) in conflict.detail
 
 
-def test_add_ons_of_onnxruntime_are_no_conflict(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_onnxruntime_add_ons_do_not_clash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seem_installed(tmp_path, monkeypatch, "onnxruntime-extensions", file="other/__init__.py")
     assert by_name(check_conflicts())["onnxruntime packages"].status == "ok"
 

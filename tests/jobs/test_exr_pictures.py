@@ -76,9 +76,7 @@ def test_its_depth_is_that_of_a_frame(data: Box, tmp_path: Path, loader: Session
     assert done.depth.provenance.pixel_aspect == 2
 
 
-def test_its_other_outputs_are_those_of_the_display_window(
-    tmp_path: Path, loader: SessionLoader
-) -> None:
+def test_its_other_outputs_have_the_display_window(tmp_path: Path, loader: SessionLoader) -> None:
     plate = write_plate(tmp_path, 1, OVERSCAN)
     looks = WriterOptions(side_by_side=True)
     predicted(plate, loader, Format.PNG16, Format.PREVIEW, Format.PLY, writing=looks)

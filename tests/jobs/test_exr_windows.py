@@ -132,9 +132,7 @@ def test_formats_without_windows_show_the_display_window(
     assert np.abs(plate - pixels).mean() < 0.03
 
 
-def test_overscan_is_smoothed_over_time(
-    tmp_path: Path, depth_of: Callable[..., VideoResult]
-) -> None:
+def test_overscan_is_smoothed(tmp_path: Path, depth_of: Callable[..., VideoResult]) -> None:
     for number in range(3):
         write_plate(tmp_path / "in", number, OVERSCAN)
     depth_of(VideoFormat.EXR)
@@ -178,7 +176,7 @@ def test_a_run_with_overscan_that_was_stopped_goes_on_to_the_same_bytes(
     assert resumed == whole
 
 
-def test_each_plate_has_windows_of_its_own(
+def test_each_plate_has_its_own_windows(
     tmp_path: Path, depth_of: Callable[..., VideoResult]
 ) -> None:
     elsewhere = (300, 300, 309, 309)

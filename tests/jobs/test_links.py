@@ -42,9 +42,7 @@ def test_predict_over_what_a_linked_input_leads_to(tmp_path: Path, pair: tuple[P
         predict(predict_request([pair[0], link], f"{pair[0].parent}/", model=loader))
 
 
-def test_a_batch_whose_folder_leads_to_listed_inputs(
-    tmp_path: Path, pair: tuple[Path, Path]
-) -> None:
+def test_a_batch_whose_folder_leads_to_inputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "hall").symlink_to(pair[0].parent)
     before = pair[1].read_bytes()
@@ -55,9 +53,7 @@ def test_a_batch_whose_folder_leads_to_listed_inputs(
     assert pair[1].read_bytes() == before
 
 
-def test_a_batch_whose_input_is_a_link_into_its_outputs(
-    tmp_path: Path, pair: tuple[Path, Path]
-) -> None:
+def test_a_batch_whose_input_links_to_its_outputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
     out = tmp_path / "out"
     (out / "hall").mkdir(parents=True)
     pair[1].rename(out / "hall" / "a.depth.png")
@@ -66,9 +62,7 @@ def test_a_batch_whose_input_is_a_link_into_its_outputs(
         batch(plan_folder(str(tmp_path / "in"), str(out)), tmp_path)
 
 
-def test_a_link_to_another_disk_is_where_outputs_go(
-    tmp_path: Path, pair: tuple[Path, Path]
-) -> None:
+def test_a_link_to_another_disk_has_the_outputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
     pair[1].unlink()
     (tmp_path / "disk").mkdir()
     (tmp_path / "out").mkdir()

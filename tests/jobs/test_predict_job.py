@@ -84,9 +84,7 @@ class Broken(BytesIO):
 
 
 @pytest.mark.parametrize("error", [OSError(errno.EIO, "Input or output error"), MemoryError()])
-def test_a_stream_that_fails_is_one_line(
-    tmp_path: Path, loader: SessionLoader, error: Exception
-) -> None:
+def test_a_failed_stream_is_a_line(tmp_path: Path, loader: SessionLoader, error: Exception) -> None:
     request = predict_request(["-"], tmp_path / "d.png", model=loader, stdin=Broken(error))
     (failed,) = predict(request)
     assert isinstance(failed.error, InputError)

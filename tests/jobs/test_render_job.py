@@ -95,9 +95,7 @@ def test_files_contain_the_rendered_pair(folder: Path) -> None:
         (SETTINGS._replace(hfov_deg=(20.0, 20.5)), "hfov {:g}-{:g}".format(*SETTINGS.hfov_deg)),
     ],
 )
-def test_rooms_of_other_options_are_not_mixed(
-    folder: Path, other: RoomSettings, named: str
-) -> None:
+def test_rooms_of_other_options_do_not_mix(folder: Path, other: RoomSettings, named: str) -> None:
     before = contents(folder)
     with pytest.raises(UsageError, match=f"holds other rooms; give {named}, or another out"):
         render(RenderRequest(folder, COUNT, other))

@@ -49,9 +49,7 @@ def _request(folder: Path, **others: float) -> TrainRequest:
     )
 
 
-def test_a_run_stops_goes_on_and_tells_of_it(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_stops_and_tells_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     write_rooms(tmp_path / "data")
     notes = Notes()
     stopped = train(_request(tmp_path, minutes=0), notes)

@@ -176,9 +176,7 @@ def test_standard_input_gives_the_bytes_of_a_file(
     assert (tmp_path / "piped.mkv").read_bytes() == (tmp_path / "file.mkv").read_bytes()
 
 
-def test_outputs_of_standard_input_are_named_so(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
+def test_outputs_of_stdin_are_named_so(clip: Path, tmp_path: Path, loader: SessionLoader) -> None:
     with clip.open("rb") as stream:  # it seeks, so that MP4 with its header at the end does
         request = video_request("-", f"{tmp_path}/out/", sidecar=True, model=loader, stdin=stream)
         assert video(request).frames == 24
@@ -425,7 +423,7 @@ def test_only_the_suffix_of_a_format_is_one(output: str, formats: str, names: st
     assert described.names[VideoFormat.JSON] == "d.v1.depth.json"
 
 
-def test_every_output_holds_the_same_millimetres(
+def test_outputs_hold_the_same_millimetres(
     clip: Path, tmp_path: Path, loader: SessionLoader
 ) -> None:
     out = tmp_path / "out"
@@ -446,9 +444,7 @@ def test_every_output_holds_the_same_millimetres(
     assert len(files(out)) == len(set(VideoFormat) - set(SEQUENCES)) + 24 * len(SEQUENCES)
 
 
-def test_one_worker_and_several_write_the_same(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
+def test_workers_write_what_one_does(clip: Path, tmp_path: Path, loader: SessionLoader) -> None:
     for workers in (1, 4):
         settings = VideoSettings(smooth_s=0.1)
         request = video_request(
@@ -505,9 +501,7 @@ def noisy(path: Path, scenes: int = 2, length: int = 25) -> Path:
     return write_video(path, frames)
 
 
-def test_smoothing_lowers_the_flicker_and_stops_at_a_cut(
-    tmp_path: Path, loader: SessionLoader
-) -> None:
+def test_smoothing_lowers_flicker_and_stops_at_a_cut(tmp_path: Path, loader: SessionLoader) -> None:
     path = noisy(tmp_path / "noise.avi")
     before = run(path, tmp_path / "raw.mkv", loader)
     after = run(path, tmp_path / "smooth.mkv", loader, smooth_s=0.3)
@@ -644,9 +638,7 @@ def test_a_broken_link_costs_its_own_frame(tmp_path: Path, loader: SessionLoader
     assert "1.png" in done.problem
 
 
-def test_a_name_that_is_too_long_is_refused_before_any_frame(
-    clip: Path, loader: SessionLoader
-) -> None:
+def test_a_name_that_is_too_long_ends_before_any_frame(clip: Path, loader: SessionLoader) -> None:
     longest = clip.rename(clip.with_name("a" * 247 + ".mp4"))
     progress = Watched()
     with pytest.raises(OutputError):

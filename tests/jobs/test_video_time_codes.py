@@ -77,7 +77,7 @@ def test_drop_frame_time_codes_leave_out_two_numbers_a_minute(
         ("00:00:00:00", 0, Fraction(120), None),
     ],
 )
-def test_time_codes_of_later_frames(
+def test_time_codes_of_later_ones(
     start: str, frames: int, rate: Fraction, later: str | None
 ) -> None:
     assert shown(time_code_after(parsed(start, rate), frames, rate), rate) == later
@@ -85,9 +85,7 @@ def test_time_codes_of_later_frames(
 
 @pytest.mark.parametrize("name", ["a.mov", "a.mp4", "a.mkv"])
 @pytest.mark.parametrize("start", ["01:02:03:04", "01:02:59;28"])
-def test_outputs_have_the_time_code_of_their_first_frame(
-    name: str, start: str, inside: Cli
-) -> None:
+def test_outputs_have_the_time_code_of_the_first_frame(name: str, start: str, inside: Cli) -> None:
     write_coded(inside.folder / name, start)
     formats = ("mkv", "mp4", "mov", "webm", "exr")
     words = [word for which in formats for word in ("--format", which)]

@@ -113,9 +113,7 @@ def test_a_stream_without_a_container_may_state_no_rate(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".avi", ".mxf", ".mkv"])
-def test_frames_that_are_stored_in_another_order_have_even_times(
-    suffix: str, tmp_path: Path
-) -> None:
+def test_frames_stored_in_another_order_have_even_times(suffix: str, tmp_path: Path) -> None:
     frames = [np.roll(NOISE[0], i, 1) for i in range(25)]
     options = {"bf": "3", "b-adapt": "0"}
     clip = encode(tmp_path / f"a{suffix}", frames, NTSC, "libx264", "yuv420p", options=options)
@@ -125,9 +123,7 @@ def test_frames_that_are_stored_in_another_order_have_even_times(
     assert times_s(clip) == pytest.approx([float(i / NTSC) for i in range(25)], abs=1e-3)
 
 
-def test_numbers_of_a_depth_video_are_those_of_numbered_files(
-    tmp_path: Path, loader: SessionLoader
-) -> None:
+def test_numbers_of_a_depth_video_are_those_of_files(tmp_path: Path, loader: SessionLoader) -> None:
     for number in range(1001, 1013):
         write_picture(tmp_path / "in" / f"p.{number}.png")
     uneven = encode(

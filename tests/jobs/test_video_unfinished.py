@@ -71,9 +71,7 @@ def test_the_sidecar_of_an_earlier_run_does_not_describe_new_arrays(
         assert json.loads(written.read_text())["focal_px"] == pytest.approx(focal_px)
 
 
-def test_a_foreign_json_beside_arrays_stays(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
+def test_a_foreign_json_by_arrays_stays(clip: Path, tmp_path: Path, loader: SessionLoader) -> None:
     (tmp_path / "out").mkdir()
     place = tmp_path / "out" / "clip.depth.json"
     for text in ('{"focal_px": 9}', "no json"):

@@ -113,9 +113,7 @@ def test_run_of_0_15_resumes_with_its_numbers(tmp_path: Path, old_run: Path) -> 
     assert Checkpoint.load(old_run / CHECKPOINT).provenance.init_weights.startswith("last.ckpt ")
 
 
-def test_checkpoint_of_0_15_is_exported_and_gives_init_weights(
-    tmp_path: Path, old_run: Path
-) -> None:
+def test_checkpoint_of_0_15_is_exported_and_gives_weights(tmp_path: Path, old_run: Path) -> None:
     path = old_run / CHECKPOINT
     card = export_checkpoint(path, tmp_path / "old.onnx", ExportOptions("old")).card
     assert card.training["pseudo_labels"] == "6 extra pairs (extra)"

@@ -22,9 +22,7 @@ def _train(folder: Path, tracker: Tracker) -> Path:
     return out
 
 
-def test_wandb_has_losses_scores_and_samples(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wandb_has_losses_scores_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wandb = pytest.importorskip("wandb")
     monkeypatch.setenv("WANDB_MODE", "offline")
     out = _train(tmp_path, Tracker.WANDB)

@@ -12,7 +12,7 @@ from depthcli.cli.groups import Command, group, grouped
 from depthcli.cli.screen import console
 from depthcli.core import options as choices
 from depthcli.datasets.base import SplitName
-from depthcli.errors import DepthcliError, ExitCode, UsageError
+from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from depthcli.evaluation.protocol import EvalProtocol
@@ -378,13 +378,7 @@ def _run(request: "EvalRequest", table: TableOptions) -> int:
     files = ReportFiles(table.csv, table.figures, table.html)
     files.check()
     with show_progress(silent=is_silent, announce=True) as progress:
-        try:
-            done = run_evaluation(request, progress, console.warn)
-        except ImportError as error:
-            if request.runs is None:
-                raise
-            told = f"reading checkpoints needs {error.name}: {choices.INSTALL_TRAIN}"
-            raise DepthcliError(told) from error
+        done = run_evaluation(request, progress, console.warn)
     page = report_page(done.report)
     console.out(done.report.to_json() if table.screen.as_json else page.to_text())
     for path in files.write(page, done.report.to_csv(), done.figures):

@@ -16,7 +16,6 @@ from depthcli.core.options import one_line
 from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
-    from depthcli.jobs.models import PublishedModel
     from depthcli.models.card import ModelCard, WeightsSpec
 
 app = typer.Typer(
@@ -76,7 +75,8 @@ def add_model_file(
 
     published = published_model(file) if card is None else None
     if published and not (as_json or quiet):
-        console.note(download_text(published))
+        size = size_text(published.weights) or "of unknown size"
+        console.note(one_line(f"{published.url}, {size}, licence {published.card.license}"))
     beside = None if card or published or is_remote(file) else location_at(path_of(file))
     add = (
         partial(add_published, published) if published else partial(add_model, path_of(file), card)
@@ -154,7 +154,10 @@ def list_cards(
         facts = (output_text(card), card.license, was_run, verification_text(card))
         rows.append((name, *facts, page, card.summary))
         if as_json:
-            console.out_json(card_facts(card))
+            stated = {"license": card.license, "summary": card.summary}
+            weights = json.loads(card.to_json()).get("weights", {})
+            own = {"name": name, "kind": card.output.kind.value, **stated, "weights": weights}
+            console.out_json(own | dict(card.training))
         elif names:
             console.out(card_text(card))
     if as_json or names:
@@ -168,13 +171,6 @@ def list_cards(
         "with --align disparity for inverse depth"
     )
     return ExitCode.OK
-
-
-def card_facts(card: ModelCard) -> dict[str, object]:
-    """A ready card for machines."""
-    stated = json.loads(card.to_json()).get("weights", {})
-    facts = {"license": card.license, "summary": card.summary, "weights": stated, **card.training}
-    return {"name": card.name, "kind": card.output.kind.value, **facts}
 
 
 def card_text(card: ModelCard) -> str:
@@ -196,12 +192,6 @@ def card_text(card: ModelCard) -> str:
         lines.append(f"verified: {check.verified}")
     lines.append(f"compared with the authors' code: {verification_text(card)}")
     return "\n  ".join(one_line(line) for line in lines)
-
-
-def download_text(model: PublishedModel) -> str:
-    """Address, size and licence of a model that is going to be downloaded."""
-    size = size_text(model.weights) or "of unknown size"
-    return one_line(f"{model.url}, {size}, licence {model.card.license}")
 
 
 def size_text(weights: WeightsSpec, before: str = "") -> str:

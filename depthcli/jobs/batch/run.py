@@ -77,7 +77,6 @@ class Batch(Iterator[BatchResult]):
     Attributes:
         warnings: about the whole batch, one line each.
         tally: counts of the results so far.
-        late: results that were available when the batch was closed, and not yet iterated over.
         manifest: path of the manifest.
         stopped: why the batch was stopped before its last input; None if it was not.
     """
@@ -116,8 +115,6 @@ class Batch(Iterator[BatchResult]):
         self.tally = Tally(len(plan.inputs))
         self._max_failures = request.max_failures
         self.stopped: str | None = None
-        self.late: tuple[BatchResult, ...] = ()
-        self._recorded: dict[str, BatchResult] = {}
         self._results = self._run(self._journal)
 
     def __next__(self) -> BatchResult:
@@ -137,7 +134,6 @@ class Batch(Iterator[BatchResult]):
             # No worker outlives the journal.
             with closing(self._engine.run(self._spec, chunks, videos, self._record)) as results:
                 for result in results:
-                    del self._recorded[result.row.input]
                     self.tally.add(result)
                     yield result
                     most = self._max_failures
@@ -152,7 +148,6 @@ class Batch(Iterator[BatchResult]):
         for result in results:
             if not result.is_kept and self._journal is not None:
                 self._journal.add(result.row)
-            self._recorded[result.row.input] = result
         self._rows.sync()
 
     def _finish(self) -> None:
@@ -160,9 +155,6 @@ class Batch(Iterator[BatchResult]):
         if journal is None:
             return
         names = [file.name for file in self._plan.inputs]
-        self.late = tuple(self._recorded[name] for name in names if name in self._recorded)
-        for result in self.late:
-            self.tally.add(result)
         journal.finish(names, keep_failed=self._plan.is_part)
         self._rows.finish()
 

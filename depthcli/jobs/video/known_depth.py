@@ -66,7 +66,9 @@ class FrameAnchors:
         """
         found: _Points | None = self._of_all or self._by_number.get(number)
         if self._by_time_s:
-            nearest_s = min(self._around(time_s), key=lambda at_s: abs(at_s - time_s))
+            times_s = list(self._by_time_s)
+            at = bisect_left(times_s, time_s)
+            nearest_s = min(times_s[max(0, at - 1) : at + 1], key=lambda at_s: abs(at_s - time_s))
             found = self._by_time_s[nearest_s] if abs(nearest_s - time_s) <= within_s else None
         if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
             found = read_known_depth(found, self._stated)
@@ -76,11 +78,6 @@ class FrameAnchors:
         """What the depth of the frames depends on, for a fingerprint."""
         files = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in self.paths]
         return [self._stated, self._fit, files]
-
-    def _around(self, time_s: float) -> list[float]:
-        times_s = list(self._by_time_s)
-        at = bisect_left(times_s, time_s)
-        return times_s[max(0, at - 1) : at + 1]
 
     def _read_table(self, path: Path, stated: AnchorFiles) -> None:
         table = CsvTable(read_bytes(path), str(path))

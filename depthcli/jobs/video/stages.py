@@ -397,6 +397,9 @@ def _result(
     pipeline, smooths = stages.pipeline, settings.smooth_s > 0
     camera_warnings = () if settings.anchors else focal_warnings(pipeline.card, settings.camera)
     of_input = (*source.warnings, *stages.warnings, *pipeline.session.warnings, *camera_warnings)
+    if stages.unfitted:
+        told = f"{len(stages.unfitted)} of {len(stages.numbers)} frames keep the model's depth"
+        of_input += (f"{told}; {stages.unfitted[0]}",)
     return VideoResult(
         plan=plan,
         settings=settings,
@@ -411,18 +414,10 @@ def _result(
         scenes=stages.scenes,
         provider=pipeline.session.provider,
         seconds=0.0,
-        warnings=(*of_input, *_about_unfitted(stages), *warnings),
+        warnings=(*of_input, *warnings),
         problem=source.problem,
         live=getattr(source, "counts", None),
     )
-
-
-def _about_unfitted(stages: FrameStages) -> tuple[str, ...]:
-    """A warning about the frames that are not fitted to known depth; none if there are none."""
-    if not stages.unfitted:
-        return ()
-    told = f"{len(stages.unfitted)} of {len(stages.numbers)} frames keep the model's depth"
-    return (f"{told}; {stages.unfitted[0]}",)
 
 
 def _no_frames(plan: VideoPlan, source: FrameSource) -> InputError:

@@ -66,15 +66,14 @@ class PatchSampler(nn.Module):
         new ones without replacement.
         """
         if positions is None:
-            positions = [self._draw(m) for m in maps]
+            positions = [
+                torch.randperm(m[0, 0].numel(), device=m.device)[: self.patches] for m in maps
+            ]
         vectors = []
         for head, features, chosen in zip(self.heads, maps, positions, strict=True):
             patches = head(features.flatten(2)[:, :, chosen].transpose(1, 2)).float()
             vectors.append(patches / (patches.norm(dim=2, keepdim=True) + _EPSILON))
         return vectors, list(positions)
-
-    def _draw(self, features: Tensor) -> Tensor:
-        return torch.randperm(features[0, 0].numel(), device=features.device)[: self.patches]
 
 
 class SimilarityMap(nn.Module):
