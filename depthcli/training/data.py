@@ -100,9 +100,7 @@ class PairStore:
         if not positions:
             advice = "check the data folder, data.holdout_every and data.holdout_offset"
             raise DatasetError("no pair to train on", advice)
-        height, width = dataset.image(positions[0]).shape[:2]  # which depth is hardly kept beyond
-        most = min(_STORED_PER_NETWORK_PX, max(1.0, width / data.width, height / data.height))
-        size = round(data.width * most), round(data.height * most)
+        size = _stored_size(dataset.image(positions[0]).shape, data)
         shape = (len(positions), 3, size[1], size[0])
         self.rgb = torch.empty(shape, dtype=torch.uint8)
         self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
@@ -127,6 +125,12 @@ class PairStore:
 
     def __len__(self) -> int:
         return len(self.rgb)
+
+
+def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
+    """Width and height in memory: up to twice the network's size, at most about the picture's."""
+    most = min(_STORED_PER_NETWORK_PX, max(1.0, shape[1] / data.width, shape[0] / data.height))
+    return round(data.width * most), round(data.height * most)
 
 
 def whole_images(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
