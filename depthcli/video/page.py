@@ -17,7 +17,8 @@ _HOSTS = ("127.0.0.1", "localhost")  # a web page that wants to read it comes by
 _INTERVAL_S = 0.1
 _TYPES = {"/": "text/html", "/stream": "multipart/x-mixed-replace; boundary=frame"}
 _PAGE = b"""<!doctype html><title>depthcli</title>
-<style>body{margin:0;background:#111}img{width:100%;height:100vh;object-fit:contain}</style>
+<style>body{margin:0;background:#111}
+img{display:block;width:100%;height:100vh;object-fit:contain}</style>
 <img src="/stream" alt="newest preview">"""
 
 

@@ -165,11 +165,12 @@ def is_open(port: int) -> bool:
 def test_a_page_shows_the_newest_preview_until_the_video_ends(cli: Cli) -> None:
     port = free_port()
     with Camera() as camera:
-        words = ("video", camera.url, "--live", "-o", "a.mkv", "--show", str(port))
+        page = ("--show", str(port), "--colormap", "gray")
+        words = ("video", camera.url, "--live", "-o", "a.mkv", *page)
         process = cli.started(*words)
         wait_for(lambda: is_open(port))
-        with urlopen(f"http://127.0.0.1:{port}/") as page:
-            assert b"/stream" in page.read()
+        with urlopen(f"http://127.0.0.1:{port}/") as answer:
+            assert b"/stream" in answer.read()
         foreign = Request(f"http://127.0.0.1:{port}/stream", headers={"Host": f"evil.org:{port}"})
         with pytest.raises(HTTPError):
             urlopen(foreign)  # noqa: S310 - of HTTP
@@ -186,8 +187,8 @@ def test_a_page_shows_the_newest_preview_until_the_video_ends(cli: Cli) -> None:
             assert (taken.returncode, len(taken.stderr.splitlines())) == (2, 1)
             process.send_signal(signal.SIGINT)
             stream.read()  # to its end
-        process.communicate(timeout=50)
-    assert process.returncode == 0
+        _, said = process.communicate(timeout=50)
+    assert (process.returncode, b"no effect" in said) == (0, False)
 
 
 def test_a_page_that_nobody_looks_at_changes_no_byte(cli: Cli) -> None:

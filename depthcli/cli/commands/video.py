@@ -231,7 +231,8 @@ def video(
         of_images = {*parse.INPUT_OPTIONS} - {"videos"}
         kinds = of_images if is_sequence(file) else {"videos", "PNG and TIFF"}
         console.warn_all(settings.camera.warnings)
-        console.warn_all(parse.without_effect(given, FORMAT_OPTIONS, destination.wanted))
+        written = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
+        console.warn_all(parse.without_effect(given, FORMAT_OPTIONS, written))
         console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
     result: VideoResult | FailedInput
     try:
