@@ -21,7 +21,7 @@ import depthcli
 from depthcli.core.options import Colormap
 from depthcli.datasets.rooms.render import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
 from depthcli.export.onnx import export_run, open_run
-from depthcli.io.formats.drawing import colour_table, contact_sheet
+from depthcli.io.formats.preview import colour_table, contact_sheet
 from depthcli.io.images.read import read_image
 
 _LEAST_M = 1e-3

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from depthcli.core.options import Colormap
 from depthcli.datasets.rooms.render import RoomSettings, render_pair
-from depthcli.io.formats.drawing import colour_table
+from depthcli.io.formats.preview import colour_table
 
 TARGET = Path(__file__).with_name("rooms.jpg")
 SETTINGS = RoomSettings(seed=1, size=(256, 192))

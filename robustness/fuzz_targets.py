@@ -40,9 +40,9 @@ from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
-from depthcli.io.images.exif import parse_exif
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import image_size, read_image
+from depthcli.io.images.tiff import parse_exif
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
 from depthcli.io.tables import read_lenses

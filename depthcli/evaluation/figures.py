@@ -15,8 +15,7 @@ from depthcli.datasets.base import DepthDataset
 from depthcli.errors import UsageError
 from depthcli.evaluation.predictors import Predictor, Sample
 from depthcli.evaluation.task import EvalTask
-from depthcli.io.formats.drawing import colour_table, contact_sheet, with_legend
-from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.preview import PreviewWriter, colour_table, contact_sheet, with_legend
 from depthcli.io.images.png import encode_png
 from depthcli.metrics.alignment import SUITABLE, align
 

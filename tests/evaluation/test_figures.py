@@ -15,8 +15,7 @@ from depthcli.errors import UsageError
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.page import Page, html_page
 from depthcli.evaluation.task import EvalTask
-from depthcli.io.formats.drawing import contact_sheet
-from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.preview import PreviewWriter, contact_sheet
 
 CELL = (240, 180)
 TITLE, GAP = 26, 4

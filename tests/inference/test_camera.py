@@ -16,7 +16,7 @@ from depthcli.core.types import Frame, Provenance
 from depthcli.inference.camera import focal_warnings, intrinsics_of, with_own_view
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import input_layout
-from depthcli.io.formats.ply import PlyWriter
+from depthcli.io.formats.geometry import PlyWriter
 from depthcli.models.card import ModelCard
 
 LEARNED_PX = 8 / math.tan(math.radians(30))

@@ -13,8 +13,8 @@ from depthcli.core.types import DepthMap, Provenance, with_camera
 from depthcli.errors import OutputError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.geometry import PlyWriter
 from depthcli.io.formats.npy import NpyWriter
-from depthcli.io.formats.ply import PlyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.jobs.predict import PictureResult

@@ -24,9 +24,9 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.images.exif import EXIF_IFD, parse_exif
 from depthcli.io.images.pixels import PANORAMA
 from depthcli.io.images.read import read_image
+from depthcli.io.images.tiff import EXIF_IFD, parse_exif
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.predict import PredictRequest, picture_destination, predict

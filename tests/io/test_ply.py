@@ -10,7 +10,7 @@ from depthcli._version import __version__
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import DepthKind, DepthMap, Provenance
 from depthcli.errors import OutputError
-from depthcli.io.formats.ply import PlyWriter
+from depthcli.io.formats.geometry import PlyWriter
 
 FLOATS = ("x", "y", "z", "nx", "ny", "nz")
 POINT = np.dtype([*((name, "<f4") for name in FLOATS), *((name, "u1") for name in "rgb")])

@@ -14,8 +14,13 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import UsageError
-from depthcli.io.formats.drawing import colour_table, tick_value, with_legend
-from depthcli.io.formats.preview import PreviewWriter, nearness
+from depthcli.io.formats.preview import (
+    PreviewWriter,
+    colour_table,
+    nearness,
+    tick_value,
+    with_legend,
+)
 
 RAMP_M = np.linspace(1, 9, 60 * 80, dtype=np.float32).reshape(60, 80)
 INVALID = [96, 96, 96]

@@ -67,7 +67,7 @@ class AnchorFiles:
         if image is None:
             raise InputError("standard input is no file whose own depth can be read")
         if self.reconstruction:
-            from depthcli.io.depth.colmap import read_reconstruction  # noqa: PLC0415 - needs numpy
+            from depthcli.io.depth.clouds import read_reconstruction  # noqa: PLC0415 - needs numpy
 
             return read_reconstruction(self.reconstruction, image, self.scale)
         return _own_depth(image, self.camera)

@@ -19,10 +19,10 @@ from depthcli.errors import InputError
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth
 from depthcli.io.formats.sidecar import FileMetadata
 from depthcli.io.images import heif
-from depthcli.io.images.exif import parse_exif
 from depthcli.io.images.jpeg import JPEG_START, decode_jpeg, segments
 from depthcli.io.images.pixels import upright
 from depthcli.io.images.read import decode
+from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import read_bytes
 
 _XMP, _MORE_XMP = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"

@@ -1,16 +1,145 @@
-"""A preview of a depth map: a colormap over inverse depth, near is warm."""
+"""A preview of a depth map: a colormap over inverse depth, near is warm; legends and sheets."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.metadata import SOFTWARE
-from depthcli.io.formats.drawing import colour_table, with_legend
 from depthcli.io.formats.table import SOFTWARE_KEY, WriterOptions
 from depthcli.io.images.png import encode_png
+
+_OPENCV = {
+    Colormap.INFERNO: cv2.COLORMAP_INFERNO,
+    Colormap.TURBO: cv2.COLORMAP_TURBO,
+    Colormap.MAGMA: cv2.COLORMAP_MAGMA,
+    Colormap.VIRIDIS: cv2.COLORMAP_VIRIDIS,
+}
+# ColorBrewer's Spectral, 11 classes (Brewer 2003, Apache-2.0 colour specifications), blue to red.
+_SPECTRAL = (
+    (94, 79, 162), (50, 136, 189), (102, 194, 165), (171, 221, 164), (230, 245, 152),
+    (255, 255, 191), (254, 224, 139), (253, 174, 97), (244, 109, 67), (213, 62, 79), (158, 1, 66),
+)  # fmt: skip
+_LEVELS = 256
+_MAX_TICKS = 5
+_TICK_HEIGHT = 20  # of a label, at the reference height
+_MIN_ROOM = 0.6  # closer labels touch
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_REFERENCE_HEIGHT = 480  # at this height the scale is 1
+_THOUSAND = 1000
+_MIN_SIZE = 0.9  # smaller text loses its decimal points
+_BACKGROUND, _TEXT_COLOUR = 255, (24, 24, 24)
+_GAP_PX = 4
+_TITLE_PX = 26
+_SIZE = 0.5  # of a title
+
+
+def colour_table(name: Colormap, near: Near = Near.WARM) -> npt.NDArray[np.uint8]:
+    """The colours of a colormap, (256, 3) RGB uint8, far first; ``black`` turns it round."""
+    levels = np.arange(_LEVELS, dtype=np.uint8)
+    colours: npt.NDArray[np.generic]
+    if name == Colormap.GRAY:
+        colours = np.repeat(levels[:, None], 3, axis=1)
+    elif name == Colormap.SPECTRAL:
+        stops = np.linspace(0, _LEVELS - 1, len(_SPECTRAL))
+        channels = np.array(_SPECTRAL).T
+        colours = np.rint(np.stack([np.interp(levels, stops, c) for c in channels], 1))
+    else:
+        colours = cv2.applyColorMap(levels, _OPENCV[name]).reshape(-1, 3)[:, ::-1]
+    table_8bit = np.asarray(colours, np.uint8)
+    return table_8bit[::-1] if near == Near.BLACK else table_8bit
+
+
+def with_legend(
+    image: npt.NDArray[np.uint8],
+    colours: npt.NDArray[np.uint8],
+    near: float,
+    far: float,
+    kind: DepthKind,
+) -> npt.NDArray[np.uint8]:
+    """The image, (H, W, 3) RGB uint8, with a bar of (256, 3) colours at its right, near on top."""
+    height = image.shape[0]
+    size = float(np.clip(height / _REFERENCE_HEIGHT, _MIN_SIZE, 4))
+    margin, bar_width, width = (round(n * size) for n in (16, 20, 104))
+    top = min(margin, height // 4)
+    bar_height = max(1, height - 2 * top)
+    panel = np.full((height, width, 3), 24, np.uint8)
+    shades = colours[np.linspace(255, 0, bar_height).round().astype(int)]
+    bar = panel[top : top + bar_height, margin : margin + bar_width]
+    bar[:] = shades[: len(bar), np.newaxis]
+    for share in _ticks(bar_height / (_TICK_HEIGHT * size), flat=near == far):
+        y = top + round(share * (bar_height - 1))
+        text = label(tick_value(1 - share, near, far, kind), kind)
+        _draw(panel, text, (margin + bar_width + round(7 * size), y + round(5 * size)), size)
+    return np.hstack([image, panel])
+
+
+def _ticks(room: float, *, flat: bool) -> npt.NDArray[np.float64]:
+    """Positions, 0 at the near end, of the ticks that fit if ``room`` labels do below the first."""
+    if flat or room < _MIN_ROOM:
+        return np.array([0.5])
+    return np.linspace(0, 1, int(np.clip(1 + room, 2, _MAX_TICKS)))
+
+
+def tick_value(nearness: float, near: float, far: float, kind: DepthKind) -> float:
+    """The value at a position of the bar, 1 at the near end; inverse of the preview's mapping."""
+    if kind is DepthKind.METRIC and near > 0:
+        return 1 / (nearness / near + (1 - nearness) / far)
+    return nearness * near + (1 - nearness) * far
+
+
+def label(value: float, kind: DepthKind) -> str:
+    """Three significant digits, or whole thousands, with the unit where there is one."""
+    if abs(value) < _THOUSAND - 0.5:
+        digits = f"{value:#.3g}".rstrip(".")
+    else:
+        digits = f"{value:.0f}" if abs(value) < 100 * _THOUSAND else f"{value:.2g}"
+    return f"{digits} m" if kind is DepthKind.METRIC else digits
+
+
+def _draw(panel: npt.NDArray[np.uint8], text: str, origin: tuple[int, int], size: float) -> None:
+    thickness = max(1, round(size))
+    cv2.putText(panel, text, origin, _FONT, 0.45 * size, (235, 235, 235), thickness, cv2.LINE_AA)
+
+
+def contact_sheet(
+    rows: Sequence[Sequence[npt.NDArray[np.uint8]]], titles: Sequence[str]
+) -> npt.NDArray[np.uint8]:
+    """Arrange pictures (H, W, 3) RGB uint8 on a white sheet, (H', W', 3) RGB uint8.
+
+    A column is as wide as its widest picture, a row as high as its highest. In the titles of the
+    columns, characters beyond ASCII become "?".
+    """
+    widths = [max(p.shape[1] for p in column) for column in zip(*rows, strict=True)]
+    heights = [max(picture.shape[0] for picture in row) for row in rows]
+    lefts = [_GAP_PX + sum(widths[:i]) + i * _GAP_PX for i in range(len(widths))]
+    tops = [_TITLE_PX + sum(heights[:i]) + i * _GAP_PX for i in range(len(heights))]
+    size = (tops[-1] + heights[-1] + _GAP_PX, lefts[-1] + widths[-1] + _GAP_PX, 3)
+    sheet = np.full(size, _BACKGROUND, np.uint8)
+    for title, left, width in zip(titles, lefts, widths, strict=True):
+        sheet[:_TITLE_PX, left : left + width] = _title(title, width)
+    for row, top in zip(rows, tops, strict=True):
+        for picture, left in zip(row, lefts, strict=True):
+            height, width = picture.shape[:2]
+            sheet[top : top + height, left : left + width] = picture
+    return sheet
+
+
+def _title(text: str, width: int) -> npt.NDArray[np.uint8]:
+    """(26, width, 3): the text in the middle, smaller if it is long."""
+    text = text.encode("ascii", "replace").decode()
+    band = np.full((_TITLE_PX, width, 3), _BACKGROUND, np.uint8)
+    (text_width, _), _ = cv2.getTextSize(text, _FONT, _SIZE, 1)
+    size = _SIZE * min(1.0, (width - 2) / max(text_width, 1))
+    (text_width, text_height), _ = cv2.getTextSize(text, _FONT, size, 1)
+    origin = ((width - text_width) // 2, (_TITLE_PX + text_height) // 2)
+    cv2.putText(band, text, origin, _FONT, size, _TEXT_COLOUR, 1, cv2.LINE_AA)
+    return band
+
 
 _NEAREST_M = 1e-6
 _CLIPPED_SHARE = 0.02

@@ -11,8 +11,8 @@ import simplejpeg
 from depthcli.core.arrays import UInt8Array
 from depthcli.core.options import Eye
 from depthcli.errors import InputError, Message
-from depthcli.io.images.exif import read_tags
 from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
+from depthcli.io.images.tiff import read_tags
 
 JPEG_START = b"\xff\xd8"
 _FRAMES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")

@@ -28,7 +28,6 @@ from depthcli.core.options import (
 )
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
-from depthcli.io.images.exif import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
 from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import (
     PANORAMA,
@@ -39,6 +38,7 @@ from depthcli.io.images.pixels import (
     upright,
 )
 from depthcli.io.images.png import SIGNATURE
+from depthcli.io.images.tiff import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
 from depthcli.io.listing.folder import CAMERA_RAW, EXR_MAGIC, is_own_exr, is_video
 from depthcli.io.storage.paths import RemotePath, path_of, read_bytes
 
