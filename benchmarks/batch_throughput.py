@@ -33,8 +33,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
-from depthcli.io.manifest.files import OK, CacheKey, ManifestRow, output_entry
-from depthcli.io.manifest.journal import Journal
+from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, output_entry
 from depthcli.jobs.write import write_output
 from depthcli.models.catalog import find_model
 

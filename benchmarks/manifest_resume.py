@@ -19,16 +19,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest.files import (
+from depthcli.io.manifest import (
     OK,
     WHOLE,
     CacheKey,
+    Journal,
     ManifestRow,
     OutputFile,
     Shard,
+    known_rows,
     write_manifest,
 )
-from depthcli.io.manifest.journal import Journal, known_rows
 from depthcli.jobs.batch.manifests import read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files
 

@@ -10,21 +10,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.manifest.files import (
+from depthcli.io.manifest import (
     FAILED,
     OK,
     WHOLE,
     CacheKey,
+    Journal,
     ManifestRow,
     OutputFile,
     Shard,
     checksum,
     is_intact,
+    known_rows,
     output_entry,
     parse_row,
     row_files,
 )
-from depthcli.io.manifest.journal import Journal, known_rows
 
 JOURNAL_NAME = ".depthcli-batch.jsonl"
 MANIFEST_NAME = "manifest.jsonl"

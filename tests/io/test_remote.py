@@ -25,7 +25,7 @@ from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.listing.folder import InputFile, Skipped, list_folder
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest.files import RowsFolder
+from depthcli.io.manifest import RowsFolder
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import (

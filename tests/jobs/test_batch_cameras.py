@@ -14,7 +14,7 @@ from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format
-from depthcli.io.manifest.files import Shard
+from depthcli.io.manifest import Shard
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions

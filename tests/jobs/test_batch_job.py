@@ -22,8 +22,7 @@ from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.errors import ModelError, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import NameFilter
-from depthcli.io.manifest.files import FAILED, OK, CacheKey, ManifestRow, output_entry
-from depthcli.io.manifest.journal import known_rows
+from depthcli.io.manifest import FAILED, OK, CacheKey, ManifestRow, known_rows, output_entry
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder

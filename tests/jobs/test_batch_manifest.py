@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest.files import (
+from depthcli.io.manifest import (
     FAILED,
     OK,
     AnchorEntry,
     CacheKey,
+    Journal,
     ManifestRow,
     OutputFile,
     Shard,
 )
-from depthcli.io.manifest.journal import Journal
 from depthcli.jobs.batch.manifests import (
     ModelInputs,
     Summary,

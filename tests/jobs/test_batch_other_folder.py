@@ -12,7 +12,7 @@ from helpers.videos import write_video
 
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
-from depthcli.io.manifest.journal import known_rows
+from depthcli.io.manifest import known_rows
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions

@@ -20,7 +20,7 @@ from helpers.videos import write_mp4
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.inference.session import Session
-from depthcli.io.manifest.files import FAILED, OK
+from depthcli.io.manifest import FAILED, OK
 from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.plan import CameraTable, plan_folder
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine

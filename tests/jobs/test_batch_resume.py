@@ -14,8 +14,7 @@ from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import NameFilter
-from depthcli.io.manifest.files import FAILED, OK
-from depthcli.io.manifest.journal import known_rows
+from depthcli.io.manifest import FAILED, OK, known_rows
 from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch

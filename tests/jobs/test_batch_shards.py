@@ -9,8 +9,7 @@ from helpers.tiny import synthetic_picture, write_picture
 
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
-from depthcli.io.manifest.files import Shard
-from depthcli.io.manifest.journal import known_rows
+from depthcli.io.manifest import Shard, known_rows
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import TaskBuilder

@@ -14,8 +14,7 @@ from depthcli.core.camera import CameraScale, Intrinsics
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest.files import FAILED, OK
-from depthcli.io.manifest.journal import Journal, known_rows
+from depthcli.io.manifest import FAILED, OK, Journal, known_rows
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 

@@ -33,7 +33,7 @@ from depthcli.io.depth.metadata import camera_text
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
-from depthcli.io.manifest.files import OK
+from depthcli.io.manifest import OK
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions

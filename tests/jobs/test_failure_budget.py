@@ -8,7 +8,7 @@ from helpers.batches import request
 from helpers.command_line import Cli
 from helpers.tiny import synthetic_picture, write_picture
 
-from depthcli.io.manifest.files import OK, parse_row
+from depthcli.io.manifest import OK, parse_row
 from depthcli.jobs.batch.run import Batch
 
 GOOD, BAD, LATE = ("a", "b"), 100, ("x", "y", "z")

@@ -8,7 +8,7 @@ from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
-from depthcli.io.manifest.files import ManifestRow, Shard
+from depthcli.io.manifest import ManifestRow, Shard
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions

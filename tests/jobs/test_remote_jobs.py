@@ -28,7 +28,7 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest.files import WHOLE, RowsFolder, Shard
+from depthcli.io.manifest import WHOLE, RowsFolder, Shard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
@@ -294,9 +294,9 @@ def test_a_batch_that_was_killed_goes_on_elsewhere(
     killed = """
 import os, signal, sys
 from pathlib import Path
-from depthcli.io.manifest import files
+from depthcli.io import manifest
 from test_remote_jobs import Batch, batch
-files._UPLOAD_INTERVAL_S = 0
+manifest._UPLOAD_INTERVAL_S = 0
 job = Batch(batch(Path(sys.argv[1]), sys.argv[2], sys.argv[3]))
 for _ in range(3):
     next(job)
@@ -339,7 +339,7 @@ def test_a_model_is_fetched_from_a_bucket(
 def test_rows_reach_the_bucket_while_a_batch_runs(
     tmp_path: Path, bucket: Bucket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("depthcli.io.manifest.files._UPLOAD_INTERVAL_S", 0)
+    monkeypatch.setattr("depthcli.io.manifest._UPLOAD_INTERVAL_S", 0)
     bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
     job = Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out")))
     next(job)

@@ -22,8 +22,7 @@ from depthcli._version import __version__
 from depthcli.errors import EngineError
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest.files import FAILED, OK, CacheKey, ManifestRow
-from depthcli.io.manifest.journal import known_rows
+from depthcli.io.manifest import FAILED, OK, CacheKey, ManifestRow, known_rows
 from depthcli.jobs.batch.ray import (
     LOCAL_CLUSTER,
     Call,

@@ -289,7 +289,7 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     from depthcli.io.archives import holds_images
     from depthcli.io.listing import path_list
     from depthcli.io.listing.folder import NameFilter
-    from depthcli.io.manifest.files import WHOLE, Shard
+    from depthcli.io.manifest import WHOLE, Shard
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 

@@ -9,7 +9,7 @@ from depthcli.cli.options import JsonOption
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
-from depthcli.io.manifest.files import FAILED
+from depthcli.io.manifest import FAILED
 
 app = typer.Typer(
     rich_markup_mode=None,

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from depthcli.errors import UsageError
-from depthcli.io.manifest import files
-from depthcli.io.manifest.journal import Journal, Rows, known_rows
+from depthcli.io import manifest
+from depthcli.io.manifest import Journal, Rows, known_rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ def read_rows(path: Path) -> Rows:
             raise UsageError(f"no manifest in {path}", "name the output folder of a batch")
         return rows
     try:
-        return Rows([files.RowFile(path)])
+        return Rows([manifest.RowFile(path)])
     except OSError as error:
         raise UsageError(f"cannot read the manifest {path}: {error.strerror}") from error
 
@@ -50,7 +50,7 @@ def summarize(rows: Rows) -> Summary:
     failed = outputs = output_bytes = 0
     seconds = 0.0
     for row in rows:
-        failed += row.status == files.FAILED
+        failed += row.status == manifest.FAILED
         outputs += len(row.outputs)
         output_bytes += sum(file.bytes for file in row.outputs)
         seconds += row.seconds
@@ -64,11 +64,11 @@ def merge_manifests(folder: Path) -> Path:
 
     UsageError if there is none, or a batch is running there.
     """
-    place = files.RowsFolder(folder)
-    if not files.row_files(place.path, files.WHOLE):
+    place = manifest.RowsFolder(folder)
+    if not manifest.row_files(place.path, manifest.WHOLE):
         raise UsageError(f"no manifest in {folder}", "name the output folder of a batch")
-    for path in files.row_files(place.path, files.WHOLE):
-        damaged = () if files.is_journal(path) else files.damaged_lines(path)
+    for path in manifest.row_files(place.path, manifest.WHOLE):
+        damaged = () if manifest.is_journal(path) else manifest.damaged_lines(path)
         if damaged:
             raise UsageError(
                 f"{path}: line {damaged[0]} is no row, and {len(damaged) - 1} others are none",

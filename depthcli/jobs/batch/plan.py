@@ -11,7 +11,7 @@ from depthcli.core.options import short_repr
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
-from depthcli.io.manifest.files import WHOLE, Shard
+from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.storage import paths
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.output_names import TreeNames, namesakes, stem

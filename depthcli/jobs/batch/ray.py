@@ -28,7 +28,7 @@ from depthcli._version import __version__
 from depthcli.core.options import INSTALL_RAY, one_line
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
-from depthcli.io.manifest.files import CacheKey
+from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
 from depthcli.jobs.batch.workers import ImageWorker, VideoWorker, WorkerSpec

@@ -19,8 +19,7 @@ from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.images.read import check
 from depthcli.io.listing.folder import InputFile, is_archive, is_video
-from depthcli.io.manifest.files import CacheKey, RowsFolder
-from depthcli.io.manifest.journal import Journal, Rows, known_rows
+from depthcli.io.manifest import CacheKey, Journal, Rows, RowsFolder, known_rows
 from depthcli.io.storage.paths import RemotePath, local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
 from depthcli.jobs.batch.plan import BatchPlan

@@ -15,11 +15,11 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, UsageError
+from depthcli.io import manifest
 from depthcli.io.depth.anchors import AnchorFiles, read_known_depth
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile, RealPaths, is_archive, is_video
-from depthcli.io.manifest import files as manifest
-from depthcli.io.manifest.journal import Rows
+from depthcli.io.manifest import Rows
 from depthcli.io.storage.atomic import Guard, is_same_file
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import path_of

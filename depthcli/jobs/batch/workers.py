@@ -27,7 +27,7 @@ from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_archive
-from depthcli.io.manifest.files import AnchorEntry, CacheKey, output_entry
+from depthcli.io.manifest import AnchorEntry, CacheKey, output_entry
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
