@@ -9,7 +9,7 @@ from helpers.tiny import write_model
 from depthcli.core.camera import Intrinsics
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.manifest.files import CacheKey
+from depthcli.io.manifest import CacheKey
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.batch.workers import WorkerSpec
 
