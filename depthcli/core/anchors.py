@@ -227,6 +227,7 @@ def fit_anchors(
     windows: Windows | None = None,
     *,
     local: bool = True,
+    is_final: bool = False,
 ) -> DepthMap:
     """Metric depth that fits known points best.
 
@@ -243,6 +244,7 @@ def fit_anchors(
             more, those where the map has no depth are ignored.
         windows: of the image of the map; None if all of it is displayed.
         local: whether depth follows five or more points locally.
+        is_final: whether the map is to stay as it is, because a network made it of the points.
 
     Returns:
         A metric map of the same size, with the points and the fit in its provenance; NaN where the
@@ -257,7 +259,9 @@ def fit_anchors(
     inverse = depth.kind is DepthKind.INVERSE
     wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
     cells = _cells_of(points, shown.width, shown.height)[known]
-    fit, used = _fit(values[known], wanted, depth.kind, cells)
+    fit, used = ScaleShift(1.0, 0.0), np.ones(len(wanted), np.bool_)
+    if not is_final:
+        fit, used = _fit(values[known], wanted, depth.kind, cells)
     if (values[known][used] * fit.scale + fit.shift <= 0).any():
         raise UsageError(
             "the fit puts an anchor at or behind the camera; check the depths of the anchors"
@@ -267,7 +271,8 @@ def fit_anchors(
         fitted = np.float32(1) / fitted
     fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
     result = DepthMap(fitted, DepthKind.METRIC)
-    if local and points.fit is not AnchorsFit.GLOBAL and len(used) >= ROBUST_FROM:
+    is_local = local and not is_final and points.fit is not AnchorsFit.GLOBAL
+    if is_local and len(used) >= ROBUST_FROM:
         result, used = _followed(result, points, known, used, windows)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
@@ -308,7 +313,11 @@ def pixels_of(
 
 
 def fitted(
-    depth: DepthMap, points: AnchorPoints | None, windows: Windows | None = None
+    depth: DepthMap,
+    points: AnchorPoints | None,
+    windows: Windows | None = None,
+    *,
+    is_final: bool = False,
 ) -> tuple[DepthMap, tuple[str, ...]]:
     """Depth of one of several images, by :func:`fit_anchors`, and warnings about it.
 
@@ -324,7 +333,7 @@ def fitted(
     try:
         shown = displayed_depth(depth, windows)
         inside = points.within(shown.width, shown.height)
-        found = fit_anchors(depth, points, windows)
+        found = fit_anchors(depth, points, windows, is_final=is_final)
     except UsageError as error:
         raise InputError(str(error)) from error
     return found, (*inside.warnings, *lost_in_fit(depth, found))

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import Float32Array, Float64Array
+from depthcli.core.arrays import BoolArray, Float32Array, Float64Array
 from depthcli.core.types import Frame
 
 
@@ -158,6 +158,18 @@ def _kernel(distance: Float64Array, *, cubic: bool) -> Float64Array:
 
 
 BAND_PIXELS = 100_000  #: pixels of a band: its few float arrays fit a processor's L2 cache
+
+
+def filled_nearest(values: Float32Array, valid: BoolArray) -> Float32Array:
+    """Values of (H, W), where they are not valid those of the nearest valid pixel."""
+    if valid.all():
+        return values
+    _, labels = cv2.distanceTransformWithLabels(
+        (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    value_of = np.zeros(int(labels.max()) + 1, np.float32)
+    value_of[labels[valid]] = values[valid]
+    return np.where(valid, values, value_of[labels])
 
 
 def row_bands(width: int, height: int) -> Iterator[slice]:

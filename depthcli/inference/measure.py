@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.types import Frame
 from depthcli.errors import ModelError
 from depthcli.inference.pipeline import Pipeline
@@ -98,4 +99,8 @@ def check_network(error: Exception, session: Session) -> None:
 
 
 def _predict_gray(session: Session, height: int, width: int) -> None:
-    Pipeline(session).predict(Frame(np.full((height, width, 3), _GRAY, np.uint8)))
+    slope = None
+    if session.model.card.input.known_depth is not None:
+        slope = AnchorPoints.of_map(np.linspace(1, 2, height * width).reshape(height, width))
+    frame = Frame(np.full((height, width, 3), _GRAY, np.uint8))
+    Pipeline(session).predict(frame, anchors=slope)

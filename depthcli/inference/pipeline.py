@@ -126,6 +126,7 @@ class Pipeline:
                 *self._model_depth(frame, raw, layout, camera, is_prompted=prompt is not None),
                 frame,
                 points,
+                is_final=self.card.input.known_depth is not None,
             )
             for frame, raw, layout, camera, prompt, points in zip(
                 frames, raws, layouts, own, known, anchors, strict=True
@@ -135,23 +136,30 @@ class Pipeline:
     def _prompt(
         self, frame: Frame, layout: Layout, anchors: AnchorPoints | None
     ) -> Float32Array | None:
-        """Known depth for the network, (2, H, W); None if it takes none, or there is too little."""
+        """Known depth for the network, (C, H, W); None if it takes none, or there is too little."""
+        fits = {None, options.AnchorsFit.NETWORK}
+        is_enough = anchors is not None and len(anchors) >= ROBUST_FROM and anchors.fit in fits
+        if self.card.input.known_depth is not None and not is_enough:
+            raise InputError(
+                f"model {self.card.name!r} needs known depth of each image",
+                f"give {{anchors}} of {ROBUST_FROM} points or more, or another {{model}}",
+            )
         if not anchors:
             return None
-        if not self.card.input.prompt:
+        if not self.card.input.prompt_inputs:
             if anchors.fit is options.AnchorsFit.NETWORK:
                 raise InputError(
                     f"model {self.card.name!r} takes no known depth",
                     "give another {model}, or another {anchors_fit}",
                 )
             return None
-        if anchors.fit not in {None, options.AnchorsFit.NETWORK} or len(anchors) < ROBUST_FROM:
+        if not is_enough:
             return None
         try:
             points = anchors.within(*frame.display_size_px)
         except UsageError as error:
             raise InputError(str(error)) from error
-        return transforms.prompt_input(self.card.output, points, frame, layout)
+        return transforms.prompt_input(self.card, points, frame, layout)
 
     def _model_depth(
         self,
@@ -239,7 +247,7 @@ class Pipeline:
     ) -> list[RawOutputs]:
         """The network's output for each (1, C, H, W) input, batched by size.
 
-        ``known`` is known depth and its mask, (2, H, W), for each; None for none.
+        ``known`` is known depth, (C, H, W), for each; None for none.
         """
         sizes: dict[tuple[int, ...], list[int]] = {}
         for i, single in enumerate(inputs):
@@ -310,13 +318,18 @@ def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[st
 
 
 def _finished(
-    depth: DepthMap, warnings: tuple[str, ...], frame: Frame, anchors: AnchorPoints | None
+    depth: DepthMap,
+    warnings: tuple[str, ...],
+    frame: Frame,
+    anchors: AnchorPoints | None,
+    *,
+    is_final: bool = False,
 ) -> Prediction:
     """Depth without any where the file has no pixels, fitted to known points."""
     depth = masked_to_data_window(depth, frame.windows)
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
-    found, of_anchors = fitted(depth, anchors, frame.windows)
+    found, of_anchors = fitted(depth, anchors, frame.windows, is_final=is_final)
     source = depth.provenance and depth.provenance.camera_source
     if source is CameraSource.CARD and frame.focal_mm is not None and not anchors:
         told = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"
@@ -329,6 +342,9 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> i
     """Width of the tiles of a picture in its pixels; None if it is not tiled."""
     if detail.tile_px is None:
         return None
+    if spec.known_depth is not None:
+        told = "a network that needs known depth of the whole image takes no tiles"
+        raise InputError(told, "leave {tile} out, or give another {model}")
     width, chosen = frame.width, detail.tile_px
     if chosen == options.AUTO_TILE:
         chosen = max(-(-3 * width // 4), spec.width)

@@ -14,7 +14,7 @@ from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS, ort
-from depthcli.models.card import MAX_INPUT_PIXELS, PROMPT_INPUTS, TensorLayout
+from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout
 from depthcli.models.catalog import Model
 
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
@@ -131,8 +131,8 @@ class Session:
 
         Args:
             batch: (N, C, H, W) float32, normalized as the card says.
-            prompts: (N, 2, H, W) float32, known depth and its mask, for a network that takes them;
-                None where nothing is known.
+            prompts: (N, C, H, W) float32, known depth for a network that takes it, an input in each
+                channel; None where nothing is known.
 
         Raises:
             ModelError: onnxruntime failed, or the output is not one map for each picture.
@@ -146,11 +146,14 @@ class Session:
             joined = (None if one[0] is None else np.concatenate(one) for one in more)
             return RawOutputs(np.concatenate(maps), *joined)
         feed = {self._input: batch}
-        if self.model.card.input.prompt:
+        spec = self.model.card.input
+        if spec.prompt_inputs:
             if prompts is None:
-                prompts = np.zeros((len(batch), 2, *batch.shape[2:]), np.float32)
-            feed |= {name: prompts[:, i : i + 1] for i, name in enumerate(PROMPT_INPUTS)}
-        if self.model.card.input.layout is TensorLayout.NHWC:
+                known = spec.known_depth
+                size = batch.shape[2:] if known is None else (known.height, known.width)
+                prompts = np.zeros((len(batch), len(spec.prompt_inputs), *size), np.float32)
+            feed |= {name: prompts[:, i : i + 1] for i, name in enumerate(spec.prompt_inputs)}
+        if spec.layout is TensorLayout.NHWC:
             feed[self._input] = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         feed = {name: values.astype(self._input_type, copy=False) for name, values in feed.items()}
         try:
@@ -247,7 +250,7 @@ def _load_error(model: Model, wanted: tuple[str, ...], error: Exception) -> Mode
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
     """Name and (N, C, H, W) of the image's float input; None where a length is dynamic."""
     inputs: list[Any] = session.get_inputs()
-    names = PROMPT_INPUTS if model.card.input.prompt else ()
+    names = model.card.input.prompt_inputs
     kinds = [(len(one.shape), one.type) for one in inputs]
     usual = ([(_IMAGE_RANK, kind)] * (1 + len(names)) for kind in _INPUT_TYPES)
     if kinds not in usual or tuple(one.name for one in inputs[1:]) != names:

@@ -7,7 +7,7 @@ import numpy as np
 
 from depthcli.core import imageops
 from depthcli.core.anchors import AnchorPoints, pixels_of
-from depthcli.core.arrays import BoolArray, Float32Array
+from depthcli.core.arrays import BoolArray, Float32Array, Float64Array
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.models.card import (
@@ -17,6 +17,7 @@ from depthcli.models.card import (
     Fit,
     InputSpec,
     MaskSpec,
+    ModelCard,
     OutputSpec,
     Resize,
     Side,
@@ -101,12 +102,26 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[Float32Array, Layout]:
 
 
 def prompt_input(
-    spec: OutputSpec, points: AnchorPoints, frame: Frame, layout: Layout
+    card: ModelCard, points: AnchorPoints, frame: Frame, layout: Layout
 ) -> Float32Array:
-    """Known depth and its mask as the network takes them: (2, H, W) float32.
+    """Known depth as the network takes it: (2, H, W) float32, coded as its output, and a mask.
 
-    A pixel of the network has the mean of the logarithms of the points in it, coded as the output.
+    Of a network that needs a whole map, it is (1, H, W) metres, where none are known the nearest.
+    A pixel has the mean of the logarithms of the points in it.
     """
+    spec, output = card.input.known_depth, card.output
+    if spec is not None:
+        log_m, known = _on_grid_of(points, frame, _without_padding(spec.width, spec.height))
+        return imageops.filled_nearest(np.exp(log_m).astype(np.float32), known)[np.newaxis]
+    log_m, known = _on_grid_of(points, frame, layout)
+    coded = np.where(known, (log_m - output.shift) / output.scale, 0)
+    return np.stack([coded, known]).astype(np.float32)
+
+
+def _on_grid_of(
+    points: AnchorPoints, frame: Frame, layout: Layout
+) -> tuple[Float64Array, BoolArray]:
+    """Mean logarithm of the points in each pixel of a layout, (H, W), and where there are any."""
     x, y = pixels_of(points, frame.windows)
     inside = (x >= 0) & (x < frame.width) & (y >= 0) & (y < frame.height)
     x, y, depth_m = x[inside], y[inside], points.depth_m[inside]
@@ -114,9 +129,9 @@ def prompt_input(
     rows = layout.top + ((y + 0.5) * layout.inner_height / frame.height).astype(np.int64)
     cells, size = rows * layout.width + columns, layout.width * layout.height
     count = np.bincount(cells, minlength=size)
-    coded = (np.log(depth_m) - spec.shift) / spec.scale
-    mean = np.bincount(cells, coded, size) / np.maximum(count, 1)
-    return np.stack([mean, count > 0]).reshape(2, layout.height, layout.width).astype(np.float32)
+    mean = np.bincount(cells, np.log(depth_m), size) / np.maximum(count, 1)
+    shape = layout.height, layout.width
+    return mean.reshape(shape), count.reshape(shape) > 0
 
 
 def _resized(spec: InputSpec, values: Float32Array, width: int, height: int) -> Float32Array:

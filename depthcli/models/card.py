@@ -105,6 +105,15 @@ class TensorLayout(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class KnownDepthSpec:
+    """A further input of known depth in metres everywhere, (N, 1, height, width)."""
+
+    input: Text  #: name of that input
+    width: _Side  #: its columns, of the whole picture
+    height: _Side  #: its rows
+
+
+@dataclass(frozen=True, slots=True)
 class InputSpec:
     """The network's input, float32: ``(colour in [0, 1] - mean) / std``."""
 
@@ -126,6 +135,14 @@ class InputSpec:
     #: whether known depth, coded as the output, and its mask are further inputs of this size, with
     #: the names of ``PROMPT_INPUTS`` and one channel each
     prompt: bool = False
+    known_depth: KnownDepthSpec | None = None  #: of a network that needs a whole map of it
+
+    @property
+    def prompt_inputs(self) -> tuple[str, ...]:
+        """Names of the inputs for known depth, in their order."""
+        if self.known_depth is not None:
+            return (self.known_depth.input,)
+        return PROMPT_INPUTS if self.prompt else ()
 
 
 PROMPT_INPUTS = "prompt", "mask"
@@ -387,7 +404,7 @@ def _check_input(spec: InputSpec) -> None:
         raise FieldError(f"times height is more than {MAX_INPUT_PIXELS:,} pixels", "input.width")
     if spec.dynamic and spec.multiple_of > min(spec.width, spec.height):
         raise FieldError("is more than input.width or input.height", "input.multiple_of")
-    if spec.prompt and spec.layout is not TensorLayout.NCHW:
+    if spec.prompt_inputs and spec.layout is not TensorLayout.NCHW:
         raise FieldError(f"has to be {TensorLayout.NCHW} with a prompt", "input.layout")
     if spec.fit in _DYNAMIC_ONLY and not spec.dynamic:
         raise FieldError(f"is {spec.fit}, which needs a dynamic size", "input.fit")

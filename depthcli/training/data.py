@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from depthcli.core.camera import focal_px_of_hfov
+from depthcli.core.imageops import filled_nearest
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.prompts import Pattern, Prompt
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
@@ -45,24 +46,11 @@ def downsample(
     if not measured.any():
         return None
     mean_m = np.divide(total_m, share, out=total_m, where=measured)
-    return _nearest_valid(mean_m, measured), None if measured.all() else measured
+    return filled_nearest(mean_m, measured), None if measured.all() else measured
 
 
 def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray[np.float32]:
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
-
-
-def _nearest_valid(
-    depth_m: npt.NDArray[np.float32], valid_mask: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.float32]:
-    if valid_mask.all():
-        return depth_m
-    _, labels = cv2.distanceTransformWithLabels(
-        (~valid_mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    value_of = np.zeros(int(labels.max()) + 1, np.float32)
-    value_of[labels[valid_mask]] = depth_m[valid_mask]
-    return np.where(valid_mask, depth_m, value_of[labels])
 
 
 def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple[float, float]:

@@ -93,6 +93,15 @@ def prompted_onnx() -> bytes:
     return model.SerializeToString()
 
 
+def known_depth_onnx() -> bytes:
+    """A network whose output is the known depth that it takes, whatever the image."""
+    model = onnx.load_from_string(tiny_onnx())
+    shape = ["n", 1, "rows", "columns"]
+    model.graph.input.append(helper.make_tensor_value_info("lidar", TensorProto.FLOAT, shape))
+    model.graph.node[0].CopyFrom(helper.make_node("Identity", ["lidar"], ["depth"]))
+    return model.SerializeToString()
+
+
 def fixed_inside(height: int = 12) -> bytes:
     """The tiny network with a reshape that suits one height only."""
     model = onnx.load_from_string(tiny_onnx())

@@ -9,11 +9,18 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from helpers.tiny import load, prompted_onnx, synthetic_picture, tiny_onnx, write_model
+from helpers.tiny import (
+    known_depth_onnx,
+    load,
+    prompted_onnx,
+    synthetic_picture,
+    tiny_onnx,
+    write_model,
+)
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.options import AnchorsFit
+from depthcli.core.options import AnchorsFit, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.measure import try_session
@@ -278,3 +285,35 @@ def test_fit_chooses_how_known_depth_is_followed(
     assert (ratio[:, 50:].mean() / ratio[:, 8:14].mean() > 1.2) == (fit is not AnchorsFit.GLOBAL)
     with pytest.raises(InputError) if fit is AnchorsFit.NETWORK else nullcontext():
         kinect.predict(Frame(pixels), anchors=points)
+
+
+@pytest.fixture
+def needing(tmp_path: Path) -> Pipeline:
+    """A model that gives the map of 8×6 that it takes as known depth."""
+    known = {"input": "lidar", "width": 8, "height": 6}
+    changes = {"input__known_depth": known, "output__scale": 1.0, "output__shift": 0.0}
+    return load(write_model(tmp_path / "needing", known_depth_onnx(), **changes))
+
+
+def test_a_network_that_needs_known_depth_gets_it_everywhere(needing: Pipeline) -> None:
+    """Its map is not fitted once more; a pixel without a point has the depth of the nearest."""
+    lidar_m = np.zeros((12, 16))
+    lidar_m[:, :2], lidar_m[:, -1] = 2.0, 4.0
+    points = AnchorPoints.of_map(lidar_m)
+    depth = needing.predict(gray(90, 120, 160), anchors=points).depth
+    assert depth.provenance is not None
+    assert depth.provenance.anchor_fit == (36, 36, pytest.approx(0, abs=1e-6))
+    np.testing.assert_allclose(depth.values[:, :40], 2.0, rtol=1e-6)
+    np.testing.assert_allclose(depth.values[:, 120:], 4.0, rtol=1e-6)
+
+
+def test_a_network_that_needs_known_depth_gives_none_without(needing: Pipeline) -> None:
+    points = AnchorPoints(np.arange(5), np.arange(5), np.full(5, 2.0))
+    few = AnchorPoints(points.x[:4], points.y[:4], points.depth_m[:4])
+    for known in (None, few, replace(points, fit=AnchorsFit.GLOBAL)):
+        with pytest.raises(InputError, match="needs known depth"):
+            needing.predict(gray(0), anchors=known)
+    tiled = Pipeline(needing.session, UpsamplingOptions(tile_px=20))
+    with pytest.raises(InputError, match="no tiles"):
+        tiled.predict(gray(0), anchors=points)
+    try_session(needing.session)
