@@ -23,13 +23,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DepthMask, Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
 from depthcli.inference.camera import metric_scale
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
-from depthcli.inference.transforms import coarse_depth, prepare
+from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
 from depthcli.io.images.read import read_image
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import FOLDER, Model, ready_fields
@@ -39,7 +40,9 @@ KEPT = HERE.parent / "tests" / "reference" / "cards"
 MOST = 1e-3
 OFF = np.float32(0.01 / 0.225)  # of the input, by a mean that is wrong by 0.01
 TORCH = ("torch==2.13.0", "onnx==1.23.2", "opencv-python-headless==5.0.0.93", "scipy")
-HUB = ("transformers==5.24.0", *TORCH)
+# Pillow 13 resizes some portrait pictures along the columns first, which changes rounding:
+# github.com/python-pillow/Pillow/pull/9549
+HUB = ("transformers==5.24.0", "pillow<13", *TORCH)
 VISION = ("torchvision==0.28.0", "timm==1.0.31")
 
 
@@ -99,6 +102,8 @@ MOGE = Package(
 )
 SAME = {
     "depth-anything-v1-small": ("depth-anything-v1-base", "depth-anything-v1-large"),
+    "promptda-small": ("promptda-large",),
+    "distill-any-depth-small": ("distill-any-depth-base", "distill-any-depth-large"),
     "depth-anything-v2-small": ("depth-anything-v2-base", "depth-anything-v2-large"),
     **{
         f"depth-anything-v2-metric-{place}-small": tuple(
@@ -113,14 +118,22 @@ SAME = {
 NOTES = {
     "moge-2": "the authors' least squares to a tolerance of 1e-12, theirs being 1e-3",
     "zoedepth-nyu": "without the authors' border and mirrored pass",
+    "promptda-small": "the largest is of a picture with fewer columns than the map of known depth, "
+    "of the others 2.8e-6",
     "zipdepth": "a port that loads the authors' weights",
-    "midas-dpt-swin2-tiny-256": "the authors' processing, the network of transformers",
+    **dict.fromkeys(
+        ("midas-dpt-swin2-tiny-256", "midas-dpt-beit-base-384"),
+        "the authors' processing, the network of transformers",
+    ),
 }
 PACKAGES = {
     "depth-anything-v2-small": ANYTHING_V2,
     "depth-anything-v2-metric-indoor-small": ANYTHING_V2_METRIC,
     "depth-anything-v2-metric-outdoor-small": ANYTHING_V2_METRIC,
     "depth-anything-v1-small": TRANSFORMERS,
+    "distill-any-depth-small": TRANSFORMERS,
+    "promptda-small": TRANSFORMERS,
+    "midas-dpt-large-384": TRANSFORMERS,
     **{f"depth-anything-3-{kind}": ANYTHING_3 for kind in ("small", "mono", "metric")},
     "zipdepth": ZIPDEPTH,
     "moge-2": MOGE,
@@ -131,6 +144,7 @@ PACKAGES = {
         (
             "midas-small-torch",
             "midas-dpt-swin2-tiny-256",
+            "midas-dpt-beit-base-384",
         ),
         MIDAS,
     ),
@@ -221,16 +235,19 @@ def of_picture(
     # "has" is their mask, "at" where their depth is that of the network alone
     has = next((theirs[name] for name in ("has", "at") if name in theirs), np.True_)
     raw = theirs["raw"].reshape(theirs["raw"].shape[-2:])
-    ours, wrong = (session.run(one)[0] for one in (batch, batch + OFF))
+    card, points, prompts = session.model.card, None, None
+    if "known" in theirs:
+        points = known_points(theirs["known"], frame)
+        prompts = prompt_input(card, points, frame, prepare(card.input, frame)[1])[None]
+    ours, wrong = (session.run(one, prompts)[0] for one in (batch, batch + OFF))
     if ours.ndim > raw.ndim:  # points, of which z is compared
         ours, wrong = ours[..., 2], wrong[..., 2]
     small, control = difference(ours, raw), difference(wrong, raw)
     if "ground" in theirs:  # which has a depth, at the network's size
-        mask = session.model.card.output.mask
+        mask = card.output.mask
         found = session.outputs(batch).mask[0] < mask.threshold
         small = max(small, float((found != theirs["ground"]).mean()))
     if "metres" in theirs:
-        card = session.model.card
         _, layout = prepare(card.input, frame)
         camera = Intrinsics(float(theirs["focal_px"]))
         scaled = coarse_depth(card.output, ours, layout) * metric_scale(card, frame, layout, camera)
@@ -240,12 +257,20 @@ def of_picture(
     mask = DepthMask.MODEL if "has" in theirs else DepthMask.NONE
     pipeline = Pipeline(session, UpsamplingOptions(Upsampling.MODEL, mask=mask))
     focal_px = float(theirs["focal_px"]) if "focal_px" in theirs else None
-    found = pipeline.predict(frame, Intrinsics(focal_px)).depth.values
+    found = pipeline.predict(frame, Intrinsics(focal_px), points).depth.values
     both = has & np.isfinite(found)
     full = difference(np.where(both, found, np.nan), np.where(both, theirs["full"], np.nan))
     if "has" in theirs:
         print(f"of their mask, {np.mean(np.isfinite(found) != has):.0e} differ", file=sys.stderr)
     return small, full, control
+
+
+def known_points(depth_m: np.ndarray, frame: Frame) -> AnchorPoints:
+    """Points at the centres of the pixels of a map of the whole picture."""
+    y, x = (axis.ravel() for axis in np.indices(depth_m.shape))
+    rows, columns = depth_m.shape
+    places = [(x + 0.5) * frame.width / columns - 0.5, (y + 0.5) * frame.height / rows - 0.5]
+    return AnchorPoints.of_table(np.stack([*places, depth_m.ravel()], axis=1))
 
 
 def difference(ours: np.ndarray, theirs: np.ndarray) -> float:

@@ -36,7 +36,7 @@ def build(card: str) -> Authors:
     """A network of the card's kind, 48 channels wide, and the authors' sizes."""
     if card == "midas-small-torch":
         return small()
-    size = int(card.rpartition("-")[2]) if card[-1].isdigit() else 384
+    size = int(card.rpartition("-")[2])
     if "beit" in card:
         beit = hf.BeitConfig(
             **VIT,
@@ -46,7 +46,7 @@ def build(card: str) -> Authors:
             out_features=["stage1", "stage2", "stage3", "stage4"],
         )
         config = hf.DPTConfig(backbone_config=beit, **NECK, hidden_size=48)
-    elif "swin2" in card:
+    else:
         swin = hf.Swinv2Config(
             image_size=size,
             embed_dim=24,
@@ -61,8 +61,6 @@ def build(card: str) -> Authors:
             fusion_hidden_size=16,
             hidden_size=192,
         )
-    else:
-        config = hf.DPTConfig(**VIT, **NECK, image_size=size, backbone_out_indices=[0, 1, 2, 3])
     model = randomize(hf.DPTForDepthEstimation(config))
     keeps = "swin2" not in card
     processed = processing(size, "minimal", [0.5] * 3, [0.5] * 3, keeps_aspect=keeps)

@@ -32,9 +32,12 @@ class Chosen(torch.nn.Module):
         super().__init__()
         self.model, self.names = model, names
 
-    def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """The outputs for (1, 3, H, W)."""
-        found = self.model(pixel_values=image)
+    def forward(
+        self, image: torch.Tensor, known_m: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, ...]:
+        """The outputs for (1, 3, H, W), and known depth of a network that takes it."""
+        more = {} if known_m is None else {"prompt_depth": known_m}
+        found = self.model(pixel_values=image, **more)
         return tuple(getattr(found, name) for name in self.names)
 
 
@@ -58,7 +61,7 @@ def anything(max_m: float | None = None) -> Chosen:
 
 
 def of_anything(card: str) -> Authors:
-    """Depth Anything V1."""
+    """Depth Anything V1, and Distill-Any-Depth."""
     del card
     processor = hf.DPTImageProcessorPil(
         size={"height": 518, "width": 518},
@@ -69,6 +72,55 @@ def of_anything(card: str) -> Authors:
     )
     model = anything().model
     return of_hub(model, processor, model.head.conv3)
+
+
+def of_prompt_depth_anything(card: str) -> Authors:
+    """Prompt Depth Anything, with known depth of the lidar of a phone."""
+    del card
+    config = hf.PromptDepthAnythingConfig(
+        backbone_config=DINO,
+        reassemble_hidden_size=48,
+        neck_hidden_sizes=[16, 16, 24, 24],
+        fusion_hidden_size=16,
+        depth_estimation_type="metric",
+    )
+    processor = hf.PromptDepthAnythingImageProcessorPil(
+        size={"height": 756, "width": 756},
+        keep_aspect_ratio=True,
+        ensure_multiple_of=14,
+        image_mean=[0.485, 0.456, 0.406],
+        image_std=[0.229, 0.224, 0.225],
+    )
+    model = randomize(hf.PromptDepthAnythingForDepthEstimation(config))
+    found = of_hub(model, processor, model.head.conv3, mean=0.5)
+    return found._replace(known="prompt_depth", tiny=TinyKnown(1))
+
+
+class TinyKnown(Tiny):
+    """A map that known depth is added to."""
+
+    def forward(self, image: torch.Tensor, known_m: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """Metres of (1, 3, H, W) and (1, 1, h, w)."""
+        (depth,) = super().forward(image)
+        size = depth.shape[-2:]
+        return (depth + torch.nn.functional.interpolate(known_m, size=size, mode="bilinear")[0],)
+
+
+def of_dpt(card: str) -> Authors:
+    """MiDaS 3.0, which is of square pictures there."""
+    del card
+    config = hf.DPTConfig(
+        hidden_size=48,
+        num_hidden_layers=4,
+        num_attention_heads=2,
+        intermediate_size=96,
+        neck_hidden_sizes=[16, 16, 24, 24],
+        fusion_hidden_size=16,
+        image_size=384,
+        backbone_out_indices=[0, 1, 2, 3],
+    )
+    model = randomize(hf.DPTForDepthEstimation(config))
+    return of_hub(model, hf.DPTImageProcessorPil(), model.head.head[4])
 
 
 def of_glpn(card: str) -> Authors:
@@ -198,6 +250,9 @@ def of_hub(
 
 FAMILIES: dict[str, Callable[[str], Authors]] = {
     "depth-anything-v1": of_anything,
+    "distill-any-depth": of_anything,
+    "promptda": of_prompt_depth_anything,
+    "midas-dpt-large": of_dpt,
     "glpn": of_glpn,
     "zoedepth": of_zoe,
     "depth-pro": of_depth_pro,

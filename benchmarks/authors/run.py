@@ -39,6 +39,7 @@ class Authors(NamedTuple):
     #: a network of few weights with the same outputs, for the tests; None for plain maps
     tiny: torch.nn.Module | None = None
     is_finished_alone: bool = True  #: whether ``finish`` needs nothing but the outputs
+    known: str = ""  #: name of the network's second input, known depth; none if empty
 
 
 def main(module: str, folder: str, *cards: str) -> None:
@@ -65,13 +66,26 @@ def run(authors: Authors, pictures: list[Path], where: Path) -> None:
     for path in pictures:
         rgb = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
         image = authors.prepare(rgb)
-        outputs = authors.network(image)
+        more = [known_depth(*KNOWN_SIZE)] if authors.known else []
+        outputs = authors.network(image, *more)
         outputs = outputs if isinstance(outputs, tuple) else (outputs,)
         found = {"raw": outputs[0], **authors.finish(outputs, rgb)}
+        found |= {"known": more[0][0, 0]} if more else {}
         np.savez(where / f"{path.stem}.npz", **{k: np.asarray(v) for k, v in found.items()})
         file = where / "{}x{}.onnx".format(*image.shape[-2:])
         if not file.exists():
-            export(authors, image, file)
+            export(authors, (image, *more), file)
+
+
+KNOWN_SIZE = 256, 192
+"""Columns and rows of known depth."""
+
+
+def known_depth(columns: int, rows: int) -> torch.Tensor:
+    """A slope with steps in metres, (1, 1, rows, columns)."""
+    y, x = np.mgrid[:rows, :columns]
+    metres = 1 + x / columns + y / rows / 2 + (x * 4 // columns + y * 3 // rows) % 2
+    return torch.from_numpy(metres.astype(np.float32))[None, None]
 
 
 KEPT_STEP = 24
@@ -100,26 +114,34 @@ def keep(authors: Authors, file: Path) -> None:
     rgb = np.stack(planes, -1).astype(np.uint8)
     tiny = (authors.tiny or Tiny(len(authors.outputs))).eval()
     image = authors.prepare(rgb)
-    outputs = tiny(image)
+    more = [known_depth(23, 16)] if authors.known else []
+    outputs = tiny(image, *more)
     found = {"raw": outputs[0]} | (
         authors.finish(outputs, rgb) if authors.is_finished_alone else {}
     )
+    found |= {"known": more[0][0, 0]} if more else {}
     kept = {name: np.asarray(value) for name, value in found.items()}
     for name in {"raw", "ground", "metres"} & kept.keys():
         kept[name] = kept[name].reshape(kept[name].shape[-2:])[::KEPT_STEP, ::KEPT_STEP]
     graph = BytesIO()
-    export(authors._replace(network=tiny), image, graph, dynamic_axes={"image": [2, 3]})
+    only = authors._replace(network=tiny)
+    export(only, (image, *more), graph, dynamic_axes={"image": [2, 3]})
     onnx = np.frombuffer(graph.getvalue(), np.uint8)
     np.savez_compressed(file, picture=rgb, onnx=onnx, size=image.shape[-2:], **kept)
 
 
-def export(authors: Authors, image: torch.Tensor, file: Path | BytesIO, **options: Any) -> None:  # noqa: ANN401
+def export(
+    authors: Authors,
+    inputs: tuple[torch.Tensor, ...],
+    file: Path | BytesIO,
+    **options: Any,  # noqa: ANN401
+) -> None:
     """Write the network for one size."""
     torch.onnx.export(
         authors.network.eval(),
-        (image,),
+        inputs,
         str(file) if isinstance(file, Path) else file,
-        input_names=["image"],
+        input_names=["image", authors.known][: len(inputs)],
         output_names=list(authors.outputs),
         opset_version=18,
         dynamo=False,

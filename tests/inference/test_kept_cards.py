@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.options import DepthMask, Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
 from depthcli.inference.camera import metric_scale
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
-from depthcli.inference.transforms import coarse_depth, prepare
+from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import Model, ready_fields, ready_names
 
@@ -30,12 +31,25 @@ MOST = 1e-3  # mean difference by standard deviation, as in the benchmark
 def opened(name: str) -> tuple[Session, Frame, Mapping[str, npt.NDArray[np.float32]]]:
     kept = np.load(KEPT / f"{name}.npz")
     fields = ready_fields(name)
+    if "known" in kept:
+        rows, columns = kept["known"].shape
+        fields["input"]["known_depth"] |= {"width": columns, "height": rows}
     fields |= {"onnx": {"opset": 18, "ir": 8} | fields.get("onnx", {})}
     card = ModelCard.from_json(json.dumps(fields))
     data = kept["onnx"].tobytes()
     path = Path(f"{name}.onnx")
     model = Model(path=path, card=card, sha256="", size_bytes=len(data), data=data)
     return Session(model, provider="cpu"), Frame(kept["picture"]), kept
+
+
+def known_points(kept: Mapping[str, npt.NDArray[np.float32]], frame: Frame) -> AnchorPoints | None:
+    """Points at the centres of the pixels of known depth, a map of the whole picture."""
+    if "known" not in kept:
+        return None
+    depth_m = kept["known"]
+    (y, x), (rows, columns) = np.indices(depth_m.shape), depth_m.shape
+    at = (x + 0.5) * frame.width / columns - 0.5, (y + 0.5) * frame.height / rows - 0.5
+    return AnchorPoints.of_table(np.stack([*at, depth_m], axis=-1).reshape(-1, 3))
 
 
 def assert_same(ours: npt.NDArray[np.float32], theirs: npt.NDArray[np.float32]) -> None:
@@ -50,7 +64,10 @@ def test_output_at_the_size_of_the_network_is_that_of_the_authors(name: str) -> 
     session, frame, kept = opened(name)
     batch, layout = prepare(session.model.card.input, frame)
     assert batch.shape[2:] == tuple(kept["size"])
-    ours = session.run(batch)[0]
+    points = known_points(kept, frame)
+    card = session.model.card
+    prompts = None if points is None else prompt_input(card, points, frame, layout)[np.newaxis]
+    ours = session.run(batch, prompts)[0]
     z = ours[..., 2] if ours.ndim > kept["raw"].ndim else ours
     assert_same(z[::STEP, ::STEP], kept["raw"].reshape(kept["raw"].shape[-2:]))
     if "metres" in kept:
@@ -68,7 +85,7 @@ def test_depth_of_a_picture_is_that_of_the_authors(name: str) -> None:
     focal_px = float(kept["focal_px"]) if "focal_px" in kept else None
     mask = DepthMask.MODEL if "has" in kept else DepthMask.NONE
     pipeline = Pipeline(session, UpsamplingOptions(Upsampling.MODEL, mask=mask))
-    depth = pipeline.predict(frame, Intrinsics(focal_px)).depth
+    depth = pipeline.predict(frame, Intrinsics(focal_px), known_points(kept, frame)).depth
     everywhere = np.ones(depth.values.shape, bool)
     has = next((kept[name] for name in ("has", "at") if name in kept), everywhere)
     assert_same(np.where(has, depth.values, np.nan), np.where(has, kept["full"], np.nan))
