@@ -21,8 +21,7 @@ import OpenEXR
 from tools import Timing, alternate
 
 import depthcli
-from depthcli.io.depth.metadata import metadata_texts
-from depthcli.io.depth.scale import quantized
+from depthcli.io.depth.metadata import metadata_texts, quantized
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.images.png import encode_png
 

@@ -20,7 +20,7 @@ from depthcli.core.types import Frame
 from depthcli.datasets import layouts
 from depthcli.datasets.base import DepthDataset, Pair
 from depthcli.errors import DatasetError, InputError, Message
-from depthcli.io.depth.metadata import positive_number, step_unit
+from depthcli.io.depth.metadata import UINT16_MAX, positive_number, step_unit
 from depthcli.io.depth.read import (
     AS_STATED,
     DepthReadOptions,
@@ -28,7 +28,6 @@ from depthcli.io.depth.read import (
     read_metadata,
     read_stored_depth,
 )
-from depthcli.io.depth.scale import UINT16_MAX
 from depthcli.io.images import read
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.paths import read_bytes

@@ -15,8 +15,8 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOptions
 from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.depth import read as depth_files
+from depthcli.io.depth.metadata import NORMALIZED
 from depthcli.io.depth.read import StoredDepth
-from depthcli.io.depth.scale import NORMALIZED
 from depthcli.io.formats import table
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import folder as folders

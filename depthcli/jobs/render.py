@@ -15,7 +15,7 @@ from depthcli.core.validation import FieldError, parsed_json
 from depthcli.datasets.folders import CAMERAS_NAME
 from depthcli.datasets.rooms.render import VERSION, RoomSettings, render_pair, room_focal_px
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.depth.scale import quantized
+from depthcli.io.depth.metadata import quantized
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path, write_text

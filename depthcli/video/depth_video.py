@@ -13,7 +13,6 @@ import numpy as np
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.depth import metadata, read
-from depthcli.io.depth.scale import denormalized, depth_scale, dequantized
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.video import frames
 from depthcli.video.container import open_video
@@ -64,7 +63,7 @@ class DepthVideo:
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
         self.rate = frames.parse_rate(stated("frame_rate", "")) or frames.exact_rate(fps or 0)
         self.kind = metadata.kind_named(stated("kind"))
-        self._stated = depth_scale(self.labels, scale)
+        self._stated = metadata.depth_scale(self.labels, scale)
         self.scale = self._stated and self._stated.units_per_metre
         self._source_rate = frames.parse_rate(stated("source_rate", ""))
         step = metadata.number(stated("frame_step"))
@@ -106,7 +105,11 @@ class DepthVideo:
         origin = _ORIGIN.fullmatch(self.labels.get("display_origin", ""))
         code, rate = self._first.time_code, self._source_rate
         for count, (stated, time_s, steps) in enumerate(self._timed_steps()):
-            values = denormalized(steps, 0, 1) if scale is None else dequantized(steps, scale)
+            values = (
+                metadata.denormalized(steps, 0, 1)
+                if scale is None
+                else metadata.dequantized(steps, scale)
+            )
             depth = DepthMap(values, self.kind, replace(source, time_s=time_s))
             first_s = time_s if first_s is None else first_s
             since_first = round((time_s - first_s) * (rate or 0))

@@ -19,8 +19,7 @@ from av.video.stream import VideoStream
 
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
 from depthcli.errors import OutputError
-from depthcli.io.depth.metadata import metadata_texts, step_unit
-from depthcli.io.depth.scale import UINT16_MAX, normalized, quantized
+from depthcli.io.depth.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.stereo import StereoWriter
 from depthcli.io.formats.table import LABEL_PREFIX, Writer

@@ -13,8 +13,8 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
+from depthcli.io.depth.metadata import DepthScale
 from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
-from depthcli.io.depth.scale import DepthScale
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.jobs.convert import ConvertRequest, convert
 

@@ -11,8 +11,8 @@ from PIL import Image
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
+from depthcli.io.depth.metadata import DepthScale
 from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
-from depthcli.io.depth.scale import DepthScale
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import Format, WriterOptions, is_own, writer_class

@@ -19,7 +19,7 @@ from PIL import Image
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.scale import denormalized, dequantized, normalized, quantized
+from depthcli.io.depth.metadata import denormalized, dequantized, normalized, quantized
 from depthcli.io.exr.file import _has_all_rows, read_exr_channels, silenced, write_exr
 from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.formats.png16 import stretched

@@ -27,7 +27,7 @@ from hypothesis import strategies as st
 from depthcli.core.imageops import value_channel
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, UsageError
-from depthcli.io.depth.scale import normalized
+from depthcli.io.depth.metadata import normalized
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.depth_video import DepthVideo

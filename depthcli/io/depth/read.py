@@ -15,8 +15,7 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame, displayed_depth
 from depthcli.errors import InputError, Message
-from depthcli.io.depth import scale as scales
-from depthcli.io.depth.metadata import provenance_of
+from depthcli.io.depth import metadata as facts
 from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
 from depthcli.io.formats.table import MILLIMETRES, READABLE_SUFFIXES, readable_format, reader_of
 from depthcli.io.storage.paths import path_of
@@ -63,7 +62,7 @@ class StoredDepth:
     name: str  #: the file
     depth: DepthMap  #: the map, of an EXR over its data window
     metadata: Mapping[str, str]  #: metadata of the file and its sidecar, texts by name
-    scale: scales.DepthScale | None  #: of the numbers in the file; None if they have no unit
+    scale: facts.DepthScale | None  #: of the numbers in the file; None if they have no unit
     is_integer: bool  #: whether they are integers
     frame: Frame  #: without an image; has windows, shape of pixels, rate and time code of an EXR
     channel: str | None = None  #: of an EXR, that the depth is read from
@@ -84,7 +83,7 @@ class StoredDepth:
         texts, is_integer = metadata.texts, stored.dtype.kind in "iu"
         stated = DepthEncoding(texts["kind"]) if texts.get("kind") in set(DepthKind) else None
         encoding = stated or options.kind or DepthEncoding.METRIC
-        scale = scales.depth_scale(
+        scale = facts.depth_scale(
             texts,
             options.scale,
             options.unstated_scale,
@@ -95,10 +94,10 @@ class StoredDepth:
         warnings = metadata.warnings
         if options.kind not in {None, encoding}:
             warnings += (f"{path} states {encoding} depth, so it is not read as {options.kind}",)
-        if is_integer and scale is None and texts.get("scale") in scales.NORMALIZED:
+        if is_integer and scale is None and texts.get("scale") in facts.NORMALIZED:
             values = _unnormalized(stored, texts)
         elif is_integer:
-            values = scales.dequantized(stored, units)
+            values = facts.dequantized(stored, units)
         else:
             with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 there is no depth
                 values = np.ascontiguousarray(stored, np.float32)
@@ -107,7 +106,7 @@ class StoredDepth:
                 warnings += found
             if units != 1:
                 values = values / np.float32(units)
-        provenance = provenance_of(texts)
+        provenance = facts.provenance_of(texts)
         depth = DepthMap(values, DepthKind.METRIC, provenance)
         if encoding in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}:
             depth = _seen_by(depth, encoding, options, frame, str(path))
@@ -174,8 +173,8 @@ def _unnormalized(steps: AnyArray, texts: Mapping[str, str]) -> Float32Array:
     except ValueError:
         low = high = math.nan
     if not -_FARTHEST < low <= high < _FARTHEST:
-        return scales.dequantized(steps, MILLIMETRES)
-    values = scales.denormalized(steps, low, high)
+        return facts.dequantized(steps, MILLIMETRES)
+    values = facts.denormalized(steps, low, high)
     return reciprocal(values) if texts["scale"] == "inverse" else values
 
 

@@ -12,8 +12,7 @@ from depthcli.core.imageops import row_bands
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError
-from depthcli.io.depth import scale as steps_of
-from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts, step_unit
+from depthcli.io.depth import metadata as facts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal, stored_depth
 from depthcli.io.formats.sidecar import with_sidecar
 from depthcli.io.formats.table import KEY_PREFIX, WriterOptions
@@ -34,9 +33,9 @@ class Png16Writer(WriterOptions):
         del frame
         steps, texts, warnings = stored_steps(depth, self, path.suffix[1:])
         if path.suffix.lower() != ".pgm":
-            path.write_bytes(encode_png(steps, own_texts(texts)))
+            path.write_bytes(encode_png(steps, facts.own_texts(texts)))
             return warnings
-        comments = [one_line(f"# {name} {text}") for name, text in own_texts(texts).items()]
+        comments = [one_line(f"# {name} {text}") for name, text in facts.own_texts(texts).items()]
         lines = ["P5", *comments, f"{depth.width} {depth.height}", "65535", ""]
         head = "\n".join(lines).encode("ascii", "backslashreplace")
         path.write_bytes(head + steps.astype(">u2").tobytes())
@@ -47,11 +46,11 @@ def stored_steps(
     depth: DepthMap, options: Png16Writer, suffix: str
 ) -> tuple[npt.NDArray[np.uint16], dict[str, str], tuple[str, ...]]:
     """The integers of a map, (H, W) uint16; texts that say what they mean; and warnings."""
-    texts, is_metric = metadata_texts(depth), depth.is_metric
+    texts, is_metric = facts.metadata_texts(depth), depth.is_metric
     if not (options.png_normalize or options.png_inverse) and is_metric:
-        steps, saturated = steps_of.quantized(depth.values, options.png_scale)
-        texts |= {"scale": f"{options.png_scale:g}", "unit": step_unit(options.png_scale)}
-        limit_m = steps_of.UINT16_MAX / options.png_scale
+        steps, saturated = facts.quantized(depth.values, options.png_scale)
+        texts |= {"scale": f"{options.png_scale:g}", "unit": facts.step_unit(options.png_scale)}
+        limit_m = facts.UINT16_MAX / options.png_scale
         warning = f"{saturated} pixels beyond {limit_m:.6g} m were saturated"
         return steps, texts, (warning,) if saturated else ()
     scale = "normalized"
@@ -76,7 +75,7 @@ def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
     steps = np.empty(values.shape, np.uint16)
     for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
         band = values[rows].astype(np.float64)
-        steps[rows] = steps_of.normalized(band, known[rows], low, high)
+        steps[rows] = facts.normalized(band, known[rows], low, high)
     return steps, low, high
 
 
@@ -99,6 +98,7 @@ def read_metadata(path: Path) -> Mapping[str, str]:
 
 def _own_texts(data: bytes) -> dict[str, str]:
     if data.startswith(SIGNATURE):
-        return own_metadata(read_text(data))
+        return facts.own_metadata(read_text(data))
     found = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])
-    return own_metadata({name.decode(): text.decode("ascii", "replace") for name, text in found})
+    texts = {name.decode(): text.decode("ascii", "replace") for name, text in found}
+    return facts.own_metadata(texts)

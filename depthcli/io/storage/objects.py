@@ -31,7 +31,7 @@ _HTTP_URI = r"(?i)((?:https?|rtsps?)://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
 _PART_BYTES = 8 << 20
 _PAGE_NAMES = 1000
 _MAX_PARTS = 9_000  # S3 takes 10 000
-_MAX_CLIENTS = 32  # each keeps connections open, and a list may sign every address
+_MAX_CLIENTS = 32  # each keeps connections open
 _REASONS = {
     "NoSuchBucket": (errno.ENOENT, "no such bucket"),
     "configured region": (errno.EINVAL, "it is in another region; set AWS_DEFAULT_REGION"),
@@ -128,13 +128,11 @@ class RemotePath(Path, PurePosixPath):
         """No: stores have no links."""
         return False
 
-    def absolute(self) -> RemotePath:
+    def absolute(self, *_: Any, **__: Any) -> RemotePath:  # noqa: ANN401
         """Return the path itself."""
         return self
 
-    def resolve(self, *_: Any, **__: Any) -> RemotePath:  # noqa: ANN401
-        """Return the path itself."""
-        return self
+    resolve = absolute
 
     def mkdir(self, *_: Any, **__: Any) -> None:  # noqa: ANN401
         """Do nothing: stores have no folders to make."""
@@ -149,7 +147,12 @@ class RemotePath(Path, PurePosixPath):
 
     def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
         """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes."""
-        return b"".join(fetch(self, max_bytes)[1]) if first < 0 else read_first(self, first)
+        if first < 0:
+            return b"".join(fetch(self, max_bytes)[1])
+        if self.is_http:
+            with _as_os_errors(self):
+                return bytes(_http().read_first(self.url, first))
+        return bytes(_send_request("get_range", self, start=0, length=first))
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
         """Open the content for reading; the mode is ``rb``."""
@@ -220,14 +223,6 @@ def fetch(
             yield from map(bytes, content)
 
     return size, parts()
-
-
-def read_first(address: RemotePath, length: int) -> bytes:
-    """The first ``length`` bytes of an object, without downloading the rest."""
-    if address.is_http:
-        with _as_os_errors(address):
-            return bytes(_http().read_first(address.url, length))
-    return bytes(_send_request("get_range", address, start=0, length=length))
 
 
 def put(address: RemotePath, file: Path, metadata: Mapping[str, str] | None = None) -> None:

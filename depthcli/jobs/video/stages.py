@@ -25,7 +25,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError, about
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
-from depthcli.io.depth.scale import dequantized, quantized
+from depthcli.io.depth.metadata import dequantized, quantized
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.stereo import StereoWriter
