@@ -44,9 +44,7 @@ def metric(values: list[list[float]], **known: Any) -> depthcli.DepthMap:
 # Pictures
 
 
-def test_every_way_to_give_a_picture_gives_the_same_depth(
-    model: depthcli.DepthModel, tmp_path: Path
-) -> None:
+def test_ways_to_give_a_picture_give_one_depth(model: depthcli.DepthModel, tmp_path: Path) -> None:
     path = write_picture(tmp_path / "room.png")
     data = path.read_bytes()
     wanted = model.predict(depthcli.read_image(path)).values
@@ -92,9 +90,7 @@ def test_white_can_be_below_the_maximum(model: depthcli.DepthModel, tmp_path: Pa
             use([low], white_level=0)
 
 
-def test_warnings_about_a_picture_are_issued_at_the_caller(
-    model: depthcli.DepthModel, tmp_path: Path
-) -> None:
+def test_warnings_are_issued_at_the_caller(model: depthcli.DepthModel, tmp_path: Path) -> None:
     dark = np.random.default_rng(0).integers(0, 1000, (48, 64), np.uint16)
     path = tmp_path / "a.png"
     Image.fromarray(dark).save(path)
@@ -124,7 +120,7 @@ def test_a_focal_length_that_scales_nothing_is_a_warning(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_a_pil_picture_as_opened_is_turned_like_its_file(
+def test_a_pil_picture_is_turned_like_its_file(
     orientation: int, model: depthcli.DepthModel
 ) -> None:
     exif = Image.Exif()
@@ -284,7 +280,7 @@ def test_damage_of_a_video_is_a_warning(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("scale", "limit"), [(4000, 10), (-4000, 0.5)])
-def test_a_model_in_another_unit_than_its_card_gives_a_warning(
+def test_a_model_in_another_unit_gives_a_warning(
     tmp_path: Path, scale: float, limit: float
 ) -> None:
     changed = write_model(tmp_path / "mm", output__scale=scale, output__shift=1.25 * scale)

@@ -124,9 +124,7 @@ def test_table_equals_a_plain_loop_over_seeds_and_held_out_pictures(
     assert rows["proposed"]["standard_deviation"] is None
 
 
-def test_row_of_a_run_states_its_training(
-    trained: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_run_states_training(trained: Path, data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _run(trained, data, "--json", "--no-trivial", "--no-published") == 0
     document = _json(capsys)
     fastcut, proposed = (row["training"] for row in document["rows"])

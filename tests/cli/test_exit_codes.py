@@ -90,7 +90,7 @@ def test_every_end_has_its_exit_code_and_one_line(
     assert said in line
 
 
-def test_ctrl_c_says_nothing(
+def test_ctrl_c_is_silent(
     ending: Callable[[BaseException], int], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert ending(KeyboardInterrupt()) == 130

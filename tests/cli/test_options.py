@@ -258,9 +258,7 @@ def test_values_that_choose_nothing_are_usage_errors(
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
-def test_unknown_suffix_of_out_is_told_with_the_known_ones(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_unknown_suffix_of_out_is_told_with_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
     main(["predict", "a.png", "-o", "a.obj"])
     problem = capsys.readouterr().err
     assert all(suffix in problem for suffix in (".obj", ".png", ".exr", ".npy", ".ply"))

@@ -55,9 +55,7 @@ def test_profile_gives_options_to_the_command(inside: Cli) -> None:
         (("-o", "x.png", "--png-normalize"), None),
     ],
 )
-def test_options_override_the_profile(
-    inside: Cli, words: tuple[str, ...], scale: str | None
-) -> None:
+def test_options_win_over_profiles(inside: Cli, words: tuple[str, ...], scale: str | None) -> None:
     write_picture(inside.folder / "room.png")
     (inside.folder / "depthcli.toml").write_text(TEXT)
     done = inside("predict", "room.png", "--profile", "robot", *words)

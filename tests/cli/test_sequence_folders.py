@@ -58,9 +58,7 @@ def test_the_order_and_numbers_of_a_folder(names: str, expected: str, tmp_path: 
         ("f9.png f10.png f11_left.png", "f%d.png"),
     ],
 )
-def test_a_folder_with_more_than_one_sequence_is_refused(
-    names: str, patterns: str, tmp_path: Path
-) -> None:
+def test_a_folder_with_two_sequences_is_refused(names: str, patterns: str, tmp_path: Path) -> None:
     for name in names.split():
         (tmp_path / name).touch()
     with pytest.raises(UsageError) as caught:

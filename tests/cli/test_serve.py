@@ -185,7 +185,7 @@ def test_a_signal_lets_requests_end_that_have_begun(cli: Cli) -> None:
         assert server.process.wait(30) == 128 + signal.SIGTERM
 
 
-def test_without_the_extra_one_line_says_what_to_install(
+def test_without_the_extra_it_says_what_to_add(
     inside: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delitem(sys.modules, serve.__name__)

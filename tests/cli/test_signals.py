@@ -86,9 +86,7 @@ def test_signals_that_the_caller_ignores_stay_ignored() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-def test_at_some_moments_nothing_is_left_and_the_next_run_gives_the_same_bytes(
-    tmp_path: Path,
-) -> None:
+def test_nothing_is_left_at_times_and_the_next_run_gives_the_same_bytes(tmp_path: Path) -> None:
     """A sample of the long command robustness/killed.py."""
     names = ("batch", "frames")
     killed.room(tmp_path, names)

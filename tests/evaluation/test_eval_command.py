@@ -98,7 +98,7 @@ def test_table_names_protocol_split_images(data: Path, capsys: pytest.CaptureFix
     assert note in lines
 
 
-def test_inverse_depth_needs_alignment(
+def test_inverse_needs_alignment(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for i in range(COUNT):

@@ -78,9 +78,7 @@ def test_depth_may_be_in_other_units(data: Path, capsys: pytest.CaptureFixture[s
     assert _row(data, capsys, "--png-scale", "256")["scores"]["abs_rel"] < 0.03
 
 
-def test_predictions_scale_is_independent_of_png_scale(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_predictions_scale_is_not_png_scale(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in FACTORS:
         millimetres = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED)
         file = data.parent / f"kitti/{name}.png"
@@ -234,7 +232,7 @@ def test_predictions_state_kind_and_unit(data: Path, capsys: pytest.CaptureFixtu
     assert document["rows"][0]["scores"]["abs_rel"] < 0.01
 
 
-def test_distance_along_the_ray_is_compared_along_the_axis(
+def test_ray_distance_is_compared_along_the_axis(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = data.parent / "files"
@@ -311,9 +309,7 @@ def test_crop_and_range_choose_pixels(data: Path, capsys: pytest.CaptureFixture[
     assert row["pixels"] == counted
 
 
-def test_model_that_was_trained_on_these_pairs_is_marked(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_model_trained_on_these_is_marked(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     seen = write_model(data.parent / "seen", training={"data": "own pairs (own)"})
     (row,) = _table(capsys, str(data), "--model", str(seen))[0]["rows"]
     assert str(seen) in row["note"]

@@ -90,7 +90,7 @@ def test_pictures_are_those_that_the_runs_held_out(task: EvalTask) -> None:
     assert task.split == Split(SplitName.VAL, (2, 3, 4), (5, 1), 3, 2)
 
 
-def test_rows_are_means_over_seeds_in_the_papers_order(
+def test_rows_are_means_of_seeds_in_paper_order(
     task: EvalTask, models: list[ModelPredictor]
 ) -> None:
     report = _report(task, models, NONE, MEDIAN)

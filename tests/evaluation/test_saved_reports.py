@@ -69,9 +69,7 @@ def test_other_protocols_and_files_are_refused(tmp_path: Path) -> None:
             compare_reports(a, b)
 
 
-def test_command_prints_and_writes_the_comparison(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_writes_the_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = [str(_kept(tmp_path, row)) for row in (A, B)]
     page = tmp_path / "page.html"
     assert main(["eval", "compare", *files, "--html", str(page)]) == 0

@@ -27,7 +27,7 @@ def card(training: dict[str, Any]) -> ModelCard:
         ({}, None),
     ],
 )
-def test_trained_numbers_follow_from_the_card(
+def test_trained_numbers_are_the_card_s(
     training: dict[str, Any], expected: set[int] | None
 ) -> None:
     """Scenes are pairs of neighbours; odd ones are the official training part."""

@@ -164,9 +164,7 @@ def test_int8_is_small_and_close_on_pictures(
     assert 0 < np.abs(int8_m - float_m).mean() < 0.1 * np.ptp(float_m)
 
 
-def test_options_that_do_not_fit_together_write_nothing(
-    checkpoint: Path, pictures: Path, tmp_path: Path
-) -> None:
+def test_options_that_clash_write_nothing(checkpoint: Path, pictures: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     path = tmp_path / "m.onnx"
     for wrong in (

@@ -190,9 +190,7 @@ def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "changes", [{"camera": None}, {"output__kind": "relative"}, {"output__kind": "inverse"}]
 )
-def test_map_without_metres_of_a_known_camera_is_not_rescaled(
-    tmp_path: Path, changes: dict[str, Any]
-) -> None:
+def test_map_without_metres_of_a_camera_stays(tmp_path: Path, changes: dict[str, Any]) -> None:
     pipeline = model(tmp_path, **changes)
     plain = pipeline.predict(black(40, 30)).depth
     stated = pipeline.predict(black(40, 30, focal_35mm=20.0)).depth
@@ -242,9 +240,7 @@ def test_a_focal_length_of_the_input_scales_metres(tmp_path: Path) -> None:
     ("along", "factor"),
     [("width", 0.1), ("mean", (0.1 + 0.3) / 2), ("both", math.sqrt(0.1 * 0.3))],
 )
-def test_a_focal_length_counts_along_the_axis_of_the_card(
-    tmp_path: Path, along: str, factor: float
-) -> None:
+def test_a_focal_length_is_along_the_card_s_axis(tmp_path: Path, along: str, factor: float) -> None:
     pipeline = model(tmp_path, camera={"focal_px": 16.0, "along": along}, input__dynamic=False)
     depth = pipeline.predict(black(160, 40), Intrinsics(focal_px=80)).depth
     assert depth.values[0, 0] == pytest.approx(80 * factor / 16)

@@ -22,9 +22,7 @@ def test_first_run_of_each_turn_is_not_counted(monkeypatch: pytest.MonkeyPatch) 
     assert found.noise == pytest.approx((4.5 - 1.5) / 2 / 3)  # the middle half of the five
 
 
-def test_models_take_turns_at_pictures_of_their_own_size(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_models_take_turns_at_their_sizes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[int, ...]] = []
     run = Session.run
 

@@ -79,9 +79,7 @@ def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [(100, 40), (40, 100), (239, 100)])
-def test_padding_is_cut_off_a_smaller_output_without_resampling(
-    tmp_path: Path, size: tuple[int, int]
-) -> None:
+def test_padding_is_cut_off_without_resampling(tmp_path: Path, size: tuple[int, int]) -> None:
     """A step between two rows of the output stays one pixel of the output wide."""
     card = find_model(write_model(tmp_path, input__dynamic=True, input__fit="keep-aspect")).card
     layout = input_layout(card.input, *size)
@@ -228,7 +226,7 @@ def test_pictures_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.M
         ({"focal_px": 400.0, "hfov_deg": 60.0}, "not both"),
     ],
 )
-def test_a_camera_that_cannot_be_is_refused(
+def test_impossible_camera_is_refused(
     camera: dict[str, float], problem: str, kinect: Pipeline
 ) -> None:
     with pytest.raises(UsageError, match=problem):
@@ -239,7 +237,7 @@ def test_a_camera_that_cannot_be_is_refused(
     ("dark", "bright", "told"),
     [(0, 200, []), (0, 255, ["farther"]), (60, 120, [])],
 )
-def test_pixels_at_an_end_of_the_range_are_stated(
+def test_pixels_at_range_ends_are_told(
     tmp_path: Path, dark: int, bright: int, told: list[str]
 ) -> None:
     folder = write_model(tmp_path / "m", camera={"hfov_deg": 60.0}, output__max_m=9.0)
@@ -273,7 +271,7 @@ def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) ->
 
 
 @pytest.mark.parametrize("fit", [AnchorsFit.GLOBAL, AnchorsFit.LOCAL, AnchorsFit.NETWORK])
-def test_fit_chooses_how_known_depth_is_followed(
+def test_fit_chooses_how_depth_follows(
     prompted: Pipeline, kinect: Pipeline, fit: AnchorsFit
 ) -> None:
     pixels = synthetic_picture()

@@ -170,7 +170,7 @@ def test_decoding_comes_before_resizing() -> None:
         (DepthKind.INVERSE, None, False),
     ],
 )
-def test_only_what_is_above_zero_blends_in_log(
+def test_what_is_above_zero_blends_in_log(
     kind: DepthKind, min_m: float | None, in_log: bool
 ) -> None:
     form = OutputSpec(kind, Transform.LINEAR, 1.0, 0.0, min_m, 10.0)

@@ -138,9 +138,7 @@ class Dml:
         return result
 
 
-def test_directml_runs_in_order_and_one_at_a_time(
-    monkeypatch: pytest.MonkeyPatch, model_folder: Path
-) -> None:
+def test_directml_runs_one_at_a_time(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:
     built_with(monkeypatch, "directml", "cpu")
     monkeypatch.setattr(session.ort, "InferenceSession", Dml)
     loaded = Session(find_model(model_folder))
@@ -190,7 +188,7 @@ def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
     assert SessionLoader("int8", provider).load().model.card.name == expected
 
 
-def test_the_cpu_gets_its_own_model_if_no_gpu_works(
+def test_the_cpu_has_its_model_if_no_gpu_works(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path))

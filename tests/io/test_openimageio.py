@@ -88,7 +88,7 @@ def test_damaged_file_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "start", [b"SDPX", b"8BPS", b"#?RADIANCE", b"\xff\x0a", b"\x80\x2a\x5f\xd7"]
 )
-def test_without_the_extra_one_line_says_what_to_install(
+def test_without_the_extra_it_says_what_to_add(
     start: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(openimageio, "is_installed", lambda _: False)

@@ -103,9 +103,7 @@ def test_a_batch_that_is_left_goes_on(tmp_path: Path) -> None:
     assert not any(result.is_kept for result in Batch(other))
 
 
-def test_a_batch_that_is_closed_before_it_begins_leaves_the_folder_to_others(
-    tmp_path: Path,
-) -> None:
+def test_a_batch_that_is_closed_at_once_leaves_the_folder_to_others(tmp_path: Path) -> None:
     pictures(tmp_path)
     first = Batch(request(tmp_path))
     with pytest.raises(UsageError):

@@ -31,9 +31,7 @@ def made_from_in(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("formats", [("png16",), ("png16", "preview"), ("npy",)])
-def test_input_of_another_folder_with_equal_name_stops_the_batch(
-    tmp_path: Path, formats: tuple[str, ...]
-) -> None:
+def test_input_of_another_folder_stops_the_batch(tmp_path: Path, formats: tuple[str, ...]) -> None:
     before = made_from_in(tmp_path)
     other = write_picture(tmp_path / "other" / "a.png", synthetic_picture(24, 40))
     options = BatchOptions(tuple(map(Format, formats)))

@@ -109,9 +109,7 @@ def test_unreadable_folder_fails_with_its_reason(tmp_path: Path) -> None:
     assert would == became == dict.fromkeys(NAMES) | {"hall": closed.problem}
 
 
-def test_a_picture_beyond_memory_fails_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_picture_too_large_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def read(path: Path, *rest: Any, **options: Any) -> Any:
         if path.name == "z.png":
             raise MemoryError

@@ -75,9 +75,7 @@ def depth_mkv(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(("scale", "unit_m"), [(None, 1), (50, 2)])
-def test_inspect_file_returns_the_facts_of_a_video(
-    depth_mkv: Path, scale: float | None, unit_m: float
-) -> None:
+def test_inspect_file_knows_videos(depth_mkv: Path, scale: float | None, unit_m: float) -> None:
     facts = inspect_file(str(depth_mkv), DepthReadOptions(scale))
     metadata: Any = facts.pop("metadata")
     assert metadata["scale"] == "100"

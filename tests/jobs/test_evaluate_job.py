@@ -58,9 +58,7 @@ def test_a_program_gets_the_table_and_the_figures(
     assert capsys.readouterr() == ("", "")
 
 
-def test_missing_raw_depth_is_refused_before_scoring(
-    request_of_val: EvalRequest,
-) -> None:
+def test_missing_raw_depth_is_refused_early(request_of_val: EvalRequest) -> None:
     watched = Watched()
     raw = replace(request_of_val.options, protocol=EvalProtocol(mask=Mask.RAW))
     with pytest.raises(DatasetError):

@@ -89,7 +89,7 @@ def test_its_other_outputs_have_the_display_window(tmp_path: Path, loader: Sessi
 
 
 @WINDOWS
-def test_anchors_name_pixels_of_the_display_window(
+def test_anchors_are_in_the_display_window(
     data: Box, tmp_path: Path, loader: SessionLoader
 ) -> None:
     plate = write_plate(tmp_path, 1, data)
@@ -190,7 +190,7 @@ def test_exr_without_image_channels_is_refused(tmp_path: Path, loader: SessionLo
         read_image(depth)
 
 
-def test_a_plate_without_pixels_in_the_display_window_has_no_depth(
+def test_a_plate_outside_the_display_window_has_no_depth(
     tmp_path: Path, loader: SessionLoader
 ) -> None:
     plate = write_plate(tmp_path, 1, (300, 300, 309, 309))

@@ -176,9 +176,7 @@ def test_a_run_with_overscan_that_was_stopped_goes_on_to_the_same_bytes(
     assert resumed == whole
 
 
-def test_each_plate_has_its_own_windows(
-    tmp_path: Path, depth_of: Callable[..., VideoResult]
-) -> None:
+def test_each_plate_has_own_windows(tmp_path: Path, depth_of: Callable[..., VideoResult]) -> None:
     elsewhere = (300, 300, 309, 309)
     for number, data in enumerate((MIXED, CROP, OVERSCAN, elsewhere)):
         write_plate(tmp_path / "in", number, data)

@@ -66,7 +66,7 @@ def _made(path: Path) -> Path:
     return path
 
 
-def test_absolute_paths_have_one_name_in_all_folders(
+def test_absolute_paths_have_one_name_anywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     paths = [write_picture(tmp_path / "in" / f"{name}.png") for name in "abcdef"]

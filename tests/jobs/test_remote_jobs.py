@@ -79,7 +79,7 @@ def test_pictures_go_from_bucket_to_bucket(
     assert sum(faults.seen.values()) > 2 * len(found)  # they did fail
 
 
-def test_without_output_results_lie_beside_the_object(
+def test_results_lie_beside_the_object(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket
 ) -> None:
     uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
@@ -288,9 +288,7 @@ def test_an_exr_is_downloaded_once(tmp_path: Path, bucket: Bucket, faults: Fault
     assert len(gets) == 1
 
 
-def test_a_batch_that_was_killed_goes_on_elsewhere(
-    tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]
-) -> None:
+def test_a_killed_batch_goes_on(tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]) -> None:
     killed = """
 import os, signal, sys
 from pathlib import Path
@@ -318,7 +316,7 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert found == tree
 
 
-def test_a_model_is_fetched_from_a_bucket(
+def test_a_model_in_a_bucket(
     tmp_path: Path, bucket: Bucket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "own"))
@@ -348,9 +346,7 @@ def test_rows_reach_the_bucket_while_a_batch_runs(
     assert results_in(bucket).keys() == {"a.depth.png", "a.depth.npy", "manifest.jsonl"}
 
 
-def test_shards_into_a_bucket_become_one_manifest(
-    tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]
-) -> None:
+def test_shards_become_one_manifest(tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]) -> None:
     source, out = bucket.uri("in"), bucket.uri("out")
     for number in (1, 2):
         list(Batch(batch(tmp_path, source, out, Shard(number, 2))))
@@ -384,9 +380,7 @@ def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, byte
         list(read_list(bucket.uri("none.txt")))
 
 
-def test_listed_uris_that_cannot_be_used_fail_alone(
-    tmp_path: Path, bucket: Bucket, loader: SessionLoader
-) -> None:
+def test_listed_bad_uris_fail_alone(tmp_path: Path, bucket: Bucket, loader: SessionLoader) -> None:
     words = [bucket.put("a.png", write_picture(tmp_path / "a.png").read_bytes())]
     words += [bucket.put(key, b"") for key in ("in//b.png", "in/./c.mp4", "in//d.depth.png")]
     words.append("hdfs://x/y.jpg")
@@ -400,7 +394,7 @@ def test_listed_uris_that_cannot_be_used_fail_alone(
         plan_folder(bucket.uri(), str(tmp_path / "out"))
 
 
-def test_listed_objects_are_named_as_in_their_folder(
+def test_listed_objects_are_named_as_in_folders(
     bucket: Bucket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("depthcli.io.storage.objects._PAGE_NAMES", 2)
@@ -418,7 +412,7 @@ def test_listed_objects_are_named_as_in_their_folder(
 
 
 @pytest.mark.parametrize("end", [run_exit_hooks, gc.collect])
-def test_a_batch_that_does_not_finish_leaves_no_copy_of_its_rows(
+def test_a_failed_batch_leaves_no_copy_of_its_rows(
     bucket: Bucket, end: Callable[[], object]
 ) -> None:
     """Neither one that a signal ends nor one that fails."""

@@ -64,9 +64,7 @@ def test_a_signal_ends_the_workers_too(cli: Cli) -> None:
     assert (process.returncode, said) == (128 + signal.SIGTERM, b"")
 
 
-def test_a_folder_holds_a_hundred_rooms_and_those_that_are_missing_are_told(
-    tmp_path: Path,
-) -> None:
+def test_a_folder_holds_a_hundred_rooms_and_missing_ones_are_told(tmp_path: Path) -> None:
     ends = {".jpg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82"}
     for number in range(100):
         for path in (f"rgb/0000/{number:06}.jpg", f"depth/0000/{number:06}.png"):

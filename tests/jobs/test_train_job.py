@@ -82,9 +82,7 @@ def test_errors_are_raised_before_anything_is_written(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-def test_an_unknown_model_to_start_from_is_told_before_the_data_set_is_opened(
-    tmp_path: Path,
-) -> None:
+def test_an_unknown_start_model_is_told_before_the_data_set_is_opened(tmp_path: Path) -> None:
     request = replace(_request(tmp_path), init_weights=(Path("nope"),))
     with pytest.raises(ModelError):
         train(request, Callback())

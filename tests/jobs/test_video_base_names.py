@@ -36,9 +36,7 @@ def write_names(folder: Path, names: str) -> None:
         ("p.mov p.depth.000001.png p.txt", {"p.mov": "p"}),
     ],
 )
-def test_the_suffix_is_kept_where_inputs_share_a_stem(
-    names: str, bases: dict[str, str], tmp_path: Path
-) -> None:
+def test_shared_stems_keep_the_suffix(names: str, bases: dict[str, str], tmp_path: Path) -> None:
     write_names(tmp_path, names)
     assert {name: video_base(tmp_path / name) for name in bases} == bases
 

@@ -243,9 +243,7 @@ def test_a_pipe_without_a_video_says_what_to_send(
 
 
 @pytest.mark.parametrize("name", ["clip.depth.mkv", "clip.preview.mp4"])
-def test_a_folder_in_the_place_of_an_output_is_an_error(
-    clip: Path, loader: SessionLoader, name: str
-) -> None:
+def test_a_folder_in_place_of_an_output_fails(clip: Path, loader: SessionLoader, name: str) -> None:
     (clip.parent / name).mkdir()
     with pytest.raises(OutputError):
         video(VideoRequest(str(clip), model=loader))
@@ -423,9 +421,7 @@ def test_only_the_suffix_of_a_format_is_one(output: str, formats: str, names: st
     assert described.names[VideoFormat.JSON] == "d.v1.depth.json"
 
 
-def test_outputs_hold_the_same_millimetres(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
+def test_outputs_hold_equal_millimetres(clip: Path, tmp_path: Path, loader: SessionLoader) -> None:
     out = tmp_path / "out"
     done = video(video_request(clip, out, tuple(VideoFormat), model=loader))
     names = [f"clip{name.facts.suffix}" for name in VideoFormat]

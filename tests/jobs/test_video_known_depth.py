@@ -70,7 +70,7 @@ def test_a_folder_has_a_file_for_each_frame_by_its_number(
 
 
 @pytest.mark.parametrize("column", ["frame", "time_s"])
-def test_a_table_has_points_of_frames(
+def test_table_of_frames_points(
     column: str, clip: Path, loader: SessionLoader, tmp_path: Path
 ) -> None:
     """Frames without points keep the model's depth, and are counted."""

@@ -77,9 +77,7 @@ def test_drop_frame_time_codes_leave_out_two_numbers_a_minute(
         ("00:00:00:00", 0, Fraction(120), None),
     ],
 )
-def test_time_codes_of_later_ones(
-    start: str, frames: int, rate: Fraction, later: str | None
-) -> None:
+def test_time_codes_of_the_next(start: str, frames: int, rate: Fraction, later: str | None) -> None:
     assert shown(time_code_after(parsed(start, rate), frames, rate), rate) == later
 
 

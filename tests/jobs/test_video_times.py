@@ -68,7 +68,7 @@ def test_frames_that_do_not_follow_the_stated_rate_keep_their_times(
         ("ffv1", {}),
     ],
 )
-def test_a_frame_that_an_avi_drops_leaves_a_gap(
+def test_a_frame_dropped_by_avi_is_a_gap(
     codec: str, options: dict[str, str], tmp_path: Path
 ) -> None:
     numbers = [0, 1, 2, 3, 4, *range(6, 12)]

@@ -187,9 +187,7 @@ def test_workers_that_never_begin_are_given_up() -> None:
     assert machines.begun == 3
 
 
-def test_a_worker_elsewhere_gives_what_one_here_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_worker_elsewhere_gives_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pictures(tmp_path)
     write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99]))
     here = [result.row for result in Batch(request(tmp_path, "here"))]

@@ -85,9 +85,7 @@ def test_incomplete_write_is_undone(tmp_path: Path) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 1))
-def test_torn_line_is_dropped_and_the_next_is_whole(
-    tmp_path_factory: pytest.TempPathFactory, share: float
-) -> None:
+def test_torn_line_is_dropped(tmp_path_factory: pytest.TempPathFactory, share: float) -> None:
     path = tmp_path_factory.mktemp("log") / METRICS_LOG
     append_log(path, TrainState(step=2), {"l1": 0.5})
     whole = path.read_bytes()
@@ -295,9 +293,7 @@ def _shades(depth_m: np.ndarray, ends_m: tuple[float, float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("count", "rows"), [(1, [0]), (3, [0, 1, 2]), (11, [0, 2, 4, 6, 8, 10])])
-def test_samples_are_input_output_and_truth_of_six_pairs(
-    tmp_path: Path, count: int, rows: list[int]
-) -> None:
+def test_samples_are_input_output_truth_of_six(tmp_path: Path, count: int, rows: list[int]) -> None:
     """Over the whole list, in the colours of the truth's range, gray where it was not measured."""
     dataset, generator = _many(count), _generator(EFFICIENT)
     validation = Validation(dataset, range(count), EFFICIENT)

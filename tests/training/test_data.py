@@ -176,9 +176,7 @@ def test_no_pair_is_an_error() -> None:
         ((9, 9), (100, 200)),
     ],
 )
-def test_pictures_are_kept_no_larger_than_views_need(
-    picture: tuple[int, int], stored: tuple[int, int]
-) -> None:
+def test_pictures_are_kept_as_views_need(picture: tuple[int, int], stored: tuple[int, int]) -> None:
     """At the network's aspect, as large as the picture along one axis, at most twice the size."""
     width, height = _stored_size((*picture, 3), replace(DATA, width=100, height=200))
     assert (width, height) == stored

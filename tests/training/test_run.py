@@ -179,9 +179,7 @@ def test_is_a_copy_to_evaluate() -> None:
 
 
 @pytest.mark.parametrize("name", ["cuda", "mps"])
-def test_the_accelerators_generator_is_saved_and_restored(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_accelerators_generator_is_restored(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither is at hand here: a generator of the CPU stands in for it."""
     device, drawn = torch.device(name), torch.Generator().manual_seed(1)
     module = getattr(torch, name)

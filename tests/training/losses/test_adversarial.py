@@ -74,9 +74,7 @@ class _Judge(nn.Module):
 @pytest.mark.parametrize(
     ("gan", "real_value", "fake_value"), [("lsgan", 1, 0), ("hinge", 1, -1), ("ralsgan", 0.5, -0.5)]
 )
-def test_discriminator_that_is_right_loses_nothing(
-    gan: str, real_value: float, fake_value: float
-) -> None:
+def test_right_discriminator_loses_nothing(gan: str, real_value: float, fake_value: float) -> None:
     real = torch.full((1, 1, 8, 8), float(real_value))
     fake = torch.full((1, 1, 8, 8), float(fake_value))
     assert discriminator_loss(gan, _Judge(), real=real, fake=fake).item() == 0
