@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from depthcli.core.anchors import AnchorPoints
-from depthcli.core.types import Frame
+from depthcli.core.anchors import ROBUST_FROM, AnchorPoints
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import ModelError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
@@ -99,8 +99,13 @@ def check_network(error: Exception, session: Session) -> None:
 
 
 def _predict_gray(session: Session, height: int, width: int) -> None:
-    slope = None
-    if session.model.card.input.known_depth is not None:
-        slope = AnchorPoints.of_map(np.linspace(1, 2, height * width).reshape(height, width))
-    frame = Frame(np.full((height, width, 3), _GRAY, np.uint8))
-    Pipeline(session).predict(frame, anchors=slope)
+    depth_for_trial(Pipeline(session), Frame(np.full((height, width, 3), _GRAY, np.uint8)))
+
+
+def depth_for_trial(pipeline: Pipeline, frame: Frame) -> DepthMap:
+    """Depth of a picture; a network that needs known depth gets that of a slope."""
+    if pipeline.card.input.known_depth is None:
+        return pipeline.predict(frame).depth
+    columns, rows = frame.display_size_px
+    slope = np.linspace((0, 0, 1), (columns - 1, rows - 1, 2), ROBUST_FROM)
+    return pipeline.predict(frame, anchors=AnchorPoints.of_table(slope)).depth

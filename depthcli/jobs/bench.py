@@ -12,7 +12,7 @@ import numpy as np
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import one_thread_each, ordered_map, share_cores
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.measure import Latency, measure_latencies
+from depthcli.inference.measure import Latency, depth_for_trial, measure_latencies
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import prepare
 from depthcli.io.formats.png16 import Png16Writer
@@ -94,7 +94,7 @@ def peak_memory_mb() -> float | None:
 
 def _predict_and_write(pipeline: Pipeline, picture: bytes, path: Path) -> None:
     frame = read_image(None, picture)
-    Png16Writer().write(pipeline.predict(frame).depth, path, frame)
+    Png16Writer().write(depth_for_trial(pipeline, frame), path, frame)
 
 
 def throughput(

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from helpers.tiny import load
+from helpers.tiny import known_depth_onnx, load, write_model
 
 from depthcli.core.types import Frame
 from depthcli.inference.loading import SessionLoader
@@ -48,6 +48,12 @@ def test_bench_measures_for_the_given_seconds(model_folder: Path) -> None:
     for latency in (done.network, done.end_to_end):
         assert 0 < latency.min_ms <= latency.median_ms
         assert latency.noise >= 0
+
+
+def test_bench_measures_a_network_that_needs_known_depth(tmp_path: Path) -> None:
+    known = {"input": "lidar", "width": 8, "height": 6}
+    folder = write_model(tmp_path, known_depth_onnx(), input__known_depth=known)
+    assert bench.run_bench(SessionLoader(folder, "cpu"), (64, 48), 0.01, workers=1).end_to_end.runs
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
