@@ -1,21 +1,37 @@
-"""The table of output formats: what a file's name says."""
+"""Formats of depth: their table, what comes back of each, and files of other programs."""
 
+import zipfile
 from dataclasses import fields
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+from PIL import Image
 
-from depthcli.api.depth_map import DepthMap
-from depthcli.core.types import Frame
-from depthcli.errors import OutputError, UsageError
+from depthcli.api import depth_map
+from depthcli.core.options import DepthEncoding
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.io.depth.metadata import DepthScale
+from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import (
     FORMATS,
     Format,
     WriterOptions,
     fits,
     format_of,
+    is_own,
     stem_of,
     writer_class,
 )
@@ -55,7 +71,7 @@ def test_the_rest_is_the_stem(name: str, stem: str) -> None:
 
 
 def test_options_are_those_of_the_format_that_the_name_says(tmp_path: Path) -> None:
-    depth = DepthMap(np.full((2, 3), 1.5, np.float32))
+    depth = depth_map.DepthMap(np.full((2, 3), 1.5, np.float32))
     depth.save(tmp_path / "a.png", png_scale=5000)
     assert cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED).max() == 7500
     for name in ("b.png", "b.gif"):
@@ -63,7 +79,7 @@ def test_options_are_those_of_the_format_that_the_name_says(tmp_path: Path) -> N
             depth.save(tmp_path / name, half=True)
     frame = Frame(np.zeros((2, 3, 3), np.uint8), tmp_path / "a.png")
     with pytest.raises(OutputError):
-        DepthMap.of(depth, frame).save(tmp_path / "a.png")
+        depth_map.DepthMap.of(depth, frame).save(tmp_path / "a.png")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
@@ -106,3 +122,276 @@ def test_each_writer_takes_its_options_and_has_their_defaults(name: Format) -> N
     for option in (field.name for field in fields(plain)):
         expected = other if option in FORMATS[name].options else plain
         assert getattr(other.writer(name), option, None) in {getattr(expected, option), None}
+
+
+SHAPES = array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9)
+ANY_FLOAT = arrays(np.float32, SHAPES, elements=st.floats(width=32, allow_nan=True))
+METRES = arrays(np.float32, SHAPES, elements=st.floats(0.0009765625, 65, width=32))
+
+
+def written(writer: Any, depth: DepthMap, suffix: str, **reading: Any) -> DepthMap:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"depth{suffix}"
+        writer.write(depth, path)
+        return read_stored_depth(path, DepthReadOptions(**reading)).displayed
+
+
+@given(METRES)
+def test_png_is_exact_to_half_a_millimetre(values: np.ndarray) -> None:
+    found = written(Png16Writer(), DepthMap(values), ".png").values
+    assert np.abs(found - values).max() <= 0.0005 + 65 * 1e-6
+
+
+@pytest.mark.parametrize("scale", [256.0, 4000.0, 5000.0])
+def test_png_scales_are_read_back_and_can_be_stated(scale: float, tmp_path: Path) -> None:
+    depth = DepthMap(np.array([[1.0, 2.5]], np.float32))
+    Png16Writer(png_scale=scale).write(depth, tmp_path / "a.png")
+    for stated in (None, scale):
+        found = read_stored_depth(tmp_path / "a.png", DepthReadOptions(stated)).displayed.values
+        assert found == pytest.approx(depth.values, abs=0.5 / scale)
+
+
+def test_png_marks_invalid_and_saturates_without_wrapping(tmp_path: Path) -> None:
+    values = np.array([[np.nan, np.inf, -1, 0, 0.0001, 65.535, 65.536, 70, 1e9]], np.float32)
+    warnings = Png16Writer().write(DepthMap(values), tmp_path / "a.png")
+    found = read_stored_depth(tmp_path / "a.png").displayed.values[0]
+    assert np.isnan(found[:4]).all()
+    assert found[4] == pytest.approx(0.001)
+    assert found[5:] == pytest.approx(np.full(4, 65.535))
+    assert warnings == ("4 pixels beyond 65.535 m were saturated",)
+
+
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
+def test_png_without_metres_is_normalized_and_says_so(kind: DepthKind, tmp_path: Path) -> None:
+    depth = DepthMap(np.array([[-3.0, 0.5, np.nan, 7.0]], np.float32), kind)
+    assert Png16Writer().write(depth, tmp_path / "a.png")
+    found = read_stored_depth(tmp_path / "a.png").displayed
+    assert found.kind is kind
+    assert found.values == pytest.approx(depth.values, abs=1e-3, nan_ok=True)
+
+
+@settings(deadline=None, max_examples=25)
+@given(ANY_FLOAT, st.sampled_from(["Z", "Y", "R", "depth.Z"]))
+def test_exr_is_exact(values: np.ndarray, channel: str) -> None:
+    found = written(ExrWriter(exr_channel=channel), DepthMap(values), ".exr")
+    assert np.array_equal(found.values, values, equal_nan=True)
+
+
+def test_exr_is_compressed_by_zip(tmp_path: Path) -> None:
+    ExrWriter().write(DepthMap(np.ones((4, 5), np.float32)), tmp_path / "a.exr")
+    header = OpenEXR.File(str(tmp_path / "a.exr"), header_only=True).header()
+    assert header["compression"] == OpenEXR.ZIP_COMPRESSION
+
+
+def test_half_exr_keeps_eleven_bits(tmp_path: Path) -> None:
+    values = np.linspace(0.3, 10, 60, dtype=np.float32).reshape(6, 10)
+    ExrWriter(half=True).write(DepthMap(values), tmp_path / "a.exr")
+    assert read_stored_depth(tmp_path / "a.exr").displayed.values == pytest.approx(
+        values, rel=2**-11
+    )
+
+
+@given(ANY_FLOAT)
+def test_npy_is_exact(values: np.ndarray) -> None:
+    found = written(NpyWriter(), DepthMap(values), ".npy", kind=DepthEncoding.RELATIVE)
+    assert np.array_equal(found.values, values, equal_nan=True)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_keeps_the_contract(name: Format, tmp_path: Path) -> None:
+    facts = FORMATS[name]
+    assert facts.suffix.startswith(".")
+    assert format_of(f"a{facts.suffix}") is name
+    assert facts.file_suffix is None or format_of(f"a{facts.file_suffix}") is name
+    path = tmp_path / f"a{facts.suffix}"
+    frame = Frame(np.zeros((4, 5, 3), np.uint8))
+    options = WriterOptions()
+    # What a writer does by itself is what it does with the options' own defaults.
+    assert options.writer(name) == writer_class(name)()
+    assert set(facts.options) <= {field.name for field in fields(options)}
+    warnings = options.writer(name).write(DepthMap(np.full((4, 5), 2, np.float32)), path, frame)
+    assert isinstance(warnings, tuple)
+    assert path.stat().st_size > 0
+
+
+DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
+HOLED_M = np.where(np.arange(12).reshape(3, 4) == 5, np.float32(np.nan), DEPTH_M)
+FURTHER = (Format.PFM, Format.TIFF, Format.PGM, Format.NPZ, Format.COLMAP)
+
+
+def pfm(values: np.ndarray, scale: str = "-1.0", order: str = "<f4") -> bytes:
+    height, width = values.shape[:2]
+    return f"Pf\n{width} {height}\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
+
+
+def colmap(values: np.ndarray) -> bytes:
+    """As ``write_array`` of COLMAP's read_write_dense.py."""
+    height, width = values.shape[:2]
+    channels = np.atleast_3d(values)
+    by_column = np.transpose(channels, (1, 0, 2)).reshape(-1, order="F")
+    return f"{width}&{height}&{channels.shape[2]}&".encode() + by_column.astype("<f4").tobytes()
+
+
+@pytest.mark.parametrize("which", FURTHER)
+def test_round_trip(which: Format, tmp_path: Path) -> None:
+    path = tmp_path / f"a{which.facts.suffix}"
+    assert writer_class(which)().write(DepthMap(HOLED_M), path) == ()
+    found = read_stored_depth(path).depth
+    assert found.valid.tolist() == (~np.isnan(HOLED_M)).tolist()
+    atol = 0 if which.facts.is_exact else 0.0005
+    np.testing.assert_allclose(found.values[found.valid], HOLED_M[found.valid], 1e-6, atol)
+    assert is_own(path)
+
+
+def test_files_as_other_programs_read_them(tmp_path: Path) -> None:
+    for which in FURTHER:
+        writer_class(which)().write(DepthMap(DEPTH_M), tmp_path / f"a{which.facts.file_suffix}")
+    for name in ("a.pfm", "a.tiff"):
+        read = cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(read, DEPTH_M)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.tiff")), DEPTH_M)
+    steps = np.rint(DEPTH_M * 1000).astype(int)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.pgm"), int), steps)
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npz")["depth"], DEPTH_M)
+    assert (tmp_path / "a.bin").read_bytes() == colmap(DEPTH_M)
+
+
+@pytest.mark.parametrize(
+    ("scale", "order"), [("-1.0", "<f4"), ("1", ">f4"), ("-0.003922", "<f4"), ("1e+00", ">f4")]
+)
+def test_pfm_of_other_programs(scale: str, order: str, tmp_path: Path) -> None:
+    """Middlebury's have a scale of 1/255, which is no factor, and infinity where unknown."""
+    values = np.where(np.isnan(HOLED_M), np.inf, HOLED_M)
+    (tmp_path / "a.pfm").write_bytes(pfm(values, scale, order))
+    found = read_stored_depth(tmp_path / "a.pfm").depth
+    np.testing.assert_array_equal(np.where(found.valid, found.values, np.nan), HOLED_M)
+
+
+def test_colmap_has_no_unit(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg.geometric.bin").write_bytes(colmap(np.nan_to_num(HOLED_M)))
+    stored = read_stored_depth(tmp_path / "a.jpg.geometric.bin")
+    np.testing.assert_array_equal(
+        stored.depth.values[stored.depth.valid], HOLED_M[stored.depth.valid]
+    )
+    assert stored.depth.valid.sum() == 11
+    assert len(stored.warnings) == 1
+    assert not read_stored_depth(tmp_path / "a.jpg.geometric.bin", DepthReadOptions(1.0)).warnings
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.uint16])
+@pytest.mark.parametrize("suffix", [".tif", ".tiff"])
+def test_tiff_of_other_programs(dtype: type, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    units = 1000 if dtype is np.uint16 else 1
+    assert cv2.imwrite(str(path), (np.nan_to_num(HOLED_M) * units).astype(dtype))
+    stored = read_stored_depth(path)
+    assert stored.scale == DepthScale(units, "assumed")
+    assert not stored.depth.valid[1, 1]
+    np.testing.assert_allclose(stored.depth.values[0], DEPTH_M[0], atol=0.0011)
+
+
+@pytest.mark.parametrize("names", [("depth",), ("depths", "conf"), ("arr_0",), ("anything",)])
+def test_npz_of_other_programs(names: tuple[str, ...], tmp_path: Path) -> None:
+    arrays = {name: DEPTH_M[None] + i for i, name in enumerate(names)}
+    np.savez_compressed(tmp_path / "a.npz", **arrays)
+    np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.npz").depth.values, DEPTH_M)
+
+
+@pytest.mark.parametrize("name", ["disp", "inverse_depth"])
+def test_names_of_arrays_imply_inverse_depth(name: str, tmp_path: Path) -> None:
+    """As of stereo networks and MiDaS, of which 0.17 took the numbers for metres."""
+    np.savez(tmp_path / "a.npz", **{name: DEPTH_M})
+    assert read_stored_depth(tmp_path / "a.npz").depth.kind is DepthKind.INVERSE
+    stated = DepthReadOptions(kind=DepthEncoding.METRIC)
+    assert read_stored_depth(tmp_path / "a.npz", stated).depth.is_metric
+
+
+def test_pages_of_a_tiff_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    first, second = (Image.fromarray(DEPTH_M * factor) for factor in (1, 2))
+    first.save(path, save_all=True, append_images=[second])
+    found = read_stored_depth(path)
+    np.testing.assert_array_equal(found.depth.values, DEPTH_M)
+    assert len(found.warnings) == 1
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+def test_one_of_several_maps_is_read_by_its_number(name: str, tmp_path: Path) -> None:
+    """Video Depth Anything and Depth Anything 3 write (N, H, W)."""
+    several = np.stack([DEPTH_M, 2 * DEPTH_M])
+    np.save(tmp_path / "a.npy", several)
+    np.savez(tmp_path / "a.npz", depths=several)
+    found = read_stored_depth(tmp_path / name, DepthReadOptions(frame=1)).depth
+    np.testing.assert_array_equal(found.values, several[1])
+    for frame in (None, 2):
+        with pytest.raises(InputError):
+            read_stored_depth(tmp_path / name, DepthReadOptions(frame=frame))
+
+
+def test_npz_keeps_kind_and_model(tmp_path: Path) -> None:
+    writer_class(Format.NPZ)().write(DepthMap(DEPTH_M, DepthKind.INVERSE), tmp_path / "a.npz")
+    assert read_stored_depth(tmp_path / "a.npz").depth.kind is DepthKind.INVERSE
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.pfm", b"PF\n4 3\n-1\n" + bytes(144)),
+        ("a.pfm", pfm(DEPTH_M)[:-1]),
+        ("a.pfm", b"Pf\n0 0\n-1\n"),
+        ("a.pfm", b"P5"),
+        ("a.bin", colmap(np.dstack([DEPTH_M] * 3))),
+        ("a.bin", colmap(DEPTH_M)[:-1]),
+        ("a.bin", b"\x00\x01"),
+        ("a.tif", b"II*\0"),
+        ("a.pgm", b"P5\n2 2\n255\n0000"),
+        ("a.npz", b"PK"),
+        ("a.npz", b""),
+    ],
+)
+def test_file_without_depth_is_refused(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError):
+        read_stored_depth(tmp_path / name)
+
+
+def test_an_npz_without_a_usual_name_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", left=DEPTH_M, right=DEPTH_M)
+    with pytest.raises(InputError):
+        read_stored_depth(tmp_path / "a.npz")
+    with zipfile.ZipFile(tmp_path / "b.npz", "w") as file:
+        file.writestr("depth.npy", b"no array")
+    with pytest.raises(InputError):
+        read_stored_depth(tmp_path / "b.npz")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pgm"])
+def test_normalized_inverse_depth(suffix: str, tmp_path: Path) -> None:
+    """Near is white, linear in 1/depth, as ControlNet and 3D Gaussian splatting expect."""
+    path, writing = tmp_path / f"a{suffix}", WriterOptions(png_inverse=True)
+    which = Format.PNG16 if suffix == ".png" else Format.PGM
+    writing.writer(which).write(DepthMap(HOLED_M), path)
+    steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert steps is not None
+    assert (steps[0, 0], steps[1, 1], steps[2, 3]) == (65535, 0, 1)
+    share = (1 / HOLED_M - 1 / 9) / (1 / 0.5 - 1 / 9)
+    np.testing.assert_allclose(steps, np.nan_to_num(1 + 65534 * share), atol=0.6)
+    found = read_stored_depth(path).depth
+    assert found.is_metric
+    np.testing.assert_allclose(found.values, HOLED_M, rtol=2e-4)
+    # Saved again without its texts, the sidecar says what it is.
+    writing.writer(Format.JSON).write(DepthMap(HOLED_M), tmp_path / "a.json")
+    cv2.imwrite(str(path), steps)
+    np.testing.assert_allclose(read_stored_depth(path).depth.values, HOLED_M, rtol=2e-4)
+    assert SidecarWriter(png_inverse=True) == writing.writer(Format.JSON)
+
+
+def test_inverse_depth_of_a_model_without_unit_keeps_near_white(tmp_path: Path) -> None:
+    depth = DepthMap(DEPTH_M, DepthKind.INVERSE)
+    Png16Writer(png_inverse=True).write(depth, tmp_path / "a.png")
+    steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
+    assert steps is not None
+    assert (steps[0, 0], steps[2, 3]) == (1, 65535)
+    relative = DepthMap(DEPTH_M, DepthKind.RELATIVE)  # has no inverse
+    (warning,) = Png16Writer(png_inverse=True).write(relative, tmp_path / "a.png")
+    assert "far is white" in warning
