@@ -1,0 +1,356 @@
+"""Files of known depth: tables and maps, clouds, reconstructions, and depth within images."""
+
+import struct
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers import made
+from helpers.heifs import heic
+from PIL import Image
+
+from depthcli.core.camera import Anchor, Intrinsics
+from depthcli.core.options import DepthEncoding
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth import clouds
+from depthcli.io.depth.anchors import SELF, AnchorFiles, read_known_depth
+from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.exr import ExrWriter
+from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.images import heif
+
+DEPTH_M = np.full((4, 6), np.nan, np.float32)
+DEPTH_M[1, 2], DEPTH_M[3, 5] = 2.5, 4.0
+
+
+def test_a_table_has_its_columns_in_any_order(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"\xef\xbb\xbfname,depth_m,x,y\r\na,2.5,3,4\r\nb,1e1,-0.4,6.6\r\n")
+    points = AnchorFiles(str(path)).read()
+    assert points.listed() == (Anchor(3, 4, 2.5), Anchor(0, 7, 10.0))
+    path.write_bytes(b'x , y, "depth_m"\n3, 4 , 2.5\n 0, 7, "10"\n')
+    assert AnchorFiles(str(path)).read().listed() == points.listed()
+
+
+@pytest.mark.parametrize("text", [b"", b"320,240,2.5\n", b"x,y,metres\n1,2,3\n", b"x,y,depth_m\n"])
+def test_a_table_without_columns_or_points_is_refused(tmp_path: Path, text: bytes) -> None:
+    (tmp_path / "a.csv").write_bytes(text)
+    with pytest.raises(InputError):
+        AnchorFiles(str(tmp_path / "a.csv")).read()
+
+
+@pytest.mark.parametrize("row", [b"1,2", b"1,2,0", b"1,nan,1", b"1,2,\xff", b'1,2,"3'])
+def test_an_invalid_row_of_a_table_is_named_by_its_line(tmp_path: Path, row: bytes) -> None:
+    (tmp_path / "a.csv").write_bytes(b"x,y,depth_m\n1,2,3\n%s\n" % row)
+    with pytest.raises(InputError, match=r"a\.csv, line 3"):
+        AnchorFiles(str(tmp_path / "a.csv")).read()
+
+
+@pytest.mark.parametrize("suffix", ["png", "exr", "npy"])
+def test_sparse_map_gives_its_valid_points(tmp_path: Path, suffix: str) -> None:
+    path, depth = tmp_path / f"a.{suffix}", DepthMap(DEPTH_M)
+    match suffix:
+        case "png":
+            Png16Writer().write(depth, path)
+        case "exr":
+            ExrWriter().write(depth, path)
+        case _:
+            np.save(path, np.nan_to_num(DEPTH_M).astype(np.float64))
+    points = AnchorFiles(str(path)).read()
+    assert points.size_px == (6, 4)
+    assert (points.x.tolist(), points.y.tolist()) == ([2, 5], [1, 3])
+    assert points.depth_m == pytest.approx([2.5, 4.0])
+
+
+def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
+    steps = np.nan_to_num(DEPTH_M * 256).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "a.png"), steps)
+    np.save(tmp_path / "a.npy", steps)
+    for name in ("a.png", "a.npy"):
+        points = AnchorFiles(str(tmp_path / name), 256.0).read()
+        assert points.depth_m == pytest.approx([2.5, 4.0])
+    np.save(tmp_path / "b.npy", steps.astype(np.float32))
+    floats = AnchorFiles(str(tmp_path / "b.npy"), 256.0).read()
+    assert floats.depth_m == pytest.approx([2.5, 4.0])
+    with pytest.raises(InputError):
+        AnchorFiles(str(tmp_path / "a.npy")).read()
+    with pytest.raises(InputError):
+        AnchorFiles(str(tmp_path / "a.csv"), 256.0).read()
+
+
+def test_distances_along_the_ray_become_depth(tmp_path: Path) -> None:
+    camera = Intrinsics(hfov_deg=60)
+    focal_px = camera.focal_for(6) or 0
+    across, down = (np.arange(6) - 2.5) / focal_px, (np.arange(4) - 1.5) / focal_px
+    np.save(tmp_path / "a.npy", 3 * np.sqrt(1 + across**2 + down[:, None] ** 2))
+    points = AnchorFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE, camera).read()
+    assert points.depth_m == pytest.approx(np.full(24, 3.0))
+    with pytest.raises(InputError):
+        AnchorFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE).read()
+    np.save(tmp_path / "b.npy", np.full((4, 6), focal_px / 6))
+    for baseline_m in (0.5, None):
+        files = AnchorFiles(
+            str(tmp_path / "b.npy"), None, DepthEncoding.DISPARITY, camera, baseline_m
+        )
+        if baseline_m:
+            assert files.read().depth_m == pytest.approx(np.full(24, 3.0))
+        else:
+            with pytest.raises(InputError):
+                files.read()
+
+
+def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:
+    Png16Writer().write(DepthMap(DEPTH_M, DepthKind.RELATIVE), tmp_path / "a.png")
+    np.save(tmp_path / "a.npy", np.zeros((4, 6), np.float32))
+    for name in ("a.png", "a.npy", "a.txt", "b.csv"):  # relative, empty, no format, missing
+        with pytest.raises(InputError):
+            AnchorFiles(str(tmp_path / name)).read()
+
+
+def test_a_folder_has_a_file_for_each_picture(tmp_path: Path) -> None:
+    files = AnchorFiles(str(tmp_path))
+    (tmp_path / "hall").mkdir()
+    (tmp_path / "hall" / "a.b.csv").write_text("x,y,depth_m\n1,2,3\n")
+    assert files.file_for("hall/a.b.jpg") == tmp_path / "hall" / "a.b.csv"
+    with pytest.raises(InputError):
+        files.file_for("hall/a.jpg")
+    np.save(tmp_path / "hall" / "a.b.npy", DEPTH_M)
+    with pytest.raises(InputError):
+        files.file_for("hall/a.b.jpg")
+
+
+def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
+    NpyWriter().write(DepthMap(DEPTH_M), tmp_path / "a.depth.npy")
+    files = AnchorFiles(str(tmp_path))
+    assert files.file_for("a.jpg") == tmp_path / "a.depth.npy"
+    Png16Writer().write(DepthMap(DEPTH_M), tmp_path / "a.depth.png")
+    with pytest.raises(InputError):
+        files.file_for("a.jpg")
+    (tmp_path / "a.csv").write_text("x,y,depth_m\n1,2,3\n")
+    assert files.file_for("a.jpg") == tmp_path / "a.csv"
+
+
+def test_own_depth_of_an_image_is_used_if_it_is_in_metres(tmp_path: Path) -> None:
+    path, shades = tmp_path / "a.jpg", np.array([[0, 255]], np.uint8)
+    facts = {"Format": "RangeLinear", "Near": "1", "Far": "3"}
+    path.write_bytes(made.jpeg_with_depth(made.jpeg([[128]]), shades, Units="m", **facts))
+    points = AnchorFiles(SELF).of_image(path)
+    assert (points.depth_m.tolist(), points.size_px) == ([1, 3], (2, 1))
+    for data in (
+        made.jpeg_with_depth(made.jpeg([[128]]), shades, **facts),  # without a unit
+        made.jpeg([[128]]),
+    ):
+        path.write_bytes(data)
+        points = AnchorFiles(SELF).of_image(path)
+        assert (len(points), len(points.warnings)) == (0, 1)
+
+
+CAMERA = Intrinsics(50.0, centre_px=(31.5, 23.5), size_px=(64, 48))
+POINTS = np.array([[0.0, 0, 2], [-1, 0.5, 4], [0.001, 0, 3], [0, 0, -2], [np.nan, 0, 2], [9, 0, 1]])
+
+
+def test_points_are_projected_as_a_pinhole_does() -> None:
+    """The nearest counts of two in a pixel; others are dropped and counted."""
+    found = clouds.projected(POINTS[:5], CAMERA)
+    expected = [(round(31.5 + 50 * x / z), round(23.5 + 50 * y / z), z) for x, y, z in POINTS[:2]]
+    assert sorted(zip(found.x, found.y, found.depth_m, strict=True)) == sorted(expected)
+    assert found.size_px == (64, 48)
+    assert "2 of 5" in found.warnings[0]
+
+
+def test_most_points_of_a_cloud_may_be_outside_but_not_all() -> None:
+    around = np.concatenate([POINTS[:2], *[POINTS[5:] * [n, 1, 1] for n in range(1, 9)]])
+    found = clouds.projected(around, CAMERA).within(128, 96)  # a larger image of the same view
+    assert sorted(found.depth_m) == [2, 4]
+    assert found.x.tolist() in ([63 + 2, 39], [39, 63 + 2])
+    assert "8 of 10" in found.warnings[0]
+    with pytest.raises(UsageError, match="8 of 8"):
+        clouds.projected(around[2:], CAMERA).within(64, 48)
+
+
+def test_clouds_need_a_camera_in_pixels() -> None:
+    with pytest.raises(InputError, match="focal length"):
+        clouds.projected(POINTS, Intrinsics(hfov_deg=60))
+
+
+TURNED = "0 -1 0 0.1\n0 0 -1 -0.2\n1 0 0 0.3"  # of a lidar: x forward, y to the left, z up
+ROWS = TURNED.replace("\n", " ")
+KITTI = f"P2: 50 0 32 0 0 50 24 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_to_cam: {ROWS}"
+ODOMETRY = f"P2: 50 0 32 -2.5 0 50 24 0 0 0 1 0\nTr: {ROWS.replace('0.1', '0.15')}"
+
+
+@pytest.mark.parametrize("text", [TURNED, f"{TURNED}\n0 0 0 1", KITTI, ODOMETRY])
+def test_extrinsics_take_a_cloud_to_the_camera(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "pose.txt"
+    file.write_text(text)
+    found = clouds.posed(np.array([[5000.0, 1000, 2000]]), file, 1000)
+    np.testing.assert_allclose(found, [[-900, -2200, 5300]])
+
+
+@pytest.mark.parametrize(
+    "text", ["1 2 3", "2 0 0 0 0 2 0 0 0 0 2 0", "1 0 0 0 0 1 0 0 0 0 -1 0", ""]
+)
+def test_what_is_no_pose_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "pose.txt").write_text(text)
+    with pytest.raises(InputError):
+        clouds.read_extrinsics(tmp_path / "pose.txt")
+
+
+def write_cloud(path: Path) -> None:
+    """Points with a colour, by the library that people use."""
+    if path.suffix == ".ply":
+        trimesh = pytest.importorskip("trimesh")
+        path.write_bytes(trimesh.PointCloud(POINTS[:5]).export(file_type="ply"))
+    else:
+        pypcd4 = pytest.importorskip("pypcd4")
+        cloud = pypcd4.PointCloud.from_xyzi_points(np.column_stack([POINTS[:5], np.ones(5)]))
+        compressed = "compressed" in path.stem
+        cloud.save(path, pypcd4.Encoding.BINARY_COMPRESSED if compressed else pypcd4.Encoding.ASCII)
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.pcd", "compressed.pcd"])
+def test_files_of_clouds_are_known_depth(name: str, tmp_path: Path) -> None:
+    write_cloud(tmp_path / name)
+    stated = AnchorFiles(str(tmp_path / name), 2.0, camera=CAMERA)  # units per metre
+    found = stated.read()
+    assert sorted(found.depth_m) == pytest.approx([1, 2])
+    (tmp_path / name).write_bytes(b"no cloud")
+    with pytest.raises(InputError, match="not a point cloud"):
+        read_known_depth(tmp_path / name, stated)
+
+
+QUATERNION, SHIFT = (0.5**0.5, 0.0, 0.5**0.5, 0.0), (0.1, -0.2, 2.0)  # a quarter turn about y
+WORLD = {7: (1.0, 0.2, 0.5), 9: (-1.0, 0.0, 0.0), 11: (5.0, 0.0, 0.0)}
+#: column, row and point; the last has none
+SEEN = [(32.2, 20.9, 7), (0.0, 47.6, 9), (10.0, 10.0, 11), (5.0, 5.0, -1)]
+
+
+def write_text(folder: Path) -> None:
+    seen = " ".join(f"{x} {y} {point}" for x, y, point in SEEN)
+    pose = " ".join(map(str, (*QUATERNION, *SHIFT)))
+    (folder / "cameras.txt").write_text("# cameras\n2 PINHOLE 64 48 50 50 32 24\n")
+    images = f"# images\n1 {pose} 2 empty.jpg\n\n4 {pose} 2 hall/my room.jpg\n{seen}\n"
+    (folder / "images.txt").write_text(images)
+    points = "".join(f"{k} {x} {y} {z} 9 9 9 0.5 4 0\n" for k, (x, y, z) in WORLD.items())
+    (folder / "points3D.txt").write_text(f"# points\n{points}")
+
+
+def write_binary(folder: Path) -> None:
+    """As described in COLMAP's documentation of its format."""
+    camera = struct.pack("<QiiQQ4d", 1, 2, 1, 64, 48, 50, 50, 32, 24)
+    (folder / "cameras.bin").write_bytes(camera)
+    images = struct.pack("<Q", 2)
+    for number, name, seen in ((1, b"empty.jpg", []), (4, b"hall/my room.jpg", SEEN)):
+        images += struct.pack("<I7dI", number, *QUATERNION, *SHIFT, 2) + name + b"\0"
+        images += struct.pack("<Q", len(seen)) + b"".join(struct.pack("<2dq", *s) for s in seen)
+    (folder / "images.bin").write_bytes(images)
+    points = struct.pack("<Q", len(WORLD))
+    for number, place in WORLD.items():
+        points += struct.pack("<Q3d3BdQ", number, *place, 9, 9, 9, 0.5, 2) + struct.pack(
+            "<4I", *range(4)
+        )
+    (folder / "points3D.bin").write_bytes(points)
+
+
+@pytest.mark.parametrize("write", [write_text, write_binary])
+def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -> None:  # noqa: ANN001
+    write(tmp_path)
+    stated = AnchorFiles(str(tmp_path))
+    assert stated.is_by_image
+    found = stated.of_image(Path("/data/hall/my room.jpg"))
+    # A quarter turn about y: z of the camera is -x of the world, and 2.
+    assert dict(zip(found.x.tolist(), found.depth_m.tolist(), strict=True)) == pytest.approx(
+        {32: 1, 0: 3}
+    )
+    assert found.y.tolist() == [20, 47]
+    assert found.size_px == (64, 48)
+    assert len(found.warnings) == 2  # its unit, and a point behind the camera
+    in_metres = AnchorFiles(str(tmp_path), scale=2.0).of_image(Path("hall/my room.jpg"))
+    np.testing.assert_allclose(in_metres.depth_m, found.depth_m / 2)
+    for name in ("empty.jpg", "room.jpg"):
+        with pytest.raises(InputError):
+            stated.of_image(Path(name))
+    assert found.within(128, 96).x.tolist() == [65, 1]
+
+
+SHADES = np.arange(256, dtype=np.uint8).reshape(16, 16)
+EMPTY = made.jpeg([[128]])
+
+
+@pytest.mark.parametrize("form", ["RangeInverse", "RangeLinear"])
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_gdepth_of_a_jpeg_is_read_upright(form: str, orientation: int, tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    facts = {"Format": form, "Near": "0.5", "Far": "8", "Units": "m"}
+    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, orientation=orientation, **facts))
+    depth = read_stored_depth(path).depth
+    share = SHADES / 255
+    inverse_m, linear_m = 1 / (1 / 0.5 + share * (1 / 8 - 1 / 0.5)), 0.5 + share * 7.5
+    expected_m = np.rot90(inverse_m if form == "RangeInverse" else linear_m, -(orientation == 6))
+    assert depth.kind is DepthKind.METRIC
+    np.testing.assert_allclose(depth.values, expected_m, rtol=1e-5)
+
+
+def test_dynamic_depth_after_a_jpeg_is_read(tmp_path: Path) -> None:
+    Image.fromarray(SHADES).save(file := BytesIO(), "PNG")
+    depth, other = file.getvalue(), b"confidence"
+    facts = ('Format="RangeInverse"', 'Near="0.5"', 'Far="8"', 'Units="Meters"')
+    items = (("Primary", 0), ("Depth", len(depth)), ("Confidence", len(other)))
+    xmp = "".join(
+        f'<Container:Item Item:Semantic="{n}" Item:Length="{size}"/>' for n, size in items
+    )
+    xmp += "<x " + " ".join(f"DepthMap:{fact}" for fact in facts) + "/>"
+    head = made.segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode())
+    (tmp_path / "a.jpg").write_bytes(EMPTY[:2] + head + EMPTY[2:] + depth + other)
+    stored = read_stored_depth(tmp_path / "a.jpg").depth
+    assert stored.kind is DepthKind.METRIC
+    assert (stored.values[0, 0], stored.values[-1, -1]) == (0.5, 8)
+
+
+def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
+    path = tmp_path / "a.jpg"
+    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, Format="RangeLinear", Near="1", Far="2"))
+    assert read_stored_depth(path).depth.kind is DepthKind.RELATIVE
+    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, Format="RangeLinear", Near="1"))
+    with pytest.raises(InputError):
+        read_stored_depth(path)
+    path.write_bytes(EMPTY)
+    with pytest.raises(InputError):
+        read_stored_depth(path)
+
+
+@pytest.mark.parametrize(
+    ("facts", "near_m", "far_m"),
+    [
+        ({"representation_type": 1, "d_min": 1.498, "d_max": 4.383}, 1 / 4.383, 1 / 1.498),
+        ({"representation_type": 0, "z_near": 0.5, "z_far": 2.0}, 0.5, 2.0),
+        ({"representation_type": 2, "z_near": 0.5, "z_far": 2.0}, 0.5, 2.0),
+    ],
+)
+def test_depth_image_of_a_heic_is_in_metres(
+    facts: dict[str, float],
+    near_m: float,
+    far_m: float,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As of an iPhone 13 Pro, whose disparity is uniform and marked as relative."""
+    monkeypatch.setattr(heif, "depth_images", lambda _: [(SHADES, facts)])
+    path = tmp_path / "a.heic"
+    picture = heic(np.zeros((64, 64, 3), np.uint8))
+    path.write_bytes(picture + b"<depthData:Accuracy>relative</depthData:Accuracy>")
+    stored = read_stored_depth(path)
+    assert stored.depth.is_metric
+    assert len(stored.warnings) == 1
+    assert stored.depth.values.min() == pytest.approx(near_m)
+    assert stored.depth.values.max() == pytest.approx(far_m)
+
+
+def test_heic_without_depth_is_no_depth_file(tmp_path: Path) -> None:
+    (tmp_path / "a.heic").write_bytes(heic(np.zeros((64, 64, 3), np.uint8)))
+    with pytest.raises(InputError):
+        read_stored_depth(tmp_path / "a.heic")
