@@ -119,23 +119,14 @@ class Session:
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
     def run(self, batch: Float32Array, prompts: Float32Array | None = None) -> Float32Array:
-        """The maps of :meth:`outputs`, (N, h, w) float32.
-
-        Raises:
-            ModelError: as there.
-        """
+        """The maps of :meth:`outputs`, (N, h, w) float32."""
         return self.outputs(batch, prompts).maps
 
     def outputs(self, batch: Float32Array, prompts: Float32Array | None = None) -> RawOutputs:
-        """Run the network.
+        """Run the network on (N, C, H, W) float32, normalized as the card says.
 
-        Args:
-            batch: (N, C, H, W) float32, normalized as the card says.
-            prompts: (N, C, H, W) float32, known depth for a network that takes it, an input in each
-                channel; None where nothing is known.
-
-        Raises:
-            ModelError: onnxruntime failed, or the output is not one map for each picture.
+        ``prompts`` are known depth for a network that takes it, (N, C, H, W) float32 with an input
+        in each channel; None where nothing is known.
         """
         if self._batch_size == 1 and len(batch) > 1:  # exported without a dynamic batch
             rows = [slice(i, i + 1) for i in range(len(batch))]

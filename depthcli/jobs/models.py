@@ -114,14 +114,10 @@ def add_model(
 ) -> Model:
     """Copy a model into the user's folder with its completed card, after running it once.
 
-    Args:
-        path: an ONNX file; a remote one is downloaded, which advances ``progress`` by its bytes.
-        card: a ``card.json`` or the name of a ready card; None if the card is inside the ONNX
-            file, or beside it on this machine.
-        name: name for ``--model``; None for the card's own name.
-        force: replace a model of this name, or override a bundled one.
-        sha256: checksum that the file must have, 64 hex digits; None for any.
-        progress: of the download.
+    A remote ONNX file is downloaded, which advances ``progress``. The card is a ``card.json`` or
+    the name of a ready one; None if it is inside the file, or beside it on this machine. ``force``
+    replaces a model of this name, by default the card's, or overrides a bundled one; ``sha256`` is
+    the checksum that the file must have.
     """
     if name is not None:
         folder_to_add(valid_name(name), force=force)  # before anything is downloaded

@@ -331,11 +331,7 @@ class ModelCard:
 
     @classmethod
     def from_json(cls, text: str | bytes, *, where: str = "card") -> "ModelCard":
-        """Read a card's JSON, which messages call ``where``.
-
-        Raises:
-            ModelError: not JSON, or a field is missing, unknown, ill-typed or out of range.
-        """
+        """Read a card's JSON, which messages call ``where``."""
         try:
             parsed = parsed_json(text)
             if not isinstance(parsed, dict):

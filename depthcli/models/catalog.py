@@ -146,9 +146,6 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
 
     A path is that of a folder with a ``card.json``, or of an ``.onnx`` file with its card inside or
     beside it, where a ``card.json`` has to name the file.
-
-    Raises:
-        ModelError: not found, no card, damaged, external data, or a checksum that differs.
     """
     name = os.fspath(DEFAULT_MODEL if name_or_path is None else name_or_path)
     separators = {os.sep, os.altsep or os.sep}
