@@ -41,6 +41,14 @@ def data(tmp_path: Path) -> Path:
     return tmp_path / "own"
 
 
+def _millimetres(data: Path) -> dict[str, Any]:
+    """The depth of each picture; makes folders for files of another tool."""
+    for name in FACTORS:
+        (data.parent / "files" / name).parent.mkdir(parents=True, exist_ok=True)
+    depths = (cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED) for name in FACTORS)
+    return dict(zip(FACTORS, depths, strict=True))
+
+
 def _row(data: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
     words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--json", *more]
     assert main(words) == ExitCode.OK
@@ -79,14 +87,11 @@ def test_depth_may_be_in_other_units(data: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_predictions_scale_is_not_png_scale(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name in FACTORS:
-        millimetres = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED)
-        file = data.parent / f"kitti/{name}.png"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        for path in (file, data / f"depth/{name}.png"):
+    for name, millimetres in _millimetres(data).items():
+        for path in (data.parent / f"files/{name}.png", data / f"depth/{name}.png"):
             cv2.imwrite(str(path), np.round(millimetres * 0.256).astype(np.uint16))
     words = ["eval", "pairs", str(data), "--png-scale", "256", "--json"]
-    words += ["--predictions", str(data.parent / "kitti")]
+    words += ["--predictions", str(data.parent / "files")]
     for more, best, worst in (([], 0.7, 0.8), (["--predictions-scale", "256"], 0, 0)):
         assert main([*words, *more]) == ExitCode.OK
         shown = capsys.readouterr()
@@ -101,11 +106,9 @@ def test_a_wrong_kind_is_noticed(
     data: Path, kind: str, align: str, count: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Least squares gives good scores to depth, whatever its kind is called."""
-    for name in FACTORS:
-        file = data.parent / f"files/{name}.png"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes((data / f"depth/{name}.png").read_bytes())
     files = str(data.parent / "files")
+    for name, millimetres in _millimetres(data).items():
+        cv2.imwrite(f"{files}/{name}.png", millimetres)
     words = ["eval", "pairs", str(data), "--predictions", files, "--predictions-kind", kind]
     words += ["--align", align]
     assert main([*words, "--json"]) == ExitCode.OK
@@ -216,9 +219,7 @@ def test_predictions_state_kind_and_unit(data: Path, capsys: pytest.CaptureFixtu
     Source: https://github.com/isl-org/Open3D/issues/671
     """
     files = data.parent / "files"
-    for name in FACTORS:
-        millimetres = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED)
-        (files / name).parent.mkdir(parents=True, exist_ok=True)
+    for name, millimetres in _millimetres(data).items():
         np.save(files / f"{name}.npy", (1000 / millimetres).astype(np.float32))
     words = (str(data), "--predictions", str(files))
     document, errors = _table(capsys, *words)
@@ -237,11 +238,9 @@ def test_ray_distance_is_compared_along_the_axis(
 ) -> None:
     files = data.parent / "files"
     x, y = np.arange(WIDTH) - (WIDTH - 1) / 2, np.arange(HEIGHT) - (HEIGHT - 1) / 2
-    for name, factor in FACTORS.items():
-        depth_m = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED) / 1000
-        longer = np.hypot(1, np.hypot(x, y[:, None]) / (FOCAL_PX * factor))
-        (files / name).parent.mkdir(parents=True, exist_ok=True)
-        np.save(files / f"{name}.npy", (depth_m * longer).astype(np.float32))
+    for name, millimetres in _millimetres(data).items():
+        longer = np.hypot(1, np.hypot(x, y[:, None]) / (FOCAL_PX * FACTORS[name]))
+        np.save(files / f"{name}.npy", (millimetres / 1000 * longer).astype(np.float32))
     words = (str(data), "--predictions", str(files))
     document, _ = _table(capsys, *words, "--predictions-kind", "distance")
     assert document["rows"][0]["scores"]["abs_rel"] < 1e-3
@@ -256,10 +255,8 @@ def test_ray_distance_is_compared_along_the_axis(
 def test_disparity_is_compared_as_depth(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As of KITTI and Cityscapes, in 1/256 pixel."""
     files, baseline_m = data.parent / "files", 0.5
-    for name, factor in FACTORS.items():
-        depth_m = cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED) / 1000
-        disparity_px = FOCAL_PX * factor * baseline_m / depth_m
-        (files / name).parent.mkdir(parents=True, exist_ok=True)
+    for name, millimetres in _millimetres(data).items():
+        disparity_px = FOCAL_PX * FACTORS[name] * baseline_m / (millimetres / 1000)
         cv2.imwrite(str(files / f"{name}.png"), np.rint(256 * disparity_px).astype(np.uint16))
     stated = ("--predictions-kind", "disparity", "--predictions-scale", "256")
     words = (str(data), "--predictions", str(files), *stated)
@@ -278,8 +275,7 @@ def test_disparity_is_compared_as_depth(data: Path, capsys: pytest.CaptureFixtur
 
 def test_pixels_without_depth_are_counted(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = data.parent / "files"
-    for name in FACTORS:
-        (files / name).parent.mkdir(parents=True, exist_ok=True)
+    for name in _millimetres(data):
         np.save(files / f"{name}.npy", np.full((HEIGHT, WIDTH), np.nan, np.float32))
     document, errors = _table(capsys, str(data), "--predictions", str(files))
     (row,) = document["rows"]

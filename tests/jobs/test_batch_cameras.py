@@ -96,13 +96,6 @@ def test_each_picture_has_its_own_principal_point(tmp_path: Path) -> None:
     assert kept(moved) == KEPT | {"a.png": False}
 
 
-def test_a_video_has_its_own_principal_point(tmp_path: Path) -> None:
-    write_video(tmp_path / "in/clip.mkv", flat_frames([60]))
-    list(Batch(with_table(tmp_path, "id,hfov_deg,cx,cy\nclip,90,3.5,-2\n")))
-    depth = next(iter(DepthVideo(tmp_path / "out/clip.depth.mkv")))
-    assert depth.provenance.centre_px == (3.5, -2)
-
-
 @pytest.mark.parametrize(
     ("table", "redone"),
     [
@@ -182,11 +175,13 @@ def test_a_list_has_them_too(tmp_path: Path) -> None:
 
 def test_a_video_has_its_own_camera(tmp_path: Path) -> None:
     write_video(tmp_path / "in/clip.mkv", flat_frames([60, 90]))
-    wanted = with_table(tmp_path, "id,hfov_deg\nclip,90\n")
-    (result,) = Batch(wanted)
+    table = "id,hfov_deg,cx,cy\nclip,90,3.5,-2\n"
+    (result,) = Batch(with_table(tmp_path, table))
     assert result.row.camera == "hfov 90.0° (given)"
-    assert kept(with_table(tmp_path, "id,hfov_deg\nclip,90\n")) == {"clip.mkv": True}
-    assert kept(with_table(tmp_path, "id,hfov_deg\nclip,91\n")) == {"clip.mkv": False}
+    depth = next(iter(DepthVideo(tmp_path / "out/clip.depth.mkv")))
+    assert depth.provenance.centre_px == (3.5, -2)
+    assert kept(with_table(tmp_path, table)) == {"clip.mkv": True}
+    assert kept(with_table(tmp_path, table.replace("90", "91"))) == {"clip.mkv": False}
 
 
 def test_a_model_without_a_camera_uses_them_for_point_clouds_alone(tmp_path: Path) -> None:
