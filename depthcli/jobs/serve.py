@@ -9,6 +9,7 @@ import asyncio
 import hmac
 import json
 import mimetypes
+import socket
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -114,7 +115,8 @@ class DepthServer:
     def run(self, host: str, port: int, started: Callable[[str], None]) -> None:
         """Serve until SIGINT or SIGTERM, which lets requests end that have begun.
 
-        Port 0 is any free one; ``started`` is called with the URL.
+        Port 0 is any free one; ``started`` is called with the URL, where clients can connect.
+        OSError if the port is taken or the host is not of this machine.
         """
         config = uvicorn.Config(
             self.app,
@@ -126,8 +128,8 @@ class DepthServer:
             lifespan="off",
             timeout_graceful_shutdown=_DRAIN_S,
         )
-        listening = config.bind_socket()
-        listening.listen(config.backlog)  # so that clients can connect once they know the address
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        listening = socket.create_server((host, port), family=family, backlog=config.backlog)
         name = f"[{host}]" if ":" in host else host
         started(f"http://{name}:{listening.getsockname()[1]}")
         uvicorn.Server(config).run(sockets=[listening])
@@ -193,7 +195,10 @@ class DepthServer:
 
     def _answer(self, data: bytes, asked: Asked) -> tuple[bytes, dict[str, Any]]:
         """The encoded depth of an image and what is known of it; runs in a thread."""
-        frame = read_image(None, data, max_pixels=self.limits.max_pixels, **asked.reading._asdict())
+        limit = self.limits.max_pixels
+        frame = read_image(
+            None, data, name="the request", max_pixels=limit, **asked.reading._asdict()
+        )
         points = AnchorPoints.of(asked.anchors) if asked.anchors else None
         pipeline = Pipeline(self.session, asked.detail)
         depth, warnings = pipeline.predict(frame, asked.camera, points)

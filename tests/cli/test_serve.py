@@ -3,6 +3,7 @@
 import http.client
 import json
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -160,6 +161,12 @@ def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
             for token in ("secret", "other", "")
         ]
         assert (statuses, local.ask("/metrics").status) == ([200, 401, 401], 401)
+
+
+def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        done = cli("serve", "--port", str(taken.getsockname()[1]))
+    assert (done.returncode, b"--port" in done.stderr, done.stderr.count(b"\n")) == (2, True, 1)
 
 
 def test_states_health_and_metrics_and_shows_a_page(cli: Cli) -> None:

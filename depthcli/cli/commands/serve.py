@@ -117,7 +117,9 @@ def serve(
     try:
         server.run(listen.host, listen.port, console.note if not quiet else lambda _url: None)
     except OSError as error:
-        raise UsageError(f"cannot listen at {listen.host}:{listen.port}: {error}") from error
+        reason = str(error.strerror).partition(" (")[0]  # Python repeats the address
+        problem = f"cannot listen at {listen.host}:{listen.port}: {reason}"
+        raise UsageError(problem, "choose another {port} or {host}") from error
     return ExitCode.OK
 
 
