@@ -102,6 +102,12 @@ def test_a_transport_stream_is_read(tmp_path: Path) -> None:
             assert source.rate == NTSC
 
 
+def test_an_address_without_end_asks_for_live(cli: Cli) -> None:
+    with Answer() as server:
+        done = cli("video", server.url)
+    assert (done.returncode, b"--live" in done.stderr) == (1, True)
+
+
 def test_a_playlist_names_no_file_of_this_machine(tmp_path: Path) -> None:
     secret = encode(tmp_path / "a.ts", flat_frames([9] * 50), NTSC, "mpeg2video", "yuv420p")
     start = "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\n"

@@ -212,7 +212,8 @@ def video_text(done: VideoResult) -> str:
     dropped = "" if done.live is None else f", {done.live.dropped} late frames dropped"
     camera = camera_text(done.depth)
     seen_by = f"  camera: {camera}" if camera else ""
-    speed = f"{frames} at {done.rate} fps in {done.seconds:.1f} s"
+    rate = f" at {done.rate} fps" if done.live is None else ""
+    speed = f"{frames}{rate} in {done.seconds:.1f} s"
     return f"{files}  {speed}{dropped}{flicker}{smoothed}{seen_by}"
 
 

@@ -120,9 +120,8 @@ def _retried(request: Callable[[], Any], retries: int, pause: Callable[[int], No
 def _size(answer: Any) -> int:  # noqa: ANN401
     stated = answer.headers.get("Content-Length")
     if stated is None:
-        raise OSError(
-            errno.EINVAL, "the server does not say how large it is; download it to a file"
-        )
+        advice = "download it to a file, or give a live stream to 'depthcli video --live'"
+        raise OSError(errno.EINVAL, f"the server does not say how large it is; {advice}")
     return int(stated)
 
 
