@@ -135,7 +135,8 @@ function resize() {
   renderer.setSize(width, height, false);
   camera.aspect = width / height;
   const [tanX, tanY] = [data.size_px[0] / 2 / data.focal_px[0], data.size_px[1] / 2 / data.focal_px[1]];
-  const tan = data.is_panorama ? 0.7 : 1.1 * Math.max(tanY, tanX / camera.aspect);
+  const tan = data.is_panorama ? 0.7 : 1.3 * // clear of the bars above and below
+    Math.max(tanY, tanX / camera.aspect);
   camera.fov = Math.min(120, (2 * Math.atan(tan) * 180) / Math.PI);
   camera.updateProjectionMatrix();
   draw();
