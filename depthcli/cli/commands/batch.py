@@ -185,6 +185,8 @@ def batch(
     if not screen.quiet:
         console.warn_all(parse.without_effect(given, parse.FORMAT_OPTIONS, formats))
         console.warn_all(parse.without_effect(given, ENGINE_OPTIONS, (engine.engine,)))
+        if inputs.watch and not output.dry_run:
+            console.note(f"watching {folder}; Ctrl-C ends")
     # The driver of a cluster need not have the workers' GPUs.
     here = replace(request.model, provider="cpu", provider_options={})
     loading = (here if engine.is_ray else request.model).start()

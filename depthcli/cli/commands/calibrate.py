@@ -87,9 +87,9 @@ def calibrate(
         left_out = "" if scale.residual is None else f", {scale.residual:.1%} on points left out"
         error = f"; error {done.before:.1%} before{left_out}"
         shift = f", shift {scale.shift_m:+.3f} m" if scale.shift_m else ""
-        source = f"{scale.points} known depths in {scale.images} images"
+        source = f"known depths: {scale.points}, images: {scale.images}"
         told = f"scale {scale.scale:.4f}{shift} for model {scale.model}"
-        console.out(f"{name}: {told}, from {source}{error}")
+        console.out(f"{name} -> {path}  {told}, {source}{error}")
         console.warn_all(done.warnings)
     return ExitCode.OK
 

@@ -57,7 +57,7 @@ def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
     if is_known or source.projection.is_other:
         return focal_px, ()
     assumed = f"an hfov of {hfov_deg(focal_px, depth.width):.3g}° is assumed"
-    advice = "give the focal length or the field of view"
+    advice = "give {focal_px} or {hfov}"
     return focal_px, (Message(f"no focal length is known; {assumed}", advice),)
 
 
