@@ -1,0 +1,54 @@
+"""The commands of docs/tour.md, run in one shell as a reader would."""
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+
+import pytest
+from helpers.command_line import ROOT, Cli
+from helpers.tiny import synthetic_picture
+from helpers.videos import write_mp4
+from helpers.web import Camera
+
+COMMANDS = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+ARRIVED = "cp docs/room.jpg inbox/\n"
+
+
+def free_port() -> str:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return str(taken.getsockname()[1])
+
+
+@pytest.mark.skipif(not shutil.which("curl") or not shutil.which("timeout"), reason="needs curl")
+def test_the_commands_run(cli: Cli) -> None:
+    (cli.folder / "docs").mkdir()
+    shutil.copy(ROOT / "docs" / "room.jpg", cli.folder / "docs")
+    write_mp4(cli.folder / "clip.mp4", [synthetic_picture(48, 64)] * 3)
+    program = cli.folder / "bin" / "depthcli"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m depthcli "$@"\n')
+    program.chmod(0o755)
+    script = "".join(COMMANDS.findall((ROOT / "docs" / "tour.md").read_text("utf-8")))
+    script = script.replace("serve &", "serve --port 8000 &").replace("8000", free_port())
+    patience = f"{ARRIVED}until [ -e depth/room.depth.png ]; do sleep 0.1; done\n"
+    with Camera() as camera:
+        script = script.replace("video 0", f"video {camera.url} --live")
+        script = script.replace("8080", free_port()).replace(ARRIVED, patience)
+        done = subprocess.run(
+            ["timeout", "100", "bash", "-ec", f"trap 'kill $(jobs -p)' ERR\n{script}"],
+            capture_output=True,
+            cwd=cli.folder,
+            env={**cli.environment, "PATH": f"{program.parent}:{os.environ['PATH']}"},
+            check=False,
+            text=True,
+        )
+    assert done.returncode == 0, done.stderr
+    assert 'depthcli_requests_total{status="200"} 1.0' in done.stdout
+    written = {str(path.relative_to(cli.folder)) for path in cli.folder.rglob("*.*")}
+    names = ("html", "glb", "ply", "stereo.png", "depth.png", "preview.png")
+    assert written >= {f"out/room.{name}" for name in names}
+    assert written >= {"room.exr", "live/live.depth.0000.mkv", "live/live.preview.0001.mp4"}
+    assert written >= {"depth/manifest.jsonl", "out/clip.depth.mkv", "out/clip.preview.mp4"}
