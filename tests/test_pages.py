@@ -14,7 +14,7 @@ PAGES = sorted(
 WORDS = 36_450
 """Most words of docs/*.md; for a new passage, shorten another.
 
-Benchmark 1,500; server, view 400; known depth 550; requests 400; cards that need known depth 200; tour 350.
+Benchmark 1,500; server, view 400; known depth 550, its cards 200; requests 400; tour 350.
 """
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
 
