@@ -419,6 +419,14 @@ class DepthCodec(NamedTuple):
         low, high = float(np.log(min_m)), float(np.log(max_m))
         return cls(Transform.EXP, (high - low) / 2, (high + low) / 2)
 
+    def times(self, factor: float) -> Self:
+        """The mapping to depth that is multiplied by a factor greater than 0."""
+        if self.transform is Transform.EXP:
+            return self._replace(shift=self.shift + math.log(factor))
+        if self.transform is Transform.RECIPROCAL:
+            factor = 1 / factor
+        return self._replace(scale=self.scale * factor, shift=self.shift * factor)
+
     def decode(self, raw: Float32Array) -> Float32Array:
         """Depth of a raw output; any shape, float32 in and out.
 

@@ -43,6 +43,7 @@ class ExportOptions:
     license: str = "NOASSERTION"  #: of the weights, an SPDX identifier
     #: horizontal field of view of the training pictures, degrees; None for that of the checkpoint
     hfov_deg: float | None = None
+    depth_factor: float = 1.0  #: on depth, which corrects a bias that was measured
     float_model: str | None = None  #: name of the model that replaces an int8 one off the CPU
     #: the moving average, if the run has one, or the weights of the last step
     weights: Weights = Weights.AVERAGED
@@ -70,7 +71,7 @@ def card_path(model: Path) -> Path:
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     """The card of a checkpoint's generator, without the facts of the file."""
     config = saved.config
-    codec = config.output.codec
+    codec = config.output.codec.times(options.depth_factor)
     hfov_deg = _hfov_deg(options.hfov_deg, saved.provenance.hfov_deg)
     card = ModelCard(
         name=options.name,
@@ -128,7 +129,8 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
     nyu = seen.get(datasets.NYU, ())
     is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
     # Parity keeps float16 near the weights that were validated; the others differ from them.
-    validated = averaged and is_new and not is_int8
+    is_corrected = options.depth_factor != 1
+    validated = averaged and is_new and not (is_int8 or is_corrected)
     facts = {
         "data": provenance.data,
         "pseudo_labels": provenance.pseudo_labels or None,
@@ -147,6 +149,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
             if validated and math.isfinite(value)
         },
         "weights": None if averaged else str(Weights.RAW),
+        "depth_factor": options.depth_factor if is_corrected else None,
         "precision": "int8" if is_int8 else "float16" if options.half else None,
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }

@@ -76,6 +76,7 @@ def test_float_pixels_are_kept_within_zero_and_one() -> None:
 )
 def test_decoding_is_its_formula(codec: DepthCodec, depth: float) -> None:
     assert codec.decode(np.float32([0.8]))[0] == pytest.approx(depth, rel=1e-6)
+    assert codec.times(1.03).decode(np.float32([0.8]))[0] == pytest.approx(1.03 * depth, rel=1e-6)
 
 
 def test_linear_coding_is_the_paper_s() -> None:

@@ -299,6 +299,12 @@ def test_scores_are_of_the_network_that_was_validated(tmp_path: Path) -> None:
         assert {name: training[name] for name in names} == facts
 
 
+def test_a_factor_on_depth_is_in_the_card_and_belongs_to_no_validation(tmp_path: Path) -> None:
+    card = _card(tmp_path, ExportOptions(depth_factor=1.03), scores={"abs_rel": 0.1})
+    assert card.output.codec.decode(1.0) == pytest.approx(10.3)
+    assert (card.training["depth_factor"], card.training["validation"]) == (1.03, {})
+
+
 def test_linear_depth_has_no_smallest_value_of_log_depth(tmp_path: Path) -> None:
     saved = Checkpoint.load(write_checkpoint(tmp_path / "last.ckpt"))
     linear = dataclasses.replace(saved.config.output, coding="linear")

@@ -50,6 +50,12 @@ class CardOptions:
         "Only if the run does not know its camera: NYU's and that of cameras.csv are known.",
         callback=groups.field_of_view,
     )
+    depth_factor: float = groups.option(
+        "Factor on depth, for the card: corrects a bias that was measured on held-out images.",
+        default=1.0,
+        callback=groups.positive,
+        metavar="FACTOR",
+    )
     float_model: str | None = groups.option(
         "With --int8: name of the same model in floats, for the card; it is used in "
         "place of this one on GPUs and OpenVINO.",
@@ -95,6 +101,7 @@ def export_onnx(
         int8_pictures=network.int8,
         license=card.license_name,
         hfov_deg=card.hfov,
+        depth_factor=card.depth_factor,
         float_model=card.float_model,
         weights=network.weights,
     )
