@@ -108,6 +108,17 @@ def test_an_address_without_end_asks_for_live(cli: Cli) -> None:
     assert (done.returncode, b"--live" in done.stderr) == (1, True)
 
 
+def test_an_address_of_rtsp_is_connected_to(cli: Cli) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        process = cli.started("video", f"rtsp://127.0.0.1:{server.getsockname()[1]}/a")
+        server.settimeout(20)
+        client, _ = server.accept()
+        with client:
+            assert client.recv(4) == b"OPTI"  # OPTIONS, the first request of a session
+        said = process.communicate(timeout=50)[1]
+    assert (process.returncode, said.count(b"\n")) == (1, 1)
+
+
 def test_a_playlist_names_no_file_of_this_machine(tmp_path: Path) -> None:
     secret = encode(tmp_path / "a.ts", flat_frames([9] * 50), NTSC, "mpeg2video", "yuv420p")
     start = "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\n"

@@ -229,7 +229,8 @@ def video(
     )
     if not screen.quiet:
         of_images = {*parse.INPUT_OPTIONS} - {"videos"}
-        kinds = of_images if is_sequence(file) else {"videos", "PNG and TIFF"}
+        is_numbered = stream is None and is_sequence(file)
+        kinds = of_images if is_numbered else {"videos", "PNG and TIFF"}
         console.warn_all(settings.camera.warnings)
         written = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
         console.warn_all(parse.without_effect(given, FORMAT_OPTIONS, written))
