@@ -34,7 +34,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, output_entry
-from depthcli.jobs.write import write_output
+from depthcli.jobs.write import output_guard, write_output
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
     settings = dict(setting.split("=", 1) for setting in how.provider_option)
     loader = SessionLoader(how.model, how.provider, threads=1, provider_options=settings)
     pipeline = Pipeline(loader.load(), UpsamplingOptions(how.upsample))
-    options = WriterOptions()
+    options, guard = WriterOptions(), output_guard(())
     model = pipeline.session.model
     origin = CacheKey("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
@@ -97,7 +97,10 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
         sha256 = stages("checksum of input", partial(_sha256, data))
         frame = stages("decode", partial(read_image, path, data))
         depth = stages("predict", partial(pipeline.predict, frame)).depth
-        stages("encode and write", partial(write_output, options, Format.PNG16, depth, frame, out))
+        stages(
+            "encode and write",
+            partial(write_output, options, Format.PNG16, depth, frame, out, guard),
+        )
         file = stages("checksum of output", partial(output_entry, out.parent, out))
         row = ManifestRow(path.name, OK, origin, (file,), 0.04, sha256)
         stages("row of the manifest", partial(journal.add, row))

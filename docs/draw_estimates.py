@@ -13,11 +13,11 @@ import numpy.typing as npt
 import depthcli
 from depthcli.core.options import Colormap
 from depthcli.datasets.rooms.render import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
-from depthcli.io.formats.drawing import colour_table, contact_sheet
+from depthcli.io.formats.preview import colour_table, contact_sheet
 
 TARGET = Path(__file__).with_name("estimates.jpg")
 SETTINGS = RoomSettings(seed=9, size=(640, 480), hfov_deg=(TYPICAL_HFOV_DEG, TYPICAL_HFOV_DEG))
-ROOMS = (13, 12)
+ROOMS = (6, 12)
 SHOWN_PX = 320, 240
 
 
@@ -33,11 +33,14 @@ def drawn(
     """Depth in the colours of another map's span, with its median: (240, 320, 3)."""
     near, far = np.quantile(1 / span_m[span_m > 0], (0.98, 0.02))
     nearness = np.clip((1 / np.maximum(depth_m, 1e-3) - far) / (near - far), 0, 1)
+    nearness[depth_m <= 0] = 0  # black where nothing is known, such as windows
     coloured = colour_table(Colormap.INFERNO)[np.rint(nearness * 255).astype(np.uint8)]
     small = cv2.resize(coloured, SHOWN_PX, interpolation=cv2.INTER_AREA)
     told = f"{np.median(depth_m[span_m > 0]):.2f} m"
     for colour, width in (((0, 0, 0), 4), ((255, 255, 255), 1)):
-        cv2.putText(small, told, (8, 232), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, width, cv2.LINE_AA)
+        cv2.putText(
+            small, told, (8, 232), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, width, cv2.LINE_AA
+        )
     return np.asarray(small, np.uint8)
 
 

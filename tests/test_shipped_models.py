@@ -94,7 +94,7 @@ def test_card_of_a_bundled_model_lists_its_training_pairs(model: str) -> None:
 
 def test_the_float_model_is_the_default_one_in_more_bits() -> None:
     default_m, fast_m, float_m = (_depth(model, upsampling="bilinear").values for model in MODELS)
-    assert 0 < np.abs(default_m - float_m).mean() < 0.03 * float_m.mean()
+    assert 0 < np.abs(default_m - float_m).mean() < 0.04 * float_m.mean()
     assert np.abs(fast_m - float_m).mean() < 0.1 * float_m.mean()  # another training
     sizes = [(ROOT / "models" / model / "model.onnx").stat().st_size for model in MODELS]
     assert max(sizes[:2]) < 0.6 * sizes[2]
@@ -118,7 +118,7 @@ def test_sees_the_rendered_room(model: str, true_m: np.ndarray) -> None:
 def test_readme_states_how_far_its_room_is_off(true_m: np.ndarray) -> None:
     text = " ".join((ROOT / "README.md").read_text().split())
     said = re.search(
-        r"room above is ([\d.]+) m, and the model estimates ([\d.]+) m\."
+        r"room.jpg, which is rendered, is ([\d.]+) m, and the model estimates ([\d.]+) m\."
         r".* \(`--anchor (\S+) --anchor (\S+)`\) it estimates ([\d.]+) m",
         text,
     )
