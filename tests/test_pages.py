@@ -14,7 +14,8 @@ PAGES = sorted(
 WORDS = 37_000
 """Most words of docs/*.md; for a new passage, shorten another.
 
-Benchmark 1,500; server, view 400; known depth 550, its cards 200; requests 400; tour 350; models 4.0.0 500.
+Benchmark 1,500; server, view 400; known depth 550, its cards 200; requests 400; tour
+350; models 4.0.0 500.
 """
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
 
