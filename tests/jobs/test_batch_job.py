@@ -95,8 +95,10 @@ def test_a_batch_that_is_left_goes_on(tmp_path: Path) -> None:
     pictures(tmp_path)
     with closing(Batch(request(tmp_path))) as batch:
         first = next(batch)
+    told = {first.row.input, *(result.row.input for result in batch.late)}
+    assert batch.tally.completed == len(told)
     again = list(Batch(request(tmp_path)))
-    assert first.row.input in {result.row.input for result in again if result.is_kept}
+    assert {result.row.input for result in again if result.is_kept} == told
     assert [result.row.input for result in again] == list(NAMES)
     assert all(result.is_kept for result in Batch(request(tmp_path)))
     other = request(tmp_path, options=BatchOptions(writing=WriterOptions(png_scale=256.0)))
@@ -109,6 +111,7 @@ def test_a_batch_that_is_closed_at_once_leaves_the_folder_to_others(tmp_path: Pa
     with pytest.raises(UsageError):
         Batch(request(tmp_path))
     first.close()
+    assert first.late == ()
     assert len(list(Batch(request(tmp_path)))) == len(NAMES)
 
 
@@ -165,6 +168,9 @@ def test_recorded_results_are_in_the_manifest_after_close(tmp_path: Path) -> Non
     pictures(tmp_path)
     with closing(Batch(request(tmp_path), engine=LastFirst())) as batch:
         assert next(batch).row.input == NAMES[0]
+    late = [(result.row.input, result.row.status) for result in batch.late]
+    assert late == [("z.png", OK), ("hall/b.png", OK)]
+    assert batch.tally.done == len(NAMES)
     lines = (tmp_path / "out" / "manifest.jsonl").read_text().splitlines()
     assert [json.loads(line)["input"] for line in lines] == list(NAMES)
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from depthcli.core.progress import Interrupt
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.run import Batch, DryRunResult
+    from depthcli.jobs.batch.tasks import BatchResult
     from depthcli.jobs.convert import ConvertResult, FolderPlan
     from depthcli.jobs.video.plan import VideoResult
 
@@ -55,15 +56,18 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
 
     quiet, as_json, resumes, tally = screen.quiet, screen.as_json, True, batch.tally
 
+    def show(result: BatchResult) -> None:
+        if as_json:
+            console.out_json(result.row.as_json() | {"kept": result.is_kept})
+        elif not quiet and not result.is_kept:
+            console.warn_all(result.row.warnings, name=result.row.input)
+
     console.warn_all(() if quiet else batch.warnings)
     try:
         with show_progress(silent=quiet or as_json) as progress, closing(batch):
             stage = progress.begin("", tally.total, "inputs")
             for result in batch:
-                if as_json:
-                    console.out_json(result.row.as_json() | {"kept": result.is_kept})
-                elif not quiet and not result.is_kept:
-                    console.warn_all(result.row.warnings, name=result.row.input)
+                show(result)
                 stage.note = f"{len(tally.failures)} failed" if tally.failures else ""
                 (stage.skip if result.is_kept else stage)(1)
                 stop.check()
@@ -74,6 +78,8 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
         resumes = False
         raise
     finally:
+        for result in batch.late:
+            show(result)
         _print_failures(batch, quiet=quiet)
         if not quiet:
             _print_counts(plan, batch, console.note if as_json else console.out)

@@ -76,6 +76,7 @@ class Batch(Iterator[BatchResult]):
     Attributes:
         warnings: about the whole batch, one line each.
         tally: counts of the results so far.
+        late: results that were available when the batch was closed, and not yet iterated over.
         manifest: path of the manifest.
         stopped: why the batch was stopped before its last input; None if it was not.
     """
@@ -114,6 +115,8 @@ class Batch(Iterator[BatchResult]):
         self.tally = Tally(len(plan.inputs))
         self._max_failures = request.max_failures
         self.stopped: str | None = None
+        self.late: tuple[BatchResult, ...] = ()
+        self._recorded: dict[str, BatchResult] = {}
         self._results = self._run(self._journal)
 
     def __next__(self) -> BatchResult:
@@ -133,6 +136,7 @@ class Batch(Iterator[BatchResult]):
             # No worker outlives the journal.
             with closing(self._engine.run(self._spec, chunks, videos, self._record)) as results:
                 for result in results:
+                    del self._recorded[result.row.input]
                     self.tally.add(result)
                     yield result
                     most = self._max_failures
@@ -147,6 +151,7 @@ class Batch(Iterator[BatchResult]):
         for result in results:
             if not result.is_kept and self._journal is not None:
                 self._journal.add(result.row)
+            self._recorded[result.row.input] = result
         self._rows.sync()
 
     def _finish(self) -> None:
@@ -154,6 +159,9 @@ class Batch(Iterator[BatchResult]):
         if journal is None:
             return
         names = [file.name for file in self._plan.inputs]
+        self.late = tuple(self._recorded[name] for name in names if name in self._recorded)
+        for result in self.late:
+            self.tally.add(result)
         journal.finish(names, keep_failed=self._plan.is_part)
         self._rows.finish()
 
