@@ -294,15 +294,14 @@ def test_browser_shows_every_point(tmp_path: Path) -> None:
     depth = made()
     HtmlWriter(keep_edges=True).write(depth, tmp_path / "a.html")
     quiet = ("--disable-background-networking", "--disable-component-update", "--disable-sync")
-    done = subprocess.run(
-        [
-            *(str(BROWSER), "--headless", "--no-sandbox", "--no-first-run", *quiet),
-            *("--enable-unsafe-swiftshader", "--virtual-time-budget=20000", "--dump-dom"),
-            *(f"--user-data-dir={tmp_path / 'browser'}", (tmp_path / "a.html").as_uri()),
-        ],
-        capture_output=True,
-        check=False,
-        timeout=120,
-        text=True,
-    )
-    assert f'data-points="{depth.valid.sum()}"' in done.stdout
+    command = [
+        *(str(BROWSER), "--headless", "--no-sandbox", "--no-first-run", *quiet),
+        *("--enable-unsafe-swiftshader", "--virtual-time-budget=20000", "--dump-dom"),
+        *(f"--user-data-dir={tmp_path / 'browser'}", (tmp_path / "a.html").as_uri()),
+    ]
+    wanted = f'data-points="{depth.valid.sum()}"'
+    for _ in range(3):  # on a busy machine, its virtual time can end before the page has run
+        done = subprocess.run(command, capture_output=True, check=False, timeout=120, text=True)
+        if wanted in done.stdout:
+            break
+    assert wanted in done.stdout
