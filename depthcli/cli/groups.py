@@ -9,7 +9,7 @@ import copy
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from functools import wraps
+from functools import partial, wraps
 from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import typer
@@ -20,6 +20,7 @@ OPTION = "option"
 """Key of a field's metadata with its option; other fields are annotated with theirs."""
 USUAL = "Options"  #: heading of the options that most runs need, which come first
 _COLUMNS = 2, 26  # of the help: indent, and the widest name of an option beside its text
+_keyword = partial(inspect.Parameter, kind=inspect.Parameter.KEYWORD_ONLY)
 
 
 class Given(dict[str, str]):
@@ -75,9 +76,9 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
         if is_dataclass(hints[name]):
             parameters += _flattened(hints[name])
         elif hints[name] is Given:
-            parameters.append(_keyword("context", inspect.Parameter.empty, typer.Context))
+            parameters.append(_keyword("context", annotation=typer.Context))
         else:
-            parameters.append(_keyword(name, parameter.default, hints[name]))
+            parameters.append(_keyword(name, default=parameter.default, annotation=hints[name]))
 
     @wraps(command)
     def flat(**values: Any) -> int:  # noqa: ANN401 - options of any type
@@ -108,11 +109,7 @@ def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a d
             option.param_decls = (f"--{field.name.replace('_', '-')}",)  # and no --no-…
         kind = Annotated[kind.__origin__, option]
         default = inspect.Parameter.empty if field.default is MISSING else field.default
-        yield _keyword(field.name, default, kind)
-
-
-def _keyword(name: str, default: Any, kind: Any) -> inspect.Parameter:  # noqa: ANN401
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        yield _keyword(field.name, default=default, annotation=kind)
 
 
 def _made(group: Any, values: dict[str, Any]) -> Any:  # noqa: ANN401 - a dataclass

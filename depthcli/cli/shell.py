@@ -73,10 +73,9 @@ def _root(
 
 def run(arguments: Sequence[str]) -> int:
     """Run a command; prints its error, if any, and returns the exit code."""
-    state = console.State()
     try:
         result = get_command(app)(
-            args=list(arguments), prog_name=table.PROGRAM, standalone_mode=False, obj=state
+            args=list(arguments), prog_name=table.PROGRAM, standalone_mode=False
         )
     except KeyboardInterrupt:
         return ExitCode.INTERRUPTED
@@ -88,7 +87,7 @@ def run(arguments: Sequence[str]) -> int:
         if type(error).__name__ == "NoArgsIsHelpError":  # of "depthcli eval", for example
             console.out(error.ctx.get_help())  # type: ignore[attr-defined]
             return ExitCode.OK
-        if state.debug:
+        if "--debug" in arguments:
             traceback.print_exception(error)
         message, code = _explain(error)
         console.error(message)
@@ -168,8 +167,6 @@ def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
             is_flag=True,
             default=False,
             expose_value=False,
-            callback=_set_debug,
-            is_eager=True,
             help="Show the traceback of an error.",
         )
     )
@@ -191,8 +188,3 @@ def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa
         from depthcli.cli.profiles import apply
 
         apply(ctx, name)
-
-
-def _set_debug(ctx: Any, _parameter: Any, value: bool) -> None:  # noqa: ANN401 - typer's own types
-    if value and isinstance(ctx.obj, console.State):
-        ctx.obj.debug = True

@@ -7,7 +7,6 @@ import os
 import re
 import sys
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 from depthcli.core.options import one_line
@@ -19,13 +18,6 @@ if TYPE_CHECKING:
     from typing import TextIO
 
     from rich.progress import Progress, ProgressColumn
-
-
-@dataclass(slots=True)
-class State:
-    """State of one run of the command line."""
-
-    debug: bool = False  #: whether an error shows its traceback
 
 
 _CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]"
