@@ -68,24 +68,16 @@ def decode_jpeg(data: bytes) -> Decoded:
     exifs = (body for marker, body in segments(data) if marker == _APP1 and body[:6] == _EXIF)
     exif = next(exifs, b"")
     try:
-        pixels = _decompressed(data, colours)
+        pixels: UInt8Array = simplejpeg.decode_jpeg(data, colours)
     except ValueError as error:
-        if "subsampling" not in str(error):
+        if "subsampling" in str(error):  # TurboJPEG has no name for it
+            return decode_with_opencv(data)
+        if _DATA_LOSS.search(str(error)):
             raise InputError(f"is damaged ({error})", "copy it again") from error
-        return decode_with_opencv(data)  # TurboJPEG has no name for its subsampling
+        pixels = simplejpeg.decode_jpeg(data, colours, strict=False)
     if colours == "CMYK":
         pixels = _rgb_of_inverted_cmyk(pixels)
     return Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif)
-
-
-def _decompressed(data: bytes, colours: str) -> UInt8Array:
-    try:
-        pixels: UInt8Array = simplejpeg.decode_jpeg(data, colours)
-    except ValueError as error:
-        if _DATA_LOSS.search(str(error)):
-            raise
-        pixels = simplejpeg.decode_jpeg(data, colours, strict=False)
-    return pixels
 
 
 def _rgb_of_inverted_cmyk(cmyk: UInt8Array) -> UInt8Array:

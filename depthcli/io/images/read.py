@@ -62,21 +62,8 @@ class _Container(NamedTuple):
     module: str  #: of this folder
     starts: tuple[bytes, ...] = ()  #: of its files; none for one that ``is_KIND`` recognizes
 
-    def recognizes(self, data: bytes) -> bool:
-        """Whether a file is of this kind."""
-        return data.startswith(self.starts) if self.starts else self._call("is_{}", data)
-
-    def header(self, data: bytes) -> Header:
-        """Facts about a file, before it is decoded."""
-        found: Header = self._call("{}_header", data)
-        return found
-
-    def decode(self, data: bytes) -> Decoded:
-        """Pixels of a file."""
-        found: Decoded = self._call("decode_{}", data)
-        return found
-
-    def _call(self, function: str, data: bytes) -> Any:  # noqa: ANN401 - as the function returns it
+    def call(self, function: str, data: bytes) -> Any:  # noqa: ANN401 - as the function returns it
+        """Whether a file is of this kind, its ``Header``, or what it is ``Decoded`` to."""
         module = import_module(f"depthcli.io.images.{self.module}")
         return getattr(module, function.format(self.kind))(data)
 
@@ -106,7 +93,8 @@ class CheckedImage(NamedTuple):
     def decode(self) -> Decoded:
         """Decode its pixels."""
         with _errors_about(self.name):
-            return self.container.decode(self.data)
+            found: Decoded = self.container.call("decode_{}", self.data)
+        return found
 
 
 def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
@@ -119,7 +107,7 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
     if container is None:
         raise _no_image(data, name)
     with _errors_about(name):
-        header = container.header(data)
+        header = container.call("{}_header", data)
     width, height = header.width, header.height
     if width <= 0 or height <= 0:
         raise InputError(f"{name} claims {width}×{height} pixels", "the image is empty")
@@ -139,14 +127,17 @@ def image_size(data: bytes) -> tuple[int, int] | None:
     """(width, height) that a file states; None if it is not an image or its header is damaged."""
     container = _container_of(data)
     try:
-        header = container.header(data) if container else None
+        header = container.call("{}_header", data) if container else None
     except (InputError, struct.error, LookupError):
         return None
     return (header.width, header.height) if header else None
 
 
 def _container_of(data: bytes) -> _Container | None:
-    return next((one for one in _CONTAINERS if one.recognizes(data)), None)
+    for one in _CONTAINERS:
+        if data.startswith(one.starts) if one.starts else one.call("is_{}", data):
+            return one
+    return None
 
 
 def _no_image(data: bytes, name: str) -> InputError:
