@@ -34,7 +34,8 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, output_entry
-from depthcli.jobs.write import output_guard, write_output
+from depthcli.io.storage.atomic import Guard
+from depthcli.jobs.write import write_output
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
     settings = dict(setting.split("=", 1) for setting in how.provider_option)
     loader = SessionLoader(how.model, how.provider, threads=1, provider_options=settings)
     pipeline = Pipeline(loader.load(), UpsamplingOptions(how.upsample))
-    options, guard = WriterOptions(), output_guard(())
+    options, guard = WriterOptions(), Guard.of(())
     model = pipeline.session.model
     origin = CacheKey("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")

@@ -20,12 +20,7 @@ from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats.html import HtmlWriter
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.table import (
-    FILE_SUFFIXES,
-    format_of,
-    is_own,
-    writer_class,
-)
+from depthcli.io.formats.table import FILE_SUFFIXES, format_of, writer_class
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import path_of
@@ -309,7 +304,7 @@ class DepthMap(types.DepthMap):
             raise UsageError(f"{min(others)} is not for {name.facts.suffix}")
         writer = writer_class(name)(**given)
         inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
-        guard = Guard.of(is_own, inputs, overwrite=overwrite)
+        guard = Guard.of(inputs, overwrite=overwrite)
         with atomic_path(file, guard=guard) as temporary:
             messages = writer.write(depth, temporary, self.frame)
         for message in messages:

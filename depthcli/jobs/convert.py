@@ -23,7 +23,7 @@ from depthcli.io.listing import folder as folders
 from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
 from depthcli.io.storage import atomic, paths
 from depthcli.jobs import inspect, output_names, outputs
-from depthcli.jobs.write import FailedInput, failure_reason, output_guard
+from depthcli.jobs.write import FailedInput, failure_reason
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.numbering import numbered_name
 
@@ -112,7 +112,7 @@ def _write_converted(
     ):  # of a video, it may be
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
     inputs = [paths.path_of(name) for name in (request.source, request.picture) if name is not None]
-    guard = output_guard(inputs, overwrite=request.overwrite)
+    guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
     with atomic.atomic_path(path, guard=guard) as temporary:
         writing = (
             _sidecar_options(request, stored) if wanted is table.Format.JSON else request.writing

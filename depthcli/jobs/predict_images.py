@@ -33,7 +33,7 @@ def predict_pictures(
         writer_class(name)  # imported while the model loads
     known = [] if isinstance(anchors, tuple) or own else [path_of(anchors.path)]
     inputs = [*known, *(plan.source for plan in plans if plan.source is not None)]
-    guard = write.output_guard(inputs, overwrite=request.overwrite)
+    guard = Guard.of(inputs, overwrite=request.overwrite)
     for plan in plans:
         try:
             to_files = request.destination.kind is not Kind.STDOUT

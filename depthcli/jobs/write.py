@@ -1,6 +1,5 @@
 """Writing the outputs of a picture, atomically to files or to a stream."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -14,14 +13,9 @@ from depthcli.core.types import (
 )
 from depthcli.errors import DepthcliError, OutputError, is_out_of_memory
 from depthcli.io.depth.metadata import anchor_fields, origin_fields
-from depthcli.io.formats.table import FORMATS, Format, WriterOptions, is_own
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.temporary import temporary_folder
-
-
-def output_guard(inputs: Iterable[Path], *, overwrite: bool = False) -> Guard:
-    """Guard of the files that the outputs for some inputs may not replace."""
-    return Guard.of(is_own, inputs, overwrite=overwrite)
 
 
 def write_output(

@@ -297,7 +297,7 @@ def test_suffixes_of_no_output_format_are_never_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.json", "a.png", "a.npy", "a.mkv", "a.mp4", "a.pfm", "a"])
 def test_a_foreign_file_is_replaced_on_request_only(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
-    guard = Guard.of(is_own, ())
+    guard = Guard.of(())
     guard.check(path)  # there is none
     path.touch()
     guard.check(path)  # an empty one, such as mktemp makes
@@ -305,20 +305,20 @@ def test_a_foreign_file_is_replaced_on_request_only(tmp_path: Path, name: str) -
     with pytest.raises(OutputError) as refused:
         guard.check(path)
     assert "{overwrite}" in refused.value.message.advice
-    Guard.of(is_own, (), overwrite=True).check(path)
+    Guard.of((), overwrite=True).check(path)
 
 
 def test_a_file_of_depthcli_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     SidecarWriter().write(DEPTH, path)
-    Guard.of(is_own, ()).check(path)
+    Guard.of(()).check(path)
 
 
 def test_an_input_is_never_replaced(tmp_path: Path) -> None:
     source, link = tmp_path / "a.png", tmp_path / "link.png"
     source.write_bytes(b"image")
     link.symlink_to(source)
-    guard = Guard.of(is_own, [source], overwrite=True)
+    guard = Guard.of([source], overwrite=True)
     for path in (source, link, tmp_path / "yet to be made" / ".." / "a.png"):
         with pytest.raises(OutputError), atomic_path(path, guard=guard):
             pytest.fail("nothing is written")
@@ -330,7 +330,7 @@ def test_a_file_that_may_not_be_read_is_not_replaced(tmp_path: Path) -> None:
     def refuse(path: Path) -> bool:
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
-    guard = Guard.of(refuse, ())  # root may read everything
+    guard = Guard.of((), is_own=refuse)  # root may read everything
     guard.check(tmp_path / "a.png")
     (tmp_path / "a.png").write_bytes(b"secret")
     with pytest.raises(OutputError):

@@ -19,8 +19,9 @@ from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.io.storage.atomic import Guard
 from depthcli.jobs.predict import PredictRequest, predict
-from depthcli.jobs.write import FailedInput, output_guard, write_output
+from depthcli.jobs.write import FailedInput, write_output
 
 
 def test_every_picture_has_its_result_in_its_turn(
@@ -142,7 +143,7 @@ def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: Sessi
 def test_depth_without_a_valid_pixel_is_not_written(tmp_path: Path) -> None:
     frame = Frame(np.zeros((4, 6, 3), np.uint8))
     empty = DepthMap(np.full((4, 6), np.nan, np.float32))
-    path, guard = tmp_path / "a.npy", output_guard(())
+    path, guard = tmp_path / "a.npy", Guard.of(())
     with pytest.raises(OutputError):
         write_output(WriterOptions(), Format.NPY, empty, frame, path, guard)
     assert list(tmp_path.iterdir()) == []

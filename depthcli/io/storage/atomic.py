@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Self, TypeAlias
 
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.formats.table import is_own
 from depthcli.io.storage.paths import RemotePath
 from depthcli.io.storage.temporary import folder_lock, temporary_beside
 
@@ -32,7 +33,11 @@ class Guard:
 
     @classmethod
     def of(
-        cls, is_own: Callable[[Path], bool], inputs: Iterable[Path], *, overwrite: bool = False
+        cls,
+        inputs: Iterable[Path],
+        *,
+        overwrite: bool = False,
+        is_own: Callable[[Path], bool] = is_own,
     ) -> Self:
         """Make a guard of inputs, which are looked up now."""
         return cls(is_own, frozenset(map(_identity, inputs)), overwrite)

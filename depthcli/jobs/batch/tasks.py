@@ -26,7 +26,7 @@ from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan
 from depthcli.jobs.options import MapOptions
 from depthcli.jobs.outputs import Destination, Kind
-from depthcli.jobs.write import failure_reason, output_guard
+from depthcli.jobs.write import failure_reason
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
 
@@ -108,7 +108,7 @@ class BatchTask:
 
     def guard(self, *, overwrite: bool) -> Guard:
         """Check the outputs for writing; OutputError if one is the input, or not depthcli's."""
-        guard = output_guard([path_of(self.input.path)], overwrite=overwrite or self.is_listed)
+        guard = Guard.of([path_of(self.input.path)], overwrite=overwrite or self.is_listed)
         return guard.checked(self.outputs.values())
 
     def _check_same_input(self, row: manifest.ManifestRow, out: Path) -> None:

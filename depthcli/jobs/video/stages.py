@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import partial
 from typing import Any
 
@@ -29,12 +28,10 @@ from depthcli.io.depth.metadata import dequantized, quantized
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.stereo import StereoWriter
-from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
-from depthcli.jobs.write import output_guard
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat, preview_codec
@@ -71,15 +68,13 @@ def write_video(
         if problem is not None:
             raise OutputError(problem, "choose another {out}")
     with _open_source(plan, settings) as source, ExitStack() as stack:
-        rate = settings.span.rate(source.rate)
         stated = settings.anchors
         anchors = FrameAnchors(stated, settings.anchors_fit) if stated else None
         journal = stack.enter_context(open_journal(plan, source, pipeline, settings, anchors))
         known = anchors.paths if anchors else []
-        guard = output_guard(
-            [*source.paths, *known], overwrite=plan.overwrite or journal.is_resumed
-        )
-        outputs = _open_outputs(plan, settings, source, rate, guard, stack)
+        inputs, overwrite = [*source.paths, *known], plan.overwrite or journal.is_resumed
+        guard = Guard.of(inputs, overwrite=overwrite)
+        outputs = [*map(stack.enter_context, _outputs(plan, settings, source, guard))]
         sidecar = None
         if VideoFormat.JSON in plan.names:
             sidecar = stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
@@ -158,49 +153,30 @@ def _process_frames(
             yield stages.numbers[index]
 
 
-def _open_outputs(
-    plan: VideoPlan,
-    settings: VideoSettings,
-    source: FrameSource,
-    rate: Fraction,
-    guard: Guard | None,
-    stack: ExitStack,
-) -> list[VideoOutput]:
-    """The outputs of all formats but JSON, and the page, entered."""
-    outputs = [
-        stack.enter_context(_open_output(which, plan, settings, source, rate, guard))
-        for which in plan.names
-        if which is not VideoFormat.JSON
-    ]
-    return outputs if plan.page is None else [*outputs, stack.enter_context(plan.page)]
+def _outputs(
+    plan: VideoPlan, settings: VideoSettings, source: FrameSource, guard: Guard
+) -> Iterator[VideoOutput]:
+    """The outputs of all formats but JSON, each in one file or in segments, and the page."""
+    for which in plan.names:
+        if which is not VideoFormat.JSON:
+            opened = partial(_output, which, plan, settings, source, guard)
+            length_s = None if which in SEQUENCES else settings.segment_s
+            yield SegmentedOutput(opened, length_s, plan.first_segment) if length_s else opened()
+    if plan.page is not None:
+        yield plan.page
 
 
-def _open_output(
+def _output(
     which: VideoFormat,
     plan: VideoPlan,
     settings: VideoSettings,
     source: FrameSource,
-    rate: Fraction,
-    guard: Guard | None,
-) -> VideoOutput:
-    """The output of one format but JSON, in one file or in segments, to be entered."""
-    words = which, plan, settings.writing, source, rate, guard
-    if settings.segment_s is None or which in SEQUENCES:
-        return open_output(*words)
-    return SegmentedOutput(partial(open_output, *words), settings.segment_s, plan.first_segment)
-
-
-def open_output(
-    which: VideoFormat,
-    plan: VideoPlan,
-    writing: WriterOptions,
-    source: FrameSource,
-    rate: Fraction,
-    guard: Guard | None,
+    guard: Guard,
     segment: int | None = None,
 ) -> VideoOutput:
-    """The output of one format but JSON, to be entered; ``rate`` is its frames per second."""
-    target = plan.target(which, segment)
+    """The output of one format, or of one of its segments, to be entered."""
+    target, writing = plan.target(which, segment), settings.writing
+    rate = settings.span.rate(source.rate)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
