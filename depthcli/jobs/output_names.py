@@ -24,29 +24,23 @@ def comparable(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
 
 
-def namesakes(folder: Path, own: Collection[str]) -> dict[str, list[str]]:
-    """For each input of a folder, the other names there that differ from it in suffixes only.
+def namesakes(folder: Path, own: Collection[str]) -> set[str]:
+    """The other names of a folder that differ from an input there in suffixes only.
 
     Case is ignored, except in a store, of which only names near the inputs are listed. There are
     none if the folder cannot be listed.
     """
-    owners: dict[str, list[str]] = {}
-    for name in own:
-        for key in _keys(name):
-            owners.setdefault(key, []).append(name)
-    found: dict[str, list[str]] = {}
+
+    def keys(name: str) -> set[str]:
+        # The output of a.jpg.png is named like that of a.jpg beside another picture a.
+        return {comparable(name), comparable(stem(name))}
+
+    taken = {key for name in own for key in keys(name)}
     try:
-        for other in names_near(folder, own):
-            for name in {name for key in _keys(other) for name in owners.get(key, ())} - {other}:
-                found.setdefault(name, []).append(other)
+        near = [other for other in names_near(folder, own) if not taken.isdisjoint(keys(other))]
     except OSError:
-        return {}
-    return found
-
-
-def _keys(name: str) -> set[str]:
-    # The output of a.jpg.png is named like that of a.jpg beside another picture a.
-    return {comparable(name), comparable(stem(name))}
+        return set()
+    return set(near) - set(own)
 
 
 def names_near(folder: Path, own: Iterable[str]) -> Iterable[str]:
@@ -122,10 +116,9 @@ def output_bases(sources: Sequence[Path | None]) -> list[str]:
             inside.setdefault(source.parent, set()).add(source.name)
     bases: dict[tuple[Path, str], str] = {}
     for folder, own in inside.items():
-        near = set(chain(*namesakes(folder, own).values())) - own
         names = own | {
             name
-            for name in filter(is_media, near)
+            for name in filter(is_media, namesakes(folder, own))
             if not (folder / name).is_dir() and not is_own_picture(folder / name)
         }
         others = {name for name in names if not is_exr(name)}

@@ -187,7 +187,7 @@ class InputCollector:
                 folder = os.path.dirname(found.path)  # noqa: PTH120 - may be a URI
                 folders.setdefault((folder, above + slash), []).append(name)
         for (folder, above), own in folders.items():
-            for other in chain(*namesakes(paths.path_of(folder), own).values()):
+            for other in namesakes(paths.path_of(folder), own):
                 path = paths.join(folder, other)
                 if listing.why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
                     yield above + other
