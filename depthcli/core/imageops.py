@@ -278,7 +278,7 @@ class GuidedMap(NamedTuple):
     @classmethod
     def fit(cls, coarse: Float32Array, guide: Float32Array, radius: int = 1) -> Self:
         """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both."""
-        mean = partial(_box_mean, radius=radius)
+        mean: Any = partial(cv2.blur, ksize=(2 * radius + 1,) * 2, borderType=cv2.BORDER_REPLICATE)
         mean_guide, mean_coarse = mean(guide), mean(coarse)
         # Differences of large numbers lose float32's digits, so the mean is subtracted first.
         centred = np.asarray(coarse - coarse.mean(), np.float32)
@@ -303,11 +303,6 @@ class GuidedMap(NamedTuple):
         values = cv2.multiply(slope, guide, dst=slope)
         values = cv2.add(values, offset, dst=values)
         return np.asarray(cv2.min(cv2.max(values, low, dst=values), high, dst=values))
-
-
-def _box_mean(values: Float32Array, radius: int) -> Float32Array:
-    size = (2 * radius + 1,) * 2
-    return np.asarray(cv2.blur(values, size, borderType=cv2.BORDER_REPLICATE))
 
 
 _HDR_TRANSFERS = {16: "PQ", 18: "HLG"}  # of ITU-T H.273

@@ -357,7 +357,11 @@ class DepthRange(NamedTuple):
         known = depth.values[depth.valid]
         if not known.size:
             return cls(None, None, None)
-        return cls(float(known.min()), _median(known), float(known.max()))
+        # As np.median, which would import numpy.ma and take as long as writing a PNG.
+        middle = (known.size - 1) // 2, known.size // 2
+        low, high = np.partition(known, middle)[[*middle]]
+        median = float(low / 2 + high / 2)  # a sum could overflow
+        return cls(float(known.min()), median, float(known.max()))
 
 
 def flat_warnings(depth: DepthMap) -> tuple[str, ...]:
@@ -369,13 +373,6 @@ def flat_warnings(depth: DepthMap) -> tuple[str, ...]:
     where = f"{first:.6g} m" if depth.is_metric else f"{first:.6g}"
     advice = "if other pictures give the same, the scale or the range in the model's card is wrong"
     return (f"all pixels have the same depth, {where}; {advice}",)
-
-
-def _median(values: Float32Array) -> float:
-    """As np.median, which would import numpy.ma and take as long as writing a PNG."""
-    middle = (values.size - 1) // 2, values.size // 2
-    parted = np.partition(values, middle)
-    return float(parted[middle[0]] / 2 + parted[middle[1]] / 2)  # a sum could overflow
 
 
 def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:

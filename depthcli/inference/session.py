@@ -192,17 +192,6 @@ class Session:
 
 
 def _start(
-    model: Model, wanted: tuple[str, ...], threads: int | None, options: Mapping[str, str]
-) -> ort.InferenceSession:
-    for first in range(1, len(wanted)):
-        try:
-            return _load(model, wanted[first - 1 :], threads, options)
-        except ProviderError:
-            continue  # the caller warns of the fallback
-    return _load(model, wanted[-1:], threads, options)
-
-
-def _load(
     model: Model, wanted: tuple[str, ...], threads: int | None, provider_options: Mapping[str, str]
 ) -> ort.InferenceSession:
     options = ort.SessionOptions()
@@ -226,7 +215,10 @@ def _load(
         source = str(model.path) if model.data is None else model.data
         return ort.InferenceSession(source, options, stated, enable_fallback=0)
     except Exception as error:
-        raise _load_error(model, wanted, error) from error
+        found = _load_error(model, wanted, error)
+        if isinstance(found, ProviderError) and len(wanted) > 1:
+            return _start(model, wanted[1:], threads, provider_options)  # the caller warns of it
+        raise found from error
 
 
 def _load_error(model: Model, wanted: tuple[str, ...], error: Exception) -> ModelError:

@@ -87,18 +87,12 @@ def open_locked(path: Path) -> int | None:
     while True:
         handle = os.open(path, _FLAGS, 0o666)
         is_ours = lock(handle)
-        if is_ours and _is_at(path, handle):
-            return handle
+        with suppress(FileNotFoundError):
+            if is_ours and os.path.samestat(path.lstat(), os.fstat(handle)):
+                return handle
         os.close(handle)
         if not is_ours:
             return None  # else the process that had it replaced or removed it: try again
-
-
-def _is_at(path: Path, handle: int) -> bool:
-    try:
-        return os.path.samestat(path.lstat(), os.fstat(handle))
-    except FileNotFoundError:
-        return False
 
 
 _NAME = r"(?s)\.depthcli-[0-9a-f]{16}(?:\..*)?"
