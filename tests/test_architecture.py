@@ -1,12 +1,17 @@
-"""docs/architecture.md names every folder that there is, and functions that exist; no circles."""
+"""The layers of the code, the names of the API, the tests' own rules."""
 
 import ast
 import re
+import subprocess
+import sys
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import grimp
 import pytest
+
+import depthcli
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "depthcli"
@@ -82,3 +87,42 @@ def test_imports_have_no_cycle() -> None:
     graph = grimp.build_graph("depthcli")
     needs = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
     TopologicalSorter(needs).prepare()  # it raises the circle that it finds
+
+
+@pytest.mark.parametrize("name", depthcli.__all__)
+def test_every_public_name_resolves(name: str) -> None:
+    assert getattr(depthcli, name) is not None
+    assert name in dir(depthcli)
+
+
+def test_another_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="nonsense"):
+        depthcli.nonsense  # noqa: B018 - looking is the test
+
+
+def test_every_error_is_public() -> None:
+    from depthcli import errors  # noqa: PLC0415
+
+    names = {name for name in vars(errors) if name.endswith("Error")}
+    assert names <= set(depthcli.__all__)
+
+
+def test_import_alone_is_light() -> None:
+    code = (
+        "import sys, depthcli; assert not {'av', 'numpy', 'cv2', 'onnxruntime'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+FILES = sorted(Path(__file__).parent.rglob("*.py"))
+
+
+def test_no_test_imports_a_conftest() -> None:
+    """Each folder has its own module of that name; the last one loaded would be imported."""
+    shared = re.compile(r"^\s*(from|import) conftest\b", re.MULTILINE)
+    assert [file for file in FILES if shared.search(file.read_text())] == []
+
+
+def test_names_of_modules_are_unique() -> None:
+    names = Counter(file.stem for file in FILES if file.stem != "conftest")
+    assert [name for name, count in names.items() if count > 1] == []

@@ -1,9 +1,13 @@
-"""The pages of the documentation lead to each other."""
+"""Pages of the documentation, and what they say of Python and reliability."""
 
 import re
+import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
+from helpers.tiny import synthetic_picture, write_picture
+from helpers.videos import write_mp4
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -44,3 +48,61 @@ def test_the_index_has_every_page() -> None:
 def test_pages_stay_within_their_budget_of_words() -> None:
     pages = (ROOT / page for page in PAGES if page.parent == Path("docs"))
     assert sum(len(page.read_text("utf-8").split()) for page in pages) <= WORDS
+
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+EXAMPLE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(DOCS / "room.jpg", tmp_path)
+    write_mp4(tmp_path / "walk.mp4", [synthetic_picture(480, 640)] * 2)
+    for name in ("a.jpg", "b.jpg"):
+        write_picture(tmp_path / "images" / name)
+    names: dict[str, Any] = {}
+    for code in EXAMPLE.findall((DOCS / "python.md").read_text("utf-8")):
+        exec(compile(code, "docs/python.md", "exec"), names)  # noqa: S102 - our own page
+    written = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
+    assert written >= {
+        "room.exr",
+        "room.ply",
+        "kitti.png",
+        "room.preview.png",
+        "out/a.png",
+        "depth/manifest.jsonl",
+        "walk.mkv",
+    }
+
+
+def test_the_example_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").symlink_to(DOCS)
+    (code,) = EXAMPLE.findall((DOCS.parent / "README.md").read_text("utf-8"))
+    names: dict[str, Any] = {}
+    exec(compile(code, "README.md", "exec"), names)  # noqa: S102 - our own page
+    assert names["depth"].values.shape == (480, 640)
+    assert (tmp_path / "room.exr").is_file()
+
+
+TESTS = Path(__file__).parent
+PAGE = (TESTS.parent / "docs" / "reliability.md").read_text("utf-8")
+REPORTS = (TESTS / "reports.md").read_text("utf-8")
+NAMED = sorted(set(re.findall(r"`((?:\w+/)*test_\w+\.py)`", PAGE + REPORTS)))
+COMMANDS = re.findall(r"`(\w+\.py)`", PAGE.split("## Robustness tests")[1].split("\n## ")[0])
+
+
+@pytest.mark.parametrize("file", NAMED)
+def test_every_test_named_in_the_docs_exists(file: str) -> None:
+    assert (TESTS / file).is_file()
+
+
+def test_every_promise_has_a_test() -> None:
+    promises = PAGE.split("## Promises")[1].split("\n## ")[0].splitlines()[4:-1]
+    assert len(promises) > 20
+    assert all(re.search(r"\.py`|\(#", line.split("|")[2]) for line in promises)
+
+
+def test_the_long_commands_are_there() -> None:
+    assert COMMANDS
+    assert all((TESTS.parent / "robustness" / name).is_file() for name in COMMANDS)

@@ -1,14 +1,19 @@
-"""A batch that is run again: after a stop, after a change, and while another one runs."""
+"""Batches that run again, watch a folder, and their manifests."""
 
+import json
 import signal
 import subprocess
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers.command_line import Cli
 from helpers.folders import contents, picture, printed, rows, tree
-from helpers.tiny import write_model
+from helpers.tiny import synthetic_picture, write_model, write_picture
 
 JOURNAL = ".depthcli-batch.jsonl"
 COUNT = 120
@@ -99,3 +104,89 @@ def test_a_changed_model_is_done_again(inside: Cli) -> None:
     assert rows(inside, "out").keys() == {"a.png"}
     from_other = write_model(inside.models / "other", output__shift=6.0)
     assert kept(inside, "--out", "out", "--model", str(from_other)) == {"a.png": False}
+
+
+@contextmanager
+def watching(cli: Cli, *words: str) -> Iterator[Iterator[dict[str, Any]]]:
+    """The objects that ``--json`` prints, while the batch goes on."""
+    process = subprocess.Popen(
+        cli.command("batch", "in", "-o", "out", "--watch", "--json", *words),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=cli.folder,
+        env=cli.environment,
+    )
+    try:
+        assert process.stdout is not None
+        yield map(json.loads, process.stdout)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 128 + signal.SIGINT
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_new_and_changed_files_are_processed_once(cli: Cli) -> None:
+    write_picture(cli.folder / "in" / "a.png")
+    with watching(cli) as results:
+        assert next(results)["input"] == "a.png"
+        write_picture(cli.folder / "in" / "deep" / "b.png")
+        (cli.folder / "in" / "notes.txt").write_text("")
+        assert next(results)["input"] == "deep/b.png"
+        write_picture(cli.folder / "in" / "a.png", synthetic_picture(40, 50))
+        changed = next(results)
+    assert (changed["input"], changed["kept"]) == ("a.png", False)
+    rows = (cli.folder / "out" / "manifest.jsonl").read_text().splitlines()
+    assert {json.loads(row)["input"]: json.loads(row)["status"] for row in rows} == {
+        "a.png": "ok",
+        "deep/b.png": "ok",
+    }
+    done = cli("batch", "in", "-o", "out", "--json")
+    assert all(json.loads(line)["kept"] for line in done.stdout.splitlines())
+
+
+def test_a_file_is_processed_when_it_is_complete(cli: Cli) -> None:
+    whole = write_picture(cli.folder / "in" / "a.png").read_bytes()
+    with watching(cli) as results:
+        assert next(results)["input"] == "a.png"
+        with (cli.folder / "in" / "b.png").open("wb") as file:
+            for start in range(0, len(whole), 1 + len(whole) // 8):  # longer than a file settles
+                file.write(whole[start : start + 1 + len(whole) // 8])
+                file.flush()
+                time.sleep(0.3)
+        result = next(results)
+    assert (result["input"], result["status"]) == ("b.png", "ok")
+
+
+def test_needs_a_local_folder_and_its_extra(inside: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_picture(inside.folder / "in" / "a.png")
+    assert inside("batch", "--files", "list", "-o", "out", "--watch").returncode == 2
+    monkeypatch.delitem(sys.modules, "depthcli.jobs.batch.watch", raising=False)
+    monkeypatch.setitem(sys.modules, "watchfiles", None)
+    done = inside("batch", "in", "-o", "out", "--watch")
+    assert (done.returncode, b"[watch]" in done.stderr) == (2, True)
+
+
+def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:
+    tree(inside, "a.png", "hall/b.png")
+    (inside.folder / "in" / "bad\tname.png").touch()
+    codes = [inside("batch", "in", "-o", "out", "--shard", f"{n}/2").returncode for n in (1, 2)]
+    assert sorted(codes) == [0, 1]
+    said = inside("manifest", "summary", "out").stdout.decode().splitlines()
+    assert said[0] == "3 inputs: 2 ok, 1 failed"
+    assert said[1].startswith("2 outputs, ")
+    (found,) = printed(inside("manifest", "summary", "out", "--json"))
+    assert (found["inputs"], found["failed"], found["outputs"]) == (3, 1, 2)
+    assert [one["inputs"] for one in found["models"]] == [3]
+    assert {"model", "model_sha256", "version"} < set(found["models"][0])
+    failed = inside("manifest", "failed", "out")
+    assert failed.stdout.decode().count("\n") == 1
+    assert "is empty" in failed.stdout.decode()
+    (row,) = printed(inside("manifest", "failed", "out", "--json"))
+    assert (row["input"], row["status"]) == ("bad\tname.png", "failed")
+    merged = printed(inside("manifest", "merge", "out", "--json"))
+    assert merged == [{"manifest": "out/manifest.jsonl"}]
+    left = {name.split("/")[0] for name in contents(inside, "out")}
+    assert left == {"a.depth.png", "hall", "manifest.jsonl"}
+    assert json.loads(inside("manifest", "summary", "out", "--json").stdout) == found

@@ -1,16 +1,32 @@
-"""Resizing, colours, output coding and metres for other cameras, against plain formulas."""
+"""Codecs, types, choices."""
 
 import math
+import re
+import tomllib
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from depthcli.core import options
 from depthcli.core.camera import Intrinsics, focal_px_of_35mm, focal_px_of_hfov, hfov_deg
 from depthcli.core.imageops import luma, resize_area, resize_bilinear, rgb, value_channel
-from depthcli.core.types import DepthCodec, Transform
-from depthcli.errors import UsageError
+from depthcli.core.options import AUTO_TILE, Upsampling, UpsamplingOptions, check_pixel_count
+from depthcli.core.types import (
+    DepthCodec,
+    DepthKind,
+    DepthMap,
+    DepthRange,
+    Frame,
+    Provenance,
+    Transform,
+)
+from depthcli.core.validation import fingerprint
+from depthcli.errors import InputError, UsageError
 
 RANDOM = np.random.default_rng(3)
 
@@ -112,3 +128,181 @@ def test_focal_lengths() -> None:
 @given(st.floats(0.1, 179.9), st.integers(1, 20_000))
 def test_a_field_of_view_is_that_of_its_focal_length(degrees: float, width: int) -> None:
     assert hfov_deg(focal_px_of_hfov(degrees, width), width) == pytest.approx(degrees)
+
+
+DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        *(np.zeros((4, 5), kind) for kind in (np.float64, np.int64, bool)),
+        *(np.zeros(shape, np.uint8) for shape in ((3, 4, 5), (1, 4, 5))),  # channels first
+        *(np.zeros(shape, np.uint8) for shape in ((4, 5, 4), (6, 5, 2), (2, 4, 5, 3), 5, (0, 5))),
+        *(np.full((4, 5), number, np.float32) for number in (128, -1.5, np.nan, np.inf)),
+        np.float32([[0.5, np.inf, 0.5, 0.5]]),
+    ],
+)
+def test_invalid_image_is_refused_in_one_line(pixels: np.ndarray) -> None:
+    with pytest.raises(InputError) as caught:
+        Frame(pixels)
+    assert "\n" not in str(caught.value)
+
+
+def test_highlights_may_pass_one() -> None:
+    pixels = np.full((4, 5), 0.5, np.float32)
+    pixels[0] = 7
+    assert Frame(pixels).width == 5
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        np.float32([[0, 0, 0, 0], [0, 0, 40, 200]]),  # 0-255, mostly masked
+        np.float32([[-1, 0.2], [0.4, 0.9]]),  # [-1, 1]
+        np.float32([[-2, 1.5], [-0.1, 0.3]]),  # mean 0, variance 1
+    ],
+)
+def test_floats_in_another_range_are_refused(pixels: np.ndarray) -> None:
+    with pytest.raises(InputError):
+        Frame(pixels)
+
+
+@pytest.mark.parametrize("aspect", [0.0, -1.0, math.nan, math.inf])
+def test_a_pixel_has_a_width_and_a_height(aspect: float) -> None:
+    with pytest.raises(InputError):
+        Frame(np.zeros((2, 2), np.uint8), pixel_aspect=aspect)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_people_see_eight_bits_and_three_channels(dtype: type) -> None:
+    top = 1 if dtype is np.float32 else np.iinfo(dtype).max
+    gray, colour = np.full((4, 5), top, dtype), np.full((4, 5, 3), top, dtype)
+    for pixels in (gray, colour):
+        np.testing.assert_array_equal(Frame(pixels).pixels_8bit(), np.full((4, 5, 3), 255))
+
+
+def test_a_range_leaves_out_what_has_no_depth() -> None:
+    depth_m = np.float32([[np.nan, 3, 1], [np.inf, 2, 8], [0, -1, np.nan]])
+    depth = DepthMap(depth_m)
+    assert depth.valid.sum() == 4
+    assert DepthRange.of(depth) == DepthRange(1, 2.5, 8)
+    assert repr(depth) == "<DepthMap 3×3, metric, 1 to 8 m>"
+    assert DepthRange.of(DepthMap(depth_m[:, :1])) == DepthRange(None, None, None)
+
+
+@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
+def test_a_map_without_a_unit_has_depth_wherever_it_is_finite(kind: DepthKind) -> None:
+    depth = DepthMap(np.float32([[np.nan, np.inf, 0, -1, 2]]), kind)
+    assert depth.valid.tolist() == [[False, False, True, True, True]]
+    assert DepthRange.of(depth) == DepthRange(-1, 0, 2)
+
+
+def test_a_map_is_its_values_to_numpy() -> None:
+    depth = DepthMap(DEPTH_M)
+    seen = np.asarray(depth)
+    assert (seen.dtype, seen.shape) == (np.float32, (3, 4))
+    assert np.shares_memory(seen, DEPTH_M)
+    assert float(np.nanmax(depth)) == 9
+    np.testing.assert_array_equal(np.add(depth, 1), DEPTH_M + 1)
+
+
+@pytest.mark.parametrize(
+    ("depth", "shown"),
+    [
+        (DepthMap(DEPTH_M), "<DepthMap 4×3, metric, 0.5 to 9 m>"),
+        (DepthMap(DEPTH_M, DepthKind.INVERSE), "<DepthMap 4×3, inverse, 0.5 to 9>"),
+        (
+            DepthMap(DEPTH_M, provenance=Provenance("nyu")),
+            "<DepthMap 4×3, metric, 0.5 to 9 m, nyu>",
+        ),
+        (DepthMap(np.full((2, 2), np.nan, np.float32)), "<DepthMap 2×2, metric, no depth>"),
+    ],
+)
+def test_a_map_is_one_short_line_at_a_prompt(depth: DepthMap, shown: str) -> None:
+    assert repr(depth) == shown
+
+
+@pytest.mark.parametrize("count", range(1, 6))
+def test_the_range_has_the_median_of_what_is_finite(count: int) -> None:
+    values = np.float32([[*[5, 1, 9, 2, 7][:count], np.nan, np.inf]])
+    found = DepthRange.of(DepthMap(values))
+    finite = values[0, :count]
+    assert (found.min, found.median, found.max) == (finite.min(), np.median(finite), finite.max())
+
+
+def test_as_many_pixels_as_allowed_pass() -> None:
+    check_pixel_count("a.png", 10, 10, 100)
+    with pytest.raises(InputError) as refused:
+        check_pixel_count("a.png", 101, 1, 100)
+    assert "101×1" in refused.value.message.problem
+    assert "{max_pixels}" in refused.value.message.advice
+
+
+def test_choices_are_taken_as_plain_words_too() -> None:
+    assert UpsamplingOptions(upsampling="bilinear").upsampling is Upsampling.BILINEAR  # type: ignore[arg-type]
+
+
+def test_tiles_of_a_negative_width_are_refused() -> None:
+    assert UpsamplingOptions(tile_px=AUTO_TILE).tile_px == AUTO_TILE == 0
+    with pytest.raises(UsageError):
+        UpsamplingOptions(tile_px=-1)
+
+
+ROOT = Path(__file__).parents[2]
+HINTS = sorted(name for name in vars(options) if name.startswith("INSTALL_"))
+
+
+@pytest.mark.parametrize("name", HINTS)
+def test_hint_names_an_extra_or_one_package_of_an_extra(name: str) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    packages = {re.split(r"[<>=;\[]", line)[0] for lines in extras.values() for line in lines}
+    what = getattr(options, name).removeprefix("pip install ")
+    assert what in {f"'.[{extra}]'" for extra in extras} | packages
+
+
+def test_no_hint_needs_an_index_that_has_depthcli() -> None:
+    texts = [*ROOT.glob("depthcli/**/*.py"), *ROOT.glob("docs/*.md"), ROOT / "README.md"]
+    named = [str(path) for path in texts if "install 'depthcli[" in path.read_text("utf-8")]
+    assert named == []
+
+
+@dataclass(frozen=True)
+class Options:
+    """One option."""
+
+    near_m: float | None = None
+
+
+def test_it_is_the_same_for_ever() -> None:
+    facts = (
+        "a",
+        Options(0.5),
+        UpsamplingOptions(tile_px=3),
+        Fraction(1, 3),
+        Path("a/b"),
+        {"b": 1, "a": [2]},
+    )
+    expected = "8dfdc48b0ec6b653820a5b64f4010be2619f691c85e98ac879adb232e060c5a2"
+    assert fingerprint(*facts) == expected
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        *(Options(1.0), Options(), (Options(0.5),)),
+        *(None, 0.5, "0.5", Upsampling.BILINEAR, {"near": 0.5}),
+    ],
+)
+def test_other_facts_give_another(other: object) -> None:
+    assert fingerprint(other) != fingerprint(Options(0.5))
+
+
+def test_mappings_have_no_order() -> None:
+    assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})
+
+
+def test_object_without_stable_text_has_no_fingerprint() -> None:
+    with pytest.raises(TypeError, match="object has no fingerprint"):
+        fingerprint([object()])

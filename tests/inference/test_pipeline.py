@@ -1,15 +1,18 @@
-"""From a picture to metres, on a model whose answer is known."""
+"""The pipeline, and what networks tell besides depth: masks, scales, points."""
 
+import json
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
 import pytest
 from helpers.tiny import (
+    card_with,
     known_depth_onnx,
     load,
     prompted_onnx,
@@ -17,14 +20,16 @@ from helpers.tiny import (
     tiny_onnx,
     write_model,
 )
+from onnx import TensorProto, helper, numpy_helper
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.options import AnchorsFit, UpsamplingOptions
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraSource, Intrinsics
+from depthcli.core.options import AnchorsFit, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.measure import try_session
 from depthcli.inference.pipeline import Pipeline, Prediction
+from depthcli.inference.points import depth_of_points
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import coarse_depth, input_layout
 from depthcli.models.catalog import find_model
@@ -315,3 +320,110 @@ def test_a_network_that_needs_known_depth_gives_none_without(needing: Pipeline) 
     with pytest.raises(InputError, match="no tiles"):
         tiled.predict(gray(0), anchors=points)
     try_session(needing.session)
+
+
+MASKED = UpsamplingOptions(mask=DepthMask.MODEL)
+SKY = {"output": "sky", "threshold": 0.5, "depth_is": "below"}
+
+
+def pipeline(folder: Path, options: UpsamplingOptions = MASKED, **changes: Any) -> Pipeline:
+    """The tiny network, whose map is also its sky, with a field of view of 90 degrees."""
+    model = onnx.load_from_string(tiny_onnx())
+    graph = model.graph
+    graph.node.append(helper.make_node("Identity", ["depth"], ["sky"]))
+    graph.node.append(helper.make_node("ReduceMean", ["image"], ["mean"], keepdims=0))
+    graph.node.append(helper.make_node("Mul", ["mean", "zero"], ["nothing"]))
+    graph.node.append(helper.make_node("Add", ["nothing", "right"], ["view"]))
+    graph.initializer.append(numpy_helper.from_array(np.float32(0), "zero"))
+    graph.initializer.append(numpy_helper.from_array(np.float32([90]), "right"))
+    for name in ("sky", "view"):
+        graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, None))
+    (folder / "m.onnx").write_bytes(model.SerializeToString())
+    card = card_with({"file": "m.onnx", "onnx.output": "depth", **changes})
+    (folder / "card.json").write_text(json.dumps(card))
+    return Pipeline(Session(find_model(folder)), options)
+
+
+def bright_right() -> Frame:
+    """Black on the left, white on the right."""
+    return Frame(np.repeat(np.uint8([[0, 255]]), 16, axis=1).repeat(24, axis=0))
+
+
+def test_pixels_of_the_mask_have_no_depth(tmp_path: Path) -> None:
+    depth = pipeline(tmp_path, **{"output.mask": SKY}).predict(bright_right()).depth.values
+    assert np.isfinite(depth[:, :12]).all()
+    assert np.isnan(depth[:, -12:]).all()
+
+
+def test_the_mask_is_used_only_if_it_is_asked_for(tmp_path: Path) -> None:
+    made = pipeline(tmp_path, UpsamplingOptions(), **{"output.mask": SKY})
+    assert np.isfinite(made.predict(bright_right()).depth.values).all()
+
+
+def test_a_model_without_a_mask_has_none_to_use(tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        pipeline(tmp_path).predict(bright_right())
+
+
+def test_an_output_that_the_graph_lacks_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="'clouds'"):
+        pipeline(tmp_path, **{"output.mask": {**SKY, "output": "clouds"}})
+
+
+@pytest.mark.parametrize(
+    ("given", "source", "focal_px"),
+    [(None, CameraSource.MODEL, 16), (50.0, CameraSource.OPTION, 50)],
+)
+def test_own_view_scales_metres_where_the_camera_is_unknown(
+    tmp_path: Path, given: float | None, source: CameraSource, focal_px: float
+) -> None:
+    camera = {"focal_px": 10.0, "along": "width", "hfov_output": "view"}
+    made = pipeline(tmp_path, UpsamplingOptions(), camera=camera)
+    found = made.predict(bright_right(), Intrinsics(given)).depth
+    assert (found.provenance.camera_source, found.provenance.focal_px) == (
+        source,
+        pytest.approx(focal_px),
+    )
+    columns = made.card.input.width
+    assert found.values[0, 0] == pytest.approx(focal_px * columns / 32 / 10)
+
+
+SHIFT = 1.5
+
+
+def points(width: int, height: int, hfov_deg: float) -> np.ndarray:
+    """(h, w, 3) of a wavy wall that a camera sees, without ``SHIFT`` in z."""
+    focal_px = width / 2 / math.tan(math.radians(hfov_deg) / 2)
+    rows, columns = np.mgrid[:height, :width] + 0.5
+    z = 3 + np.sin(columns / 9) * 0.5 + rows / height
+    x, y = z * (columns - width / 2) / focal_px, z * (rows - height / 2) / focal_px
+    return np.stack([x, y, z - SHIFT], -1).astype(np.float32)
+
+
+@pytest.mark.parametrize("size", [(80, 60), (60, 80), (200, 50)])
+@pytest.mark.parametrize("hfov_deg", [30, 60, 100])
+def test_shift_and_view_are_those_of_the_camera(size: tuple[int, int], hfov_deg: float) -> None:
+    given = points(*size, hfov_deg)
+    found = depth_of_points(given)
+    np.testing.assert_allclose(found.depth, given[..., 2] + SHIFT, rtol=1e-3)
+    assert found.hfov_deg == pytest.approx(hfov_deg, rel=1e-3)
+
+
+def test_a_known_view_is_kept() -> None:
+    found = depth_of_points(points(80, 60, 60), hfov_deg=60)
+    assert found.hfov_deg == pytest.approx(60)
+    assert np.median(found.depth - points(80, 60, 60)[..., 2]) == pytest.approx(SHIFT, rel=1e-3)
+
+
+def test_points_without_depth_do_not_count() -> None:
+    given = points(80, 60, 60)
+    bad = given.copy()
+    bad[:20] = 50
+    has_depth = np.ones((60, 80), bool)
+    has_depth[:20] = False
+    assert depth_of_points(bad, has_depth).hfov_deg == pytest.approx(60, rel=1e-3)
+
+
+def test_nothing_with_depth_is_no_error() -> None:
+    found = depth_of_points(points(8, 6, 60), np.zeros((6, 8), bool))
+    assert np.isfinite(found.hfov_deg)

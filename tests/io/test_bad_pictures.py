@@ -1,12 +1,15 @@
-"""Every bad image is refused with one line before it costs anything; the only unusual is read."""
+"""Bad pictures, and variants of containers that programs write."""
 
 import io
 import os
 import struct
+import zlib
+from io import BytesIO
 from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 from helpers import made
 from helpers.bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded
@@ -210,3 +213,187 @@ def test_each_bad_image_costs_a_line_and_no_more(inside: Cli) -> None:
     for number, line in enumerate(lines):
         assert line.startswith(f"depthcli: error: in/{number:03d}.bin ")
     assert len(lines) == len(BAD)
+
+
+PALETTE = made.chunk(b"PLTE", bytes([255, 0, 0, 0, 255, 0, 10, 20, 30]))
+
+
+def pixels(data: bytes) -> npt.NDArray[np.generic]:
+    return read_image(None, data, ignore_alpha=True).pixels
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (made.png([b"\xa0"], 4, 1, 0), [[255, 0, 255, 0]]),
+        (made.png([b"\x1b"], 4, 2, 0), [[0, 85, 170, 255]]),
+        (made.png([b"\x0f\x70"], 4, 4, 0), [[0, 255, 119, 0]]),
+        (made.png([b"\0\1\2"], 3, 8, 3, PALETTE), [[[255, 0, 0], [0, 255, 0], [10, 20, 30]]]),
+        (
+            made.png([b"\0\1\2"], 3, 8, 3, PALETTE, made.chunk(b"tRNS", b"\0\x80")),
+            [[[255, 0, 0], [0, 255, 0], [10, 20, 30]]],
+        ),
+        (made.png([b"\x10\x00\x20\xff"], 2, 8, 4), [[[16] * 3, [32] * 3]]),
+        (made.png([bytes([1, 2, 3, 0])], 1, 8, 6), [[[1, 2, 3]]]),
+        (made.png([bytes(range(8))], 1, 16, 6), [[[0x0001, 0x0203, 0x0405]]]),
+        (made.tiff(np.array([[0, 100, 255]], np.uint8), photometric=0), [[255, 155, 0]]),
+    ],
+)
+def test_variants_decode_to_gray_or_rgb(data: bytes, expected: list[object]) -> None:
+    np.testing.assert_array_equal(pixels(data), expected)
+
+
+@pytest.mark.parametrize(
+    ("ink", "rgb"),
+    [
+        ([255, 255, 255, 255], [255, 255, 255]),
+        ([0, 255, 255, 255], [0, 255, 255]),
+        ([255, 255, 0, 255], [255, 255, 0]),
+        ([255, 255, 255, 0], [0, 0, 0]),
+    ],
+    ids=["paper", "cyan", "yellow", "black"],
+)
+def test_cmyk_jpeg_becomes_rgb(ink: list[int], rgb: list[int]) -> None:
+    picture = pixels(made.jpeg([ink], adobe=0))
+    np.testing.assert_allclose(picture, np.broadcast_to(rgb, (8, 8, 3)), atol=2)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_tiff_stands_upright(dtype: type, channels: int, orientation: int) -> None:
+    upright = np.arange(4 * 6 * channels).reshape(4, 6, channels)
+    upright = (upright / 72).astype(dtype) if dtype is np.float32 else upright.astype(dtype)
+    upright = upright[..., 0] if channels == 1 else upright
+    frame = read_image(None, made.tiff(made.upright_to_stored(upright, orientation), orientation))
+    np.testing.assert_array_equal(frame.pixels, upright)
+    assert frame.orientation == orientation
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", [".png", ".webp"])
+def test_png_and_webp_stand_upright(suffix: str, orientation: int, order: str) -> None:
+    upright = np.random.default_rng(1).integers(0, 256, (4, 6, 3), np.uint8)
+    stored = np.ascontiguousarray(made.upright_to_stored(upright, orientation))
+    ok, data = cv2.imencode(suffix, stored[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, 101])
+    assert ok
+    block = made.exif(orientation, focal_35mm=28, order=order)
+    if suffix == ".png":
+        whole = made.png_with_exif(data.tobytes(), block)
+    else:
+        whole = made.webp_with_exif(data.tobytes(), block, stored.shape[1], stored.shape[0])
+    frame = read_image(None, whole)
+    np.testing.assert_array_equal(frame.pixels, upright)
+    assert (frame.orientation, frame.focal_35mm) == (orientation, 28)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_avif_stands_upright(orientation: int) -> None:
+    upright = np.zeros((16, 32, 3), np.uint8)
+    upright[:4, :16] = 255
+    stored = np.ascontiguousarray(made.upright_to_stored(upright, orientation))
+    file = BytesIO()
+    Image.fromarray(stored).save(file, "AVIF", exif=made.exif(orientation, focal_35mm=26))
+    frame = read_image(None, file.getvalue())
+    assert abs(frame.pixels.astype(int) - upright).mean() < 10
+    assert (frame.orientation, frame.focal_35mm) == (orientation, 26)
+
+
+def test_exif_after_other_segments_is_found() -> None:
+    jpeg = made.jpeg([[10]])
+    data = made.jpeg_with_exif(jpeg, made.exif(6, 50, ">"))
+    xmp = b"\xff\xe1" + struct.pack(">H", 40) + b"http://ns.adobe.com/xap/1.0/\0".ljust(38)
+    frame = read_image(None, data[:2] + xmp + data[2:])
+    assert (frame.orientation, frame.focal_35mm) == (6, 50)
+
+
+@pytest.mark.parametrize("orientation", [0, 9, 65535])
+def test_orientations_that_do_not_exist_count_as_upright(orientation: int) -> None:
+    data = made.png_with_exif(made.png([b"\0"], 1, 8, 0), made.exif(orientation))
+    assert read_image(None, data).orientation == 1
+
+
+def test_orientation_survives_a_damaged_inner_directory() -> None:
+    block = made.exif(8, focal_35mm=35)[:-10]
+    frame = read_image(None, made.jpeg_with_exif(made.jpeg([[9]]), block))
+    assert (frame.orientation, frame.focal_35mm) == (8, None)
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"P5 3 1 100\n\0\x32\x64", [[0, 128, 255]]),
+        (b"P5 3 1 100\n\0\x32\xff", [[0, 128, 255]]),
+        (b"P6 # red\n1 1\n# white\n15\n\x0f\0\1", [[[255, 0, 17]]]),
+        (b"P5 2 1 1023\n\3\xff\0\1", [[65535, 64]]),
+        (b"P2 2 1 1023\n1023 1\n", [[65535, 64]]),
+        (b"P2 2 1 100\n100 50\n", [[255, 127]]),
+        (b"P5 2 1 65535\n\3\xff\0\1", [[1023, 1]]),
+        (b"P4 8 1\n\x0f", [[255] * 4 + [0] * 4]),
+        (b"P4 16 1\n7 ", [[255, 255, 0, 0, 255, 0, 0, 0, 255, 255, 0, 255, 255, 255, 255, 255]]),
+    ],
+)
+def test_netpbm_is_as_bright_as_it_says(data: bytes, expected: list[object]) -> None:
+    np.testing.assert_array_equal(pixels(data), expected)
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_avif_of_many_bits_is_as_bright_as_it_says(bits: int) -> None:
+    gray = np.full((16, 16, 3), (1 << bits) // 2, np.uint16)
+    ok, data = cv2.imencode(".avif", gray, [cv2.IMWRITE_AVIF_DEPTH, bits])
+    assert ok
+    assert abs(pixels(data.tobytes()).mean() - 32768) < 300
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.int16, np.int32, np.uint32])
+def test_integers_that_are_no_picture_are_refused(dtype: type) -> None:
+    with pytest.raises(InputError, match=r"8 or 16 bits|cannot be decoded"):
+        pixels(made.tiff(np.ones((2, 2), dtype)))
+
+
+def test_doubles_are_a_picture() -> None:
+    np.testing.assert_array_equal(pixels(made.tiff(np.array([[0.25, 1.0]]))), [[0.25, 1.0]])
+    colours = np.arange(16).reshape(2, 2, 4) / 16
+    for channels in (3, 4):
+        found = pixels(made.tiff(colours[..., :channels]))
+        np.testing.assert_array_equal(found, colours[..., :3])
+
+
+def test_floats_in_another_unit_are_refused() -> None:
+    for values, found in (([0, 128, 255], "from 0 to 255"), ([-1, 0.5, 0.5], "from -1 to 0.5")):
+        with pytest.raises(InputError, match=f"{found}; scale them"):
+            pixels(made.tiff(np.array([values], np.float32)))
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_alpha_of_a_tiff_is_dropped_and_not_multiplied(dtype: type, kind: int) -> None:
+    colours = np.arange(24).reshape(2, 3, 4).astype(dtype) * 10
+    found = pixels(made.tiff(colours, extra=(kind,)))
+    np.testing.assert_array_equal(found, colours[..., :3])
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_alpha_of_a_gray_tiff_is_dropped(kind: int) -> None:
+    gray = np.arange(12).reshape(2, 3, 2).astype(np.uint8) * 20
+    found = pixels(made.tiff(gray, photometric=1, extra=(kind,)))
+    np.testing.assert_array_equal(found.reshape(2, 3, -1)[..., 0], gray[..., 0])
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_colours_of_floats_may_be_declared_gray(channels: int) -> None:
+    """As GDAL does by default."""
+    colours = np.arange(6 * channels).reshape(2, 3, channels).astype(np.float32) / 30
+    found = pixels(made.tiff(colours, photometric=1, extra=(0,) * (channels - 1)))
+    np.testing.assert_array_equal(found, colours[..., :3])
+
+
+@pytest.mark.parametrize("frames", [0, 2])
+def test_of_an_animated_png_the_still_picture_is_read(frames: int) -> None:
+    control = made.chunk(b"acTL", struct.pack(">II", 2, 0))
+    frame = made.chunk(b"fcTL", struct.pack(">IIIIIHHBB", 0, 2, 1, 0, 0, 1, 1, 0, 0))
+    black = made.chunk(b"fdAT", struct.pack(">I", 1) + zlib.compress(bytes(3)))
+    data = made.png([b"\x10\x20"], 2, 8, 0, control)
+    end = data.rindex(b"IEND") - 4
+    assert pixels(data[:end] + (frame + black) * frames + data[end:]).tolist() == [[16, 32]]

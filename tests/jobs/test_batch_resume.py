@@ -1,8 +1,10 @@
-"""A batch that is run again does what is not right already, and nothing else."""
+"""Resuming a batch: what is kept, also from another folder, and its manifest."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.batches import NAMES, kept, outputs, pictures, request
 from helpers.tiny import synthetic_picture, write_picture
@@ -14,10 +16,26 @@ from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import NameFilter
-from depthcli.io.manifest import FAILED, OK, known_rows
-from depthcli.jobs.batch.manifests import read_rows
+from depthcli.io.manifest import (
+    FAILED,
+    OK,
+    AnchorEntry,
+    CacheKey,
+    Journal,
+    ManifestRow,
+    OutputFile,
+    Shard,
+    known_rows,
+)
+from depthcli.jobs.batch.manifests import (
+    ModelInputs,
+    Summary,
+    merge_manifests,
+    read_rows,
+    summarize,
+)
 from depthcli.jobs.batch.plan import plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch
+from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 
 ALL = dict.fromkeys(NAMES, True)
@@ -202,3 +220,151 @@ def test_a_picture_that_is_named_like_a_frame_is_not_done_again(tmp_path: Path) 
     asked = BatchOptions((Format.PLY, Format.JSON))
     for is_kept in (False, True):
         assert kept(tmp_path, options=asked) == {"shot.depth.000123.jpg": is_kept}
+
+
+def request_of(folder: Path, inputs: str) -> BatchRequest:
+    plan = plan_folder(str(folder / inputs), str(folder / "out"))
+    return replace(request(folder), plan=plan)
+
+
+def made_from_in(folder: Path) -> dict[str, bytes]:
+    """The outputs for the folder ``in``."""
+    write_picture(folder / "in" / "a.png", synthetic_picture(24, 32))
+    list(Batch(request(folder)))
+    return outputs(folder / "out")
+
+
+@pytest.mark.parametrize("formats", [("png16",), ("png16", "preview"), ("npy",)])
+def test_input_of_another_folder_stops_the_batch(tmp_path: Path, formats: tuple[str, ...]) -> None:
+    before = made_from_in(tmp_path)
+    other = write_picture(tmp_path / "other" / "a.png", synthetic_picture(24, 40))
+    options = BatchOptions(tuple(map(Format, formats)))
+    asked = replace(request_of(tmp_path, "other"), options=options)
+    with pytest.raises(UsageError):
+        list(dry_run(asked, asked.model.load()))
+    for _ in range(2):  # nor does the second attempt
+        with pytest.raises(UsageError) as refused:
+            list(Batch(asked))
+        assert str(tmp_path / "in" / "a.png") in str(refused.value)
+        assert str(other) in str(refused.value)
+    assert outputs(tmp_path / "out") == before
+    assert all(result.is_kept for result in Batch(request(tmp_path)))
+
+
+def test_the_manifest_has_the_full_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_picture(tmp_path / "in" / "a.png")
+    (tmp_path / "in" / "b.png").touch()
+    plan = plan_folder("in", "out")
+    list(Batch(replace(request(tmp_path), plan=plan)))
+    paths = {row.input_path for row in known_rows(tmp_path / "out")}
+    assert paths == {str(tmp_path / "in" / name) for name in ("a.png", "b.png")}
+
+
+def test_a_copy_of_the_folder_resumes(tmp_path: Path) -> None:
+    made_from_in(tmp_path)
+    shutil.copytree(tmp_path / "in", tmp_path / "copy")
+    assert all(result.is_kept for result in Batch(request_of(tmp_path, "copy")))
+
+
+def test_a_folder_that_is_gone_is_no_reason(tmp_path: Path) -> None:
+    before = made_from_in(tmp_path)
+    write_picture(tmp_path / "other" / "a.png", synthetic_picture(24, 40))
+    asked = request_of(tmp_path, "other")
+    shutil.rmtree(tmp_path / "in")
+    (result,) = Batch(asked)
+    assert result.row.error is None
+    assert outputs(tmp_path / "out") != before
+
+
+def test_neither_is_a_link_to_the_folder(tmp_path: Path) -> None:
+    made_from_in(tmp_path)
+    (tmp_path / "link").symlink_to("in")
+    write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 40))
+    (result,) = Batch(request_of(tmp_path, "link"))
+    assert (result.is_kept, result.row.error) == (False, None)
+
+
+def test_videos_are_not_replaced_either(tmp_path: Path) -> None:
+    for folder, level in (("in", 40), ("other", 200)):
+        (tmp_path / folder).mkdir()
+        write_video(tmp_path / folder / "clip.mkv", [np.full((24, 32, 3), level, np.uint8)] * 2)
+    list(Batch(request(tmp_path)))
+    before = outputs(tmp_path / "out")
+    with pytest.raises(UsageError):
+        list(Batch(request_of(tmp_path, "other")))
+    assert outputs(tmp_path / "out") == before
+
+
+ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
+STRANGE = "caf\udce9 \\u00e9\n.png"
+
+
+def row(name: str, seconds: float = 0.5) -> ManifestRow:
+    outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
+    done = ManifestRow(
+        name, OK, ORIGIN, outputs, seconds, "3" * 64, warnings=("far",), camera="60°"
+    )
+    return replace(done, anchors=AnchorEntry(9, 8, 0.25, "4" * 64))
+
+
+def bad(name: str) -> ManifestRow:
+    return ManifestRow(name, FAILED, ORIGIN, error="is empty")
+
+
+def filled(folder: Path, *rows: ManifestRow, shard: Shard | None = None) -> None:
+    journal = Journal(folder, shard or Shard())
+    for one in rows:
+        journal.add(one)
+    journal.finish([one.input for one in rows])
+
+
+def test_parts_of_shards_are_summed_up_and_merged(tmp_path: Path) -> None:
+    rows = [row(str(number)) for number in range(20)] + [bad("x"), bad("y")]
+    for number in (1, 2, 3):
+        shard = Shard(number, 3)
+        held = [one for one in rows if shard.holds(one.input)]
+        assert held
+        filled(tmp_path, *held, shard=shard)
+    (tmp_path / ".depthcli-batch-2-of-4.jsonl").write_bytes(row("0", 9.0).as_line())
+    for _ in range(2):
+        found = read_rows(tmp_path)
+        counted = summarize(found)
+        assert counted == Summary(22, 2, 20, 240, 18.5, (ModelInputs("tiny", "1" * 64, "1.0", 22),))
+        assert {one.input for one in found if one.status == FAILED} == {"x", "y"}
+        assert merge_manifests(tmp_path) == tmp_path / "manifest.jsonl"
+        assert [path.name for path in tmp_path.iterdir()] == ["manifest.jsonl"]
+    names = [one.input for one in read_rows(tmp_path)]
+    assert names == sorted(one.input for one in rows)
+
+
+def test_merging_refuses_a_manifest_with_a_cut_row(tmp_path: Path) -> None:
+    filled(tmp_path, row("a"), row("b"), shard=Shard(1, 2))
+    path = tmp_path / "manifest-1-of-2.jsonl"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-20])
+    with pytest.raises(UsageError, match="line 2"):
+        merge_manifests(tmp_path)
+    assert path.read_bytes() == whole[:-20]
+
+
+def test_merging_waits_for_no_batch_at_work(tmp_path: Path) -> None:
+    filled(tmp_path, row("a"))
+    shard = Journal(tmp_path, Shard(1, 2))
+    with pytest.raises(UsageError):
+        merge_manifests(tmp_path)
+    shard.finish([])
+
+
+def test_rows_come_back_whatever_their_names(tmp_path: Path) -> None:
+    rows = [row("b"), bad(STRANGE), row(f"hall/{STRANGE}"), row("é")]
+    filled(tmp_path, *rows)
+    assert list(read_rows(tmp_path)) == list(read_rows(tmp_path / "manifest.jsonl")) == rows
+
+
+def test_missing_or_unreadable_manifest_is_refused(tmp_path: Path) -> None:
+    for call in (read_rows, merge_manifests):
+        with pytest.raises(UsageError):
+            call(tmp_path)
+    with pytest.raises(UsageError):
+        read_rows(tmp_path / "manifest.jsonl")

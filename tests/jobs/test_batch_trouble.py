@@ -1,4 +1,4 @@
-"""A batch whose output folder is not left alone, or was prepared to do harm."""
+"""Batches with bad inputs, links, odd lists, and a budget of failures."""
 
 import os
 import threading
@@ -7,16 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.batches import NAMES, kept, pictures, request
-from helpers.tiny import write_picture
+from helpers.batches import NAMES, kept, outputs, pictures, request
+from helpers.command_line import Cli
+from helpers.requests import predict_request
+from helpers.tiny import synthetic_picture, write_model, write_picture
 
 from depthcli.core.camera import CameraScale, Intrinsics
 from depthcli.errors import OutputError, UsageError
+from depthcli.inference.loading import SessionLoader
+from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest import FAILED, OK, Journal, known_rows
-from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.io.manifest import FAILED, OK, Journal, ManifestRow, Shard, known_rows, parse_row
+from depthcli.jobs.batch.plan import BatchPlan, plan_files, plan_folder
+from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
+from depthcli.jobs.predict import predict
 
 JOURNAL, MANIFEST = ".depthcli-batch.jsonl", "manifest.jsonl"
 
@@ -135,3 +141,209 @@ def test_a_file_that_disappears_after_it_was_listed_stops_no_other(tmp_path: Pat
     (tmp_path / "in" / "z.png").unlink()
     seen = {result.row.input: result.row.error for result in batch}
     assert seen == dict.fromkeys(NAMES) | {"z.png": f"{tmp_path}/in/z.png is missing: no such file"}
+
+
+GOOD, BAD, LATE = ("a", "b"), 100, ("x", "y", "z")
+AHEAD = 64  # inputs that a worker can be ahead of what is told
+
+
+def half_good(folder: Path) -> None:
+    """Good pictures before and after a stretch of empty files."""
+    for number, name in enumerate((*GOOD, *LATE)):
+        write_picture(folder / "in" / f"{name}.png", synthetic_picture(24, 32 + number))
+    for number in range(BAD):
+        (folder / "in" / f"m{number:03}.png").touch()
+
+
+def ended(folder: Path, budget: int | None) -> Batch:
+    """A batch by one worker, at its end."""
+    batch = Batch(replace(request(folder), workers=1, max_failures=budget))
+    for _ in batch:
+        pass
+    return batch
+
+
+def test_the_first_failure_beyond_the_budget_stops(tmp_path: Path) -> None:
+    half_good(tmp_path)
+    batch = ended(tmp_path, 3)
+    told = [name for name, _ in batch.tally.failures][:4]
+    assert told == ["m000.png", "m001.png", "m002.png", "m003.png"]
+    assert batch.stopped
+    lines = (tmp_path / "out" / "manifest.jsonl").read_bytes().splitlines()
+    rows = [row for row in map(parse_row, lines) if row]
+    assert len(rows) == batch.tally.completed <= 2 + 4 + AHEAD
+    done = {row.input for row in rows if row.status == OK}
+    assert {"a.png", "b.png"} <= done  # and what a worker was at
+    again = ended(tmp_path, 3)
+    assert again.tally.kept >= len(done)
+    assert again.stopped == batch.stopped
+    for path in (tmp_path / "in").glob("m*"):
+        path.unlink()
+    last = ended(tmp_path, 3)
+    assert last.tally.kept >= len(done)
+    assert (last.tally.completed, last.tally.failures, last.stopped) == (5, [], None)
+
+
+@pytest.mark.parametrize("budget", [BAD, None])
+def test_batch_within_failure_budget_continues(tmp_path: Path, budget: int | None) -> None:
+    half_good(tmp_path)
+    batch = ended(tmp_path, budget)
+    assert batch.stopped is None
+    assert (batch.tally.completed, len(batch.tally.failures)) == (batch.tally.total, BAD)
+
+
+def test_nothing_is_stopped_by_the_last_input(tmp_path: Path) -> None:
+    for name in GOOD:
+        write_picture(tmp_path / "in" / f"{name}.png")
+    (tmp_path / "in" / "c.png").touch()
+    batch = ended(tmp_path, 0)
+    assert (batch.stopped, batch.tally.completed, len(batch.tally.failures)) == (None, 3, 1)
+
+
+def test_the_command_says_why_it_stopped(inside: Cli) -> None:
+    half_good(inside.folder)
+    done = inside("batch", "in", "--out", "out", "--max-failures", "0", "--workers", "1")
+    assert done.returncode == 1
+    assert b"more than 0" in done.stderr
+    assert b" of 105 inputs done" in done.stdout
+    again = inside("batch", "in", "--out", "out", "--max-failures", "100", "--quiet")
+    assert (again.returncode, b"stopped" in again.stderr) == (1, False)
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path]:
+    """Two pictures, of which one lies where the other's depth goes."""
+    folder = tmp_path / "in" / "hall"
+    one = write_picture(folder / "a.png", synthetic_picture(24, 32))
+    return one, write_picture(folder / "a.depth.png", synthetic_picture(24, 33))
+
+
+def batch(plan: BatchPlan, folder: Path) -> Batch:
+    """A batch of a plan with the tiny model."""
+    return Batch(BatchRequest(plan, model=SessionLoader(write_model(folder / "model"), "cpu")))
+
+
+def test_predict_into_a_linked_folder(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    (tmp_path / "out").symlink_to(pair[0].parent)
+    names, out = tuple(map(str, pair)), f"{tmp_path / 'out'}/"
+    loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
+    with pytest.raises(UsageError):
+        predict(predict_request(names, out, model=loader))
+
+
+def test_predict_over_what_a_linked_input_leads_to(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    link = tmp_path / "link.png"
+    link.symlink_to(pair[1])
+    loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
+    with pytest.raises(UsageError):
+        predict(predict_request([pair[0], link], f"{pair[0].parent}/", model=loader))
+
+
+def test_a_batch_whose_folder_leads_to_inputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "hall").symlink_to(pair[0].parent)
+    before = pair[1].read_bytes()
+    words = ["hall/a.png", "hall/a.depth.png"]
+    plan = plan_files(words, "mine", str(tmp_path / "in"), str(tmp_path / "out"))
+    with pytest.raises(UsageError):
+        batch(plan, tmp_path)
+    assert pair[1].read_bytes() == before
+
+
+def test_a_batch_whose_input_links_to_its_outputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    out = tmp_path / "out"
+    (out / "hall").mkdir(parents=True)
+    pair[1].rename(out / "hall" / "a.depth.png")
+    (tmp_path / "in" / "link.png").symlink_to(out / "hall" / "a.depth.png")
+    with pytest.raises(UsageError):
+        batch(plan_folder(str(tmp_path / "in"), str(out)), tmp_path)
+
+
+def test_a_link_to_another_disk_has_the_outputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    pair[1].unlink()
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "hall").symlink_to(tmp_path / "disk")
+    assert len(list(batch(plan_folder(str(tmp_path / "in"), str(tmp_path / "out")), tmp_path))) == 1
+    assert (tmp_path / "disk" / "a.depth.png").is_file()
+
+
+def test_entries_of_a_list_that_are_one_are_told(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    words = ["hall/a.png", "hall/a.png", "./hall/a.png", "hall/../hall/a.png", str(pair[0])]
+    plan = plan_files(words, "mine", str(tmp_path / "in"), str(tmp_path / "out"))
+    assert [file.name for file in plan.inputs] == ["hall/a.png"]
+    assert [(file.name, file.reason) for file in plan.skipped] == [("hall/a.png", "listed twice")]
+
+
+def test_two_files_with_one_name_are_refused(tmp_path: Path) -> None:
+    """One outside the folder is named by all its folders, and there may be such ones inside."""
+    root, outside = tmp_path / "in", write_picture(tmp_path / "a.png")
+    inside = write_picture(root / str(outside).lstrip("/"), synthetic_picture(24, 40))
+    with pytest.raises(UsageError):
+        plan_files([str(outside), str(inside)], "mine", str(root), str(tmp_path / "out"))
+
+
+def listed(
+    folder: Path, *words: str, formats: tuple[Format, ...] = (Format.PNG16,)
+) -> BatchRequest:
+    """A batch of some files of the folder ``in``."""
+    plan = plan_files(words, "mine", str(folder / "in"), str(folder / "out"))
+    loader = SessionLoader(write_model(folder / "model"), "cpu")
+    return BatchRequest(plan, BatchOptions(formats), loader)
+
+
+def rows(job: BatchRequest) -> dict[str, ManifestRow]:
+    """Runs a batch; the row of each input."""
+    return {result.row.input: result.row for result in Batch(job)}
+
+
+def test_a_file_that_comes_later_replaces_no_output(tmp_path: Path) -> None:
+    write_picture(tmp_path / "in" / "hall" / "a.jpg", synthetic_picture(24, 32))
+    rows(listed(tmp_path, "hall/a.jpg"))
+    before = outputs(tmp_path / "out")
+    write_picture(tmp_path / "in" / "hall" / "a.png", synthetic_picture(24, 40))
+    row = rows(listed(tmp_path, "hall/a.png"))["hall/a.png"]
+    assert [file.path for file in row.outputs] == ["hall/a.png.depth.png"]
+    assert before.items() < outputs(tmp_path / "out").items()
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("a.jpg", "a.png"),
+        ("a.jpg", "A.PNG", "b.png"),
+        ("e\u0301.jpg", "\u00e9.png"),
+        ("a.jpg", "a.depth.jpg", "a.jpg.png"),
+        ("a.jpg", "a.txt", ".a.png"),
+        ("hall/a.jpg", "a.png", "hall/a.mp4"),
+    ],
+)
+def test_names_are_those_of_the_folder(tmp_path: Path, names: tuple[str, ...]) -> None:
+    root, out = str(tmp_path / "in"), str(tmp_path / "out")
+    for name in names:
+        write_picture(tmp_path / "in" / "x.png").rename(_made(tmp_path / "in" / name))
+    whole = plan_folder(root, out)
+    for found in whole.inputs:
+        for shard in (Shard(1, 2), Shard(2, 2)):
+            one = plan_files([found.name], "mine", root, out, shard=shard)
+            if one.inputs:
+                assert one.names.base(found.name) == whole.names.base(found.name)
+
+
+def _made(path: Path) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    return path
+
+
+def test_absolute_paths_have_one_name_anywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [write_picture(tmp_path / "in" / f"{name}.png") for name in "abcdef"]
+    words, found = [*map(str, paths)], list[str]()
+    for number, folder in ((1, tmp_path), (2, tmp_path / "in")):
+        monkeypatch.chdir(folder)
+        plan = plan_files(words, "mine", None, str(tmp_path / "out"), shard=Shard(number, 2))
+        found += [file.name for file in plan.inputs]
+    assert sorted(found) == [word.removeprefix("/") for word in words]
+    plan = plan_files(["a.png", "../in/b.png"], "mine", None, str(tmp_path / "out"))
+    assert [file.name for file in plan.inputs] == ["a.png", "b.png"]

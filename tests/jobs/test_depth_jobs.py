@@ -1,23 +1,28 @@
-"""Depth files looked into and converted by the jobs themselves."""
+"""Jobs on depth files and depth videos: converting, describing."""
 
+from collections.abc import Iterable
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from helpers.videos import NTSC
+from helpers.command_line import Cli
+from helpers.plates import DISPLAY, write_plate
+from helpers.videos import NTSC, damage_frames, encode, flat_frames
 
 from depthcli.core.options import DepthEncoding
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.table import Format
-from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert
+from depthcli.jobs.convert import ConvertRequest, RoundTrip, convert, convert_video
 from depthcli.jobs.inspect import depth_at, inspect_file, read_map
+from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 
@@ -168,3 +173,201 @@ def test_target_suffix_of_another_format_is_refused(depth_npy: Path) -> None:
 def test_pixels_that_have_depth_no_longer_are_lost() -> None:
     here, there = np.float32([[1, 2, 3, np.nan]]), np.float32([[1, np.nan, 3.5, 4]])
     assert RoundTrip.of(DepthMap(here), DepthMap(there)) == RoundTrip(0.5, 0.25, 1)
+
+
+START = (1, 0, 0, 28, 0, *(0,) * 13)
+SIZE = (32, 48)
+
+
+def write_frames(
+    path: Path,
+    places: Iterable[Fraction | int],
+    rate: Fraction = NTSC,
+    *,
+    step: int | None = None,
+    **picture: Any,
+) -> Path:
+    """Frames at multiples of a frame's duration, numbered from 1001 by these or by a step.
+
+    Row 0 has no depth, row 1 is 1 m and a millimetre more in each frame, and the others are random
+    millimetres below 3 m.
+    """
+    noise = np.random.default_rng(0)
+    places = list(places)
+    timing = Timing(rate, Fraction(1, 30_000), rate, step)
+    with DepthVideoOutput(path, timing, 1000, None) as output:
+        for count, place in enumerate(places):
+            pixels = np.zeros(SIZE, np.uint8)
+            time_s = float(place / rate)
+            number = 1001 + (round(place) if step is None else count * step)
+            frame = Frame(
+                pixels, index=number, timestamp_s=time_s, rate=rate, time_code=START, **picture
+            )
+            steps = noise.integers(1, 3000, SIZE)
+            steps[1] = 1000 + count
+            values_m = (steps / 1000).astype(np.float32)
+            values_m[0] = np.nan
+            source = Provenance("m", "0" * 64, focal_px=16.0)
+            depth = DepthMap(values_m, provenance=source)
+            output.append(output.encode(DepthFrame(frame, depth, (0, 1))))
+        output.finish()
+    return path
+
+
+def clock_of(path: str | Path) -> tuple[Fraction | None, tuple[int, ...]]:
+    """Rate, and time code without flags."""
+    frame = read_stored_depth(path).frame
+    return frame.rate, (frame.time_code or ())[:4]
+
+
+@pytest.mark.parametrize("workers", [0, 3])
+def test_every_frame_becomes_a_file_with_its_number(tmp_path: Path, workers: int) -> None:
+    source = write_frames(tmp_path / "d.mkv", (0, 1, 2, 5, 6))
+    request = ConvertRequest(str(source), str(tmp_path / "out" / "d.%05d.exr"))
+    done = list(convert_video(request, workers))
+    numbers = (1001, 1002, 1003, 1006, 1007)
+    assert [result.target for result in done] == [
+        str(tmp_path / "out" / f"d.{number:05d}.exr") for number in numbers
+    ]
+    for count, (result, number) in enumerate(zip(done, numbers, strict=True)):
+        assert (result.round_trip, result.warnings) == (RoundTrip(0, 0, 0), ())
+        stored = read_stored_depth(result.target)
+        metres = stored.displayed.values
+        assert np.isnan(metres[0]).all()
+        np.testing.assert_allclose(metres[1], 1 + count / 1000, atol=1e-6)
+        assert stored.depth.provenance.focal_px == 16
+        assert stored.depth.provenance.time_s == pytest.approx((number - 1001) / NTSC, abs=6e-4)
+        assert clock_of(result.target) == (NTSC, (1, 0, *divmod(28 + number - 1001, 30)))
+
+
+def test_frames_of_a_variable_rate_are_numbered_consecutively(tmp_path: Path) -> None:
+    places = [Fraction(n, 10) for n in (0, 7, 22, 31, 38)]
+    source = write_frames(tmp_path / "d.mkv", places, step=2)
+    frames = [stored.frame for stored in DepthVideo(source).frames()]
+    assert [frame.index for frame in frames] == [1001, 1003, 1005, 1007, 1009]
+    # At 240 frames a second, milliseconds are a quarter of a frame.
+    source = write_frames(tmp_path / "f.mkv", (0, 1, 3, 4), Fraction(240))
+    frames = [stored.frame for stored in DepthVideo(source).frames()]
+    assert [frame.index for frame in frames] == [1001, 1002, 1004, 1005]
+
+
+def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
+    source = write_frames(tmp_path / "d.mkv", range(12))
+    data = bytearray(source.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 20] = bytes(20)
+    source.write_bytes(data)
+    done = []
+    with pytest.raises(InputError):
+        done.extend(convert_video(ConvertRequest(str(source), str(tmp_path / "d.#.png")), 3))
+    written = sorted(tmp_path.glob("d.*.png"))
+    assert 3 < len(written) < 9
+    assert written[0].name == "d.1001.png"
+    assert read_stored_depth(written[-1]).displayed.values[1, 0] == pytest.approx(
+        1 + (len(written) - 1) / 1000
+    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        {"source": "d.png"},
+        {"stated": DepthReadOptions(frame=1)},
+        {"picture": "a.jpg"},
+        {"target": "a.#.mkv"},
+    ],
+)
+def test_patterns_that_do_not_fit_are_refused(
+    words: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_frames(tmp_path / "d.mkv", range(2))
+    given = {"source": "d.mkv", "target": "a.#.exr"} | words
+    with pytest.raises(UsageError):
+        list(convert_video(ConvertRequest(**given), 0))  # type: ignore[arg-type]
+    assert [path.name for path in tmp_path.iterdir()] == ["d.mkv"]
+
+
+def test_geometry_is_that_of_the_plates(tmp_path: Path) -> None:
+    display = Window(100, -50, 100 + SIZE[1], -50 + SIZE[0])
+    windows = Windows(display, display, display)
+    source = write_frames(tmp_path / "d.mkv", range(2), pixel_aspect=1.5, windows=windows)
+    list(convert_video(ConvertRequest(str(source), str(tmp_path / "d.#.exr")), 0))
+    frame = read_stored_depth(tmp_path / "d.1002.exr").frame
+    assert (frame.pixel_aspect, frame.windows) == (1.5, windows)
+    facts: Any = inspect_file(str(tmp_path / "d.1002.exr"))["metadata"]
+    assert (facts["displayWindow"], facts["pixelAspectRatio"]) == ("100,-50 to 147,-19", "1.5")
+    assert (facts["framesPerSecond"], facts["timeCode"]) == ("30000/1001", "01:00:00:29")
+
+
+@pytest.mark.parametrize(
+    ("name", "every"),
+    [
+        ("in", ()),
+        ("in", ("--every", "2")),
+        ("in", ("--every", "0.1s")),
+        ("clip.mkv", ()),
+        ("clip.mkv", ("--every", "2")),
+        ("clip.mkv", ("--every", "0.2s")),
+        ("damaged.mkv", ()),
+        ("damaged.mkv", ("--every", "2")),
+        ("damaged.mkv", ("--every", "0.1s", "--start-number", "1001")),
+    ],
+)
+def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: Cli) -> None:
+    places = (1, 2, 3, 5, 6, 8, 9)
+    for number in places:
+        write_plate(inside.folder / "in", number, DISPLAY)
+    encode(  # frames that are missing in a video are not counted
+        *(inside.folder / "clip.mkv", flat_frames(range(7)), Fraction(25), "mpeg4", "yuv420p"),
+        times_s=[place / 25 for place in places],
+        timecode="01:00:00:20",
+    )
+    damaged = inside.folder / "damaged.mkv"
+    noise = np.random.default_rng(0).integers(0, 65536, (12, 48, 64), dtype=np.uint16)
+    options = {"g": "1"}
+    encode(
+        *(damaged, noise, Fraction(25), "ffv1", "gray16le"),
+        options=options,
+        timecode="01:00:00:20",
+    )
+    damage_frames(damaged, 4, 7)
+    words = ("--format", "mkv", "--format", "exr", "--out", "out/")
+    assert inside("video", name, *words, *every).returncode == (name == "damaged.mkv")
+    (mkv,) = (inside.folder / "out").glob("*.mkv")
+    assert inside("convert", f"out/{mkv.name}", "again/d.%06d.exr").returncode == 0
+    there = sorted((inside.folder / "out").glob("*.exr"))
+    here = sorted((inside.folder / "again").glob("*.exr"))
+    assert [path.name[-10:] for path in here] == [path.name[-10:] for path in there]
+    for ours, theirs in zip(here, there, strict=True):
+        # The plates' drop-frame codes at 24 frames a second cannot be counted.
+        parts = slice(1) if name == "in" else slice(None)
+        assert clock_of(ours)[parts] == clock_of(theirs)[parts]
+        difference = (
+            read_stored_depth(ours).displayed.values - read_stored_depth(theirs).displayed.values
+        )
+        assert np.abs(difference).max() < 0.001
+
+
+def test_the_command_reports_all_frames(inside: Cli) -> None:
+    write_frames(inside.folder / "d.mkv", range(3))
+    done = inside("convert", "d.mkv", "p.####.preview.png", "--vmin", "1", "--vmax", "2")
+    assert (done.returncode, done.stdout, done.stderr) == (
+        0,
+        b"3 frames converted\n",
+        b"",
+    )
+    done = inside("convert", "d.mkv", "d.%d.png", "--png-scale", "100000", "--workers", "2")
+    assert (done.returncode, done.stdout) == (
+        0,
+        b"3 frames converted; round trip: max error 2.34 m, 0 pixels lost\n",
+    )
+    assert done.stderr.count(b"\n") == 1
+    assert b"3 frames have warnings, the first: " in done.stderr
+    assert sorted(path.name for path in inside.folder.glob("[dp].1*")) == [
+        f"{name}.{number}.{suffix}"
+        for name, suffix in (("d", "png"), ("p", "preview.png"))
+        for number in (1001, 1002, 1003)
+    ]
+    done = inside("convert", "d.mkv", "d.%d.npy", "--json", "--quiet")
+    assert done.stdout.count(b'"status": "ok", "output": "d.100') == 3

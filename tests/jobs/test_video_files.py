@@ -1,0 +1,228 @@
+"""Names of a video's outputs, files they replace, and runs that were stopped."""
+
+import json
+import resource
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from helpers.batches import request
+from helpers.command_line import Cli
+from helpers.requests import video_request
+from helpers.tiny import write_model
+from helpers.videos import flat_frames, write_mp4, write_video
+from helpers.watched import Watched
+
+from depthcli.core.camera import Intrinsics
+from depthcli.core.parallel import Background
+from depthcli.errors import OutputError
+from depthcli.inference.loading import SessionLoader
+from depthcli.inference.session import Session
+from depthcli.io.formats.table import WriterOptions
+from depthcli.jobs.batch.run import Batch, dry_run
+from depthcli.jobs.video.plan import (
+    VideoRequest,
+    VideoSettings,
+    plan_video,
+    video_base,
+    video_destination,
+)
+from depthcli.jobs.video.resume import FrameJournal
+from depthcli.jobs.video.run import video
+from depthcli.video.depth_video import DepthVideo
+from depthcli.video.formats import VideoFormat
+
+
+def write_names(folder: Path, names: str) -> None:
+    for name in names.split():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+
+
+@pytest.mark.parametrize(
+    ("names", "bases"),
+    [
+        ("p.1001.exr p.1002.exr", {"p.%04d.exr": "p", "p.####.exr": "p", "p.%d.exr": "p"}),
+        (
+            "p.1001.exr p.1001.png p.mov",
+            {"p.%04d.exr": "p.exr", "p.%04d.png": "p.png", "p.mov": "p.mov"},
+        ),
+        ("P.1001.exr p.mov", {"P.%04d.exr": "P.exr", "p.mov": "p.mov"}),
+        ("p.1001.exr p.jpg", {"p.%04d.exr": "p.exr"}),
+        ("p.1001_l.exr p.1001_r.exr", {"p.%04d_l.exr": "p_l", "p.%04d_r.exr": "p_r"}),
+        ("1001.exr q.mov", {"%04d.exr": "sequence", "q.mov": "q"}),
+        ("p/1001.exr p.mov", {"p": "p.exr", "p.mov": "p.mov"}),
+        ("p/1001.exr p.1001.png", {"p": "p.exr", "p.%04d.png": "p.png"}),
+        ("p/note.txt p.mov", {"p.mov": "p"}),
+        ("p.mov p.depth.000001.png p.txt", {"p.mov": "p"}),
+    ],
+)
+def test_shared_stems_keep_the_suffix(names: str, bases: dict[str, str], tmp_path: Path) -> None:
+    write_names(tmp_path, names)
+    assert {name: video_base(tmp_path / name) for name in bases} == bases
+
+
+def test_own_outputs_do_not_count(inside: Cli) -> None:
+    (inside.folder / "p").mkdir()
+    for number in (1, 2):
+        cv2.imwrite(str(inside.folder / "p" / f"{number}.png"), np.zeros((8, 8, 3), np.uint8))
+    for out in ("q.%04d.png", "q/%04d.png"):
+        assert inside("video", "p", "--out", out).returncode == 0
+    assert video_base(inside.folder / "q.mov") == "q"
+
+
+def test_every_output_has_the_name(tmp_path: Path) -> None:
+    write_names(tmp_path, "p.1001.exr p.mov")
+    formats = (VideoFormat.MKV, VideoFormat.PNG16)
+    plan = plan_video(video_request(tmp_path / "p.####.exr", "out/", formats))
+    assert list(plan.names.values()) == ["p.exr.depth.mkv", "p.exr.depth.%06d.png"]
+
+
+BOTH = (VideoFormat.MKV, VideoFormat.MP4)
+
+
+@pytest.fixture
+def loader(tmp_path: Path) -> SessionLoader:
+    return SessionLoader(write_model(tmp_path / "model"), "cpu")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with a clip and a video of another program."""
+    write_mp4(tmp_path / "in" / "clip.mp4", flat_frames(range(3)))
+    write_video(tmp_path / "in" / "clip.depth.mkv", flat_frames(range(9)))
+    return tmp_path / "in"
+
+
+@pytest.mark.parametrize(
+    ("output", "formats"),
+    [(None, ()), ("clip.depth.mkv", ()), ("clip.mkv", BOTH), ("clip.preview.mp4", BOTH)],
+)
+def test_it_is_not_replaced(
+    output: str | None, formats: tuple[VideoFormat, ...], folder: Path, loader: SessionLoader
+) -> None:
+    place = folder / "clip.depth.mkv"
+    before = place.read_bytes()
+    asked = None if output is None else f"{folder}/{output}"
+    request = video_request(folder / "clip.mp4", asked, formats, model=loader)
+    with pytest.raises(OutputError, match=str(place)):
+        video(request)
+    assert {path.name for path in folder.iterdir()} == {"clip.mp4", "clip.depth.mkv"}
+    assert place.read_bytes() == before
+    assert video(replace(request, overwrite=True)).frames == 3
+    whole = place.read_bytes()
+    place.write_bytes(whole[: len(whole) // 2])
+    assert video(request).frames == 3
+    assert place.read_bytes() == whole
+
+
+def test_a_batch_does_not_replace_it_in_any_run(folder: Path) -> None:
+    place = folder.parent / "out" / "clip.depth.mkv"
+    place.parent.mkdir()
+    (folder / "clip.depth.mkv").rename(place)
+    before = place.read_bytes()
+    asked = request(folder.parent)
+    for _ in range(2):
+        (result,) = Batch(asked)
+        assert result.row.error is not None
+        assert "was not written by depthcli" in result.row.error
+        (would,) = dry_run(asked, asked.model.load())
+        assert (would.would, would.error) == ("fail", result.row.error)
+    assert place.read_bytes() == before
+    place.unlink()
+    for is_kept in (False, True):
+        (result,) = Batch(asked)
+        assert (result.row.error, result.is_kept) == (None, is_kept)
+
+
+MKV, NPY, PNG16 = VideoFormat.MKV, VideoFormat.NPY, VideoFormat.PNG16
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    return write_mp4(tmp_path / "clip.mp4", flat_frames(range(0, 96, 4)))
+
+
+class Configured(SessionLoader):
+    """Sessions of the CPU, which has no options, that state some."""
+
+    def start(self) -> Background[Session]:
+        """Load one, and state the options."""
+        session = SessionLoader(self.model, self.provider, self.threads).load()
+        session.provider_options = dict(self.provider_options)
+        return Background(lambda: session)
+
+
+@pytest.mark.parametrize("precision", ["FP32", "FP16"])
+def test_a_run_with_other_provider_options_is_not_resumed(
+    precision: str, clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    frame, written_ns = tmp_path / "out" / "clip.depth.000003.png", []
+    for options in ({"precision": "FP32"}, {"precision": precision}):
+        model = Configured(loader.model, "cpu", threads=1, provider_options=options)
+        with pytest.raises(KeyboardInterrupt):
+            video(
+                video_request(clip, f"{tmp_path}/out/", (PNG16,), model=model),
+                Watched(9),
+            )
+        written_ns.append(frame.stat().st_mtime_ns)
+    assert (written_ns[0] == written_ns[1]) == (precision == "FP32")
+
+
+@pytest.mark.parametrize("sidecar", [False, True])
+def test_the_sidecar_of_an_earlier_run_does_not_describe_new_arrays(
+    clip: Path, tmp_path: Path, loader: SessionLoader, sidecar: bool
+) -> None:
+    write_model(tmp_path / "model", camera={"hfov_deg": 60.0})
+    out = tmp_path / "out"
+    for with_sidecar, hfov_deg in ((True, 40.0), (sidecar, 60.0)):
+        settings = VideoSettings(camera=Intrinsics(hfov_deg=hfov_deg))
+        there = video_destination(f"{out}/", (NPY,), sidecar=with_sidecar)
+        video(VideoRequest(str(clip), there, model=loader, settings=settings))
+    written = out / "clip.depth.json"
+    assert written.exists() == sidecar
+    if sidecar:
+        focal_px = 32 / np.tan(np.deg2rad(30))
+        assert json.loads(written.read_text())["focal_px"] == pytest.approx(focal_px)
+
+
+def test_a_foreign_json_by_arrays_stays(clip: Path, tmp_path: Path, loader: SessionLoader) -> None:
+    (tmp_path / "out").mkdir()
+    place = tmp_path / "out" / "clip.depth.json"
+    for text in ('{"focal_px": 9}', "no json"):
+        place.write_text(text)
+        video(video_request(clip, f"{tmp_path}/out/", (NPY,), model=loader))
+        assert place.read_text() == text
+
+
+@pytest.mark.parametrize(("vmin", "vmax"), [(1.2, 2.0), (1.5, 3.0)])
+def test_the_ends_of_a_normalized_video_are_those_that_were_asked_for(
+    clip: Path, tmp_path: Path, vmin: float, vmax: float
+) -> None:
+    relative = {"output__kind": "relative", "output__min_m": None, "output__max_m": None}
+    loader = SessionLoader(write_model(tmp_path / "relative", **relative), "cpu", threads=1)
+    settings = VideoSettings(writing=WriterOptions(vmin=vmin, vmax=vmax))
+    formats = (MKV, NPY)
+    video(video_request(clip, f"{tmp_path}/out/", formats, model=loader, settings=settings))
+    steps = np.stack(list(DepthVideo(tmp_path / "out" / "clip.depth.mkv").steps()))[:, 9, 9]
+    values = np.stack([np.load(p)[9, 9] for p in sorted((tmp_path / "out").glob("*.npy"))])
+    assert (np.diff(steps.astype(int)) >= 0).all()
+    free = (steps > steps.min()) & (steps < steps.max())
+    slope, start = np.polyfit(values[free], steps[free], 1)
+    low, high = (1 - start) / slope, (65535 - start) / slope
+    assert (low, high) == (pytest.approx(vmin, abs=0.01), pytest.approx(vmax, abs=0.01))
+
+
+def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    journal = FrameJournal(tmp_path / ".a.depthcli-frames", "origin")
+    try:
+        with journal, suppress(OSError):
+            journal.add(1)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (1, before[1]))  # the disk is full
+            journal.add(2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
