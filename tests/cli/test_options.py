@@ -1,4 +1,4 @@
-"""Groups of options: how they become options, what contradicts, and what has no effect."""
+"""Options of the commands: groups, details, profiles, errors."""
 
 import json
 from dataclasses import dataclass
@@ -6,13 +6,14 @@ from inspect import signature
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import pytest
 import typer
 from helpers.command_line import Cli
 from helpers.tiny import write_model, write_picture
 from helpers.videos import flat_frames, write_video
 
-from depthcli.cli import parse
+from depthcli.cli import parse, profiles
 from depthcli.cli.app import main
 from depthcli.cli.groups import Given, grouped
 from depthcli.cli.options import (
@@ -27,9 +28,11 @@ from depthcli.cli.options import (
     SurfaceOptions,
     WritingOptions,
 )
+from depthcli.cli.profiles import read_profiles
 from depthcli.cli.table import COMMANDS, plain_command
 from depthcli.core.options import Colormap, Near
 from depthcli.errors import UsageError
+from depthcli.io.depth.read import read_metadata
 
 USUAL = 12
 """Options of the first section of the help, at most."""
@@ -262,3 +265,114 @@ def test_unknown_suffix_of_out_is_told_with_known_ones(capsys: pytest.CaptureFix
     main(["predict", "a.png", "-o", "a.obj"])
     problem = capsys.readouterr().err
     assert all(suffix in problem for suffix in (".obj", ".png", ".exr", ".npy", ".ply"))
+
+
+def test_tiles_change_the_map_but_not_its_size(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    for name, options in (("a", ()), ("b", ("--tile", "auto")), ("c", ("--upsample", "bilinear"))):
+        assert inside("predict", "room.png", "-o", f"{name}.npy", *options).returncode == 0
+    maps = [np.load(inside.folder / f"{name}.npy") for name in "abc"]
+    assert {m.shape for m in maps} == {(48, 64)}
+    assert all(np.abs(maps[0] - other).max() > 1e-3 for other in maps[1:])
+    wide = inside("predict", "room.png", "-o", "d.npy", "--tile", "9999")
+    assert wide.returncode == 0
+    assert b"--tile: " in wide.stderr
+    assert np.array_equal(np.load(inside.folder / "d.npy"), maps[0])
+
+
+TEXT = """
+[robot]
+hfov = 81.0
+png-scale = 256
+format = ["png16", "preview", "mp4"]
+legend = true
+fps = "25"
+
+[one]
+format = "exr"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory, and a configuration folder of the user's."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    write_picture(tmp_path / "room.png")
+    return tmp_path
+
+
+def test_profile_gives_options_to_the_command(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    (inside.folder / "depthcli.toml").write_text(TEXT)
+    done = inside("predict", "room.png", "--profile", "robot", "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["outputs"] == ["room.depth.png", "room.preview.png"]
+    assert "81.0°" in told["camera"]
+    assert float(read_metadata(inside.folder / "room.depth.png")["scale"]) == 256
+
+
+@pytest.mark.parametrize(
+    ("words", "scale"),
+    [
+        (("-o", "x.exr"), None),
+        (("-o", "x.png", "--png-scale", "5000"), "5000"),
+        (("-o", "x.png", "--focal-px", "60"), "256"),
+        (("-o", "x.png", "--png-normalize"), None),
+    ],
+)
+def test_options_win_over_profiles(inside: Cli, words: tuple[str, ...], scale: str | None) -> None:
+    write_picture(inside.folder / "room.png")
+    (inside.folder / "depthcli.toml").write_text(TEXT)
+    done = inside("predict", "room.png", "--profile", "robot", *words)
+    assert done.returncode == 0, done.stderr
+    written = inside.folder / words[1]
+    assert written.exists()
+    if scale:
+        assert float(read_metadata(written)["scale"]) == float(scale)
+
+
+def test_project_precedes_the_user(folder: Path) -> None:
+    own = folder / "home" / "depthcli" / "depthcli.toml"
+    own.parent.mkdir(parents=True)
+    own.write_text("[robot]\nhfov = 50\n[mine]\nhfov = 60\n")
+    (folder / "depthcli.toml").write_text(TEXT)
+    assert profiles.profile_names() == ("mine", "one", "robot")
+    assert profiles.profile_files()[1] == own
+
+
+def test_repeatable_option_takes_one_value(inside: Cli) -> None:
+    write_picture(inside.folder / "room.png")
+    (inside.folder / "depthcli.toml").write_text(TEXT)
+    assert inside("predict", "room.png", "--profile", "one").returncode == 0
+    assert (inside.folder / "room.depth.exr").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[robot]\nhfovv = 3\n", "no option named 'hfovv'; did you mean 'hfov'?"),
+        ("[robot]\nhfov = 300\n", "--hfov"),
+        ("[robot]\nhfov = 80\nfocal-px = 70\n", "not both"),
+        ("[robot]\nout = 'x.png'\n", "no option named 'out'"),
+        ("[robot\n", "depthcli.toml is not TOML"),
+        ("hfov = 80\n", "outside of a table"),
+        ("[other]\nhfov = 80\n", "no profile named 'robot'; there are: other"),
+        ("", "no profile named 'robot'; there are: none"),
+    ],
+)
+def test_wrong_profile_is_a_usage_error(
+    folder: Path, text: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "depthcli.toml").write_text(text)
+    assert main(["predict", "room.png", "--profile", "robot"]) == 2
+    assert reason in capsys.readouterr().err
+    assert not (folder / "room.depth.png").exists()
+
+
+def test_file_of_profiles_has_to_be_text(folder: Path) -> None:
+    assert read_profiles(folder / "none.toml") == {}
+    (folder / "depthcli.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(UsageError):
+        read_profiles(folder / "depthcli.toml")

@@ -1,7 +1,8 @@
-"""Bad pictures, and variants of containers that programs write."""
+"""Bad pictures, files found by fuzzing, and variants of containers that programs write."""
 
 import io
 import os
+import shutil
 import struct
 import zlib
 from io import BytesIO
@@ -13,7 +14,7 @@ import numpy.typing as npt
 import pytest
 from helpers import made
 from helpers.bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded
-from helpers.command_line import Cli
+from helpers.command_line import ROOT, Cli
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -24,6 +25,8 @@ from depthcli.io.depth.read import AS_STATED, read_stored_depth
 from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 from depthcli.io.images.read import image_size, read_image
 from depthcli.io.listing.folder import is_own_picture
+from robustness.fuzz import OF_LIBRARIES, file_of, problem
+from robustness.fuzz_targets import TARGETS
 
 FILES = {
     **JPEGS,
@@ -397,3 +400,33 @@ def test_of_an_animated_png_the_still_picture_is_read(frames: int) -> None:
     data = made.png([b"\x10\x20"], 2, 8, 0, control)
     end = data.rindex(b"IEND") - 4
     assert pixels(data[:end] + (frame + black) * frames + data[end:]).tolist() == [[16, 32]]
+
+
+CORPUS = ROOT / "tests" / "corpus"
+_SLOW = {"manifest", "checkpoint", "video", "model"}
+
+
+def _found() -> list[str]:
+    files = CORPUS.rglob("*")
+    return sorted(path.relative_to(CORPUS).as_posix() for path in files if path.is_file())
+
+
+@pytest.mark.parametrize("name", _found())
+def test_files_of_the_corpus_are_read_or_refused(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    target = name.partition("/")[0]
+    path = tmp_path / TARGETS[target].file
+    shutil.copyfile(CORPUS / name, path)
+    assert problem(target, path) is None
+    said = capfd.readouterr()
+    assert said.out == ""
+    assert all(OF_LIBRARIES.match(line.encode()) for line in said.err.splitlines())
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_few_mutants_are_refused_or_read(target: str, tmp_path: Path) -> None:
+    for number in range(2 if target in _SLOW else 10):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        assert problem(target, file_of(target, number, folder)) is None, number

@@ -1,4 +1,4 @@
-"""All methods: configuration, contract, pairing and export."""
+"""All methods: what they share, and what each costs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +13,8 @@ from helpers.tiny import load
 from helpers.tiny_methods import batch, tiny, tiny_method
 from lightning_fabric import Fabric
 from torch import Tensor
+from torch._subclasses.fake_tensor import FakeTensorMode
+from torch.utils.flop_counter import FlopCounterMode
 
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.types import DepthKind, Frame
@@ -22,6 +24,7 @@ from depthcli.inference.transforms import prepare
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import LossConfig, TrainConfig, updated
+from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.registry import (
     build_method,
     check_terms,
@@ -262,3 +265,27 @@ def test_a_run_without_any_loss_is_refused(name: str) -> None:
     nothing = LossConfig(0, 0, 0, 0, 0, 0, 0, 0)
     with pytest.raises(UsageError):
         build_method(replace(TrainConfig(method=name), loss=nothing))
+
+
+TFLOP = {
+    "cyclegan": 1.85,
+    "cut": 1.41,
+    "fastcut": 0.75,
+    "dclgan": 2.27,
+    "simdcl": 2.54,
+    "hnegsrc": 1.41,
+    "proposed": 2.28,
+}
+"""Forward and backward passes of one picture, 256 x 256, generators and discriminators."""
+
+
+@pytest.mark.parametrize("name", PAPER_METHODS)
+def test_a_step_makes_the_passes_of_its_formula_and_no_other(name: str) -> None:
+    config = updated(default_config(name), {"loss": {"flip_contrast": False}})  # costs nothing
+    with FakeTensorMode():
+        method = build_method(config)
+        batch = TrainingBatch(torch.zeros(1, 1, 256, 256), torch.ones(1, 1, 256, 256))
+        with FlopCounterMode(display=False) as counter:
+            for phase in method.phases:
+                torch.stack(list(method(batch, phase).values())).sum().backward()
+    assert counter.get_total_flops() / 1e12 == pytest.approx(TFLOP[name], abs=0.006)
