@@ -43,8 +43,10 @@ def resize_rows(values: Float32Array, width: int, height: int, rows: slice) -> F
     place = np.clip((numbers + 0.5) * (values.shape[0] / height) - 0.5, 0, last)
     above = place.astype(np.intp)
     share = (place - above).astype(np.float32)[:, np.newaxis]
-    upper = values[above]
-    mixed = upper + share * (values[np.minimum(above + 1, last)] - upper)
+    upper, mixed = values[above], values[np.minimum(above + 1, last)]
+    mixed -= upper  # in place, as new arrays take longer than what is computed
+    mixed *= share
+    mixed += upper
     return resize_bilinear(mixed, width, mixed.shape[0])
 
 
