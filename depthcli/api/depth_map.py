@@ -5,14 +5,14 @@ import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self, TypeAlias
+from typing import Literal, Self, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core import anchors as anchor_fit
 from depthcli.core import types
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.arrays import AnyArray, UInt8Array
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, Colormap, Near, StereoLayout, short_repr
 from depthcli.core.surface import PointCloud, point_cloud
@@ -26,7 +26,7 @@ from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import path_of
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
-Anchors: TypeAlias = Sequence[AnchorLike] | npt.NDArray[Any] | types.DepthMap
+Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap
 _TABLE_RANK, _COLUMNS = 2, 3
 
 
@@ -176,7 +176,7 @@ class DepthMap(types.DepthMap):
         vmin: float | None = None,
         vmax: float | None = None,
         legend: bool = False,
-    ) -> npt.NDArray[np.uint8]:
+    ) -> UInt8Array:
         """The map in the colours of a colormap, over inverse depth.
 
         Args:

@@ -4,11 +4,11 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, BoolArray, Float64Array, FloatArray, Int64Array
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
 from depthcli.core.local_correction import spread_log_ratio
 from depthcli.core.options import AnchorsFit
@@ -32,9 +32,9 @@ _SAME_ASPECT = 0.02
 class AnchorPoints:
     """Pixels of known depth."""
 
-    x: npt.NDArray[np.int64]  #: (N,), columns from 0 at the left
-    y: npt.NDArray[np.int64]  #: (N,), rows from 0 at the top
-    depth_m: npt.NDArray[np.float64]  #: (N,), metres along the camera axis
+    x: Int64Array  #: (N,), columns from 0 at the left
+    y: Int64Array  #: (N,), rows from 0 at the top
+    depth_m: Float64Array  #: (N,), metres along the camera axis
     size_px: tuple[int, int] | None = None  #: (columns, rows) of their map; None for a list
     warnings: tuple[str, ...] = ()  #: about their file, or why it has none, one line each
     fit: AnchorsFit | None = None  #: how depth is fitted; None for the best that the model can
@@ -46,7 +46,7 @@ class AnchorPoints:
         return cls.of_table(np.array(points, np.float64).reshape(-1, _COLUMNS))
 
     @classmethod
-    def of_table(cls, table: npt.NDArray[Any]) -> Self:
+    def of_table(cls, table: AnyArray) -> Self:
         """Points from (N, 3) numbers: column, row, metres; each is of the nearest pixel."""
         pixels = np.rint(table[:, :2].astype(np.float64))
         if not (np.abs(pixels) < _MAX_PIXEL).all():
@@ -55,7 +55,7 @@ class AnchorPoints:
         return cls(x, y, table[:, 2].astype(np.float64))
 
     @classmethod
-    def of_map(cls, depth_m: npt.NDArray[np.floating]) -> Self:
+    def of_map(cls, depth_m: FloatArray) -> Self:
         """The pixels of a sparse map, (H, W) metres, that have a depth: finite and above 0."""
         y, x = np.nonzero(has_depth(depth_m))
         height, width = depth_m.shape
@@ -130,7 +130,7 @@ _CUTOFF = 4.685  # 95 % efficiency for normal errors
 _EXACT = 1e-6  # relative; depth maps are float32
 _MOST = 100_000  # points in each step
 
-_Values = npt.NDArray[np.float64]
+_Values = Float64Array
 
 
 class ScaleShift(NamedTuple):
@@ -288,10 +288,10 @@ def fit_anchors(
 def _followed(
     depth: DepthMap,
     points: AnchorPoints,
-    known: npt.NDArray[np.bool_],
-    used: npt.NDArray[np.bool_],
+    known: BoolArray,
+    used: BoolArray,
     windows: Windows | None,
-) -> tuple[DepthMap, npt.NDArray[np.bool_]]:
+) -> tuple[DepthMap, BoolArray]:
     """Fitted depth that follows the points locally, and which points it follows."""
     x, y = pixels_of(points, windows)
     mapped_m = depth.values[y, x]
@@ -304,9 +304,7 @@ def _followed(
     return replace(depth, values=depth.values * np.exp(field)), used
 
 
-def pixels_of(
-    points: AnchorPoints, windows: Windows | None
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def pixels_of(points: AnchorPoints, windows: Windows | None) -> tuple[Int64Array, Int64Array]:
     """Columns and rows of points of the display window, in the pixels of the file: (N,) each."""
     rows, columns = windows.display.within(windows.pixels) if windows else (slice(0), slice(0))
     return points.x + (columns.start or 0), points.y + (rows.start or 0)
@@ -349,7 +347,7 @@ def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
     return (f"{lost} pixels ({share}) are {where} after the fit and have no depth",)
 
 
-def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> npt.NDArray[np.bool_]:
+def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> BoolArray:
     """At which points the map has a value: (N,) bool."""
     known = has_depth(values, kind)
     if len(points) >= ROBUST_FROM and known.any():
@@ -359,14 +357,14 @@ def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> npt.NDArra
     return known
 
 
-def _cells_of(points: AnchorPoints, width: int, height: int) -> npt.NDArray[np.int64]:
+def _cells_of(points: AnchorPoints, width: int, height: int) -> Int64Array:
     """In which cell of a coarse grid over the picture each point is: (N,)."""
     return points.y * _ROWS // height * _GRID_COLUMNS + points.x * _GRID_COLUMNS // width
 
 
 def _fit(
-    values: _Values, wanted: _Values, kind: DepthKind, cells: npt.NDArray[np.int64]
-) -> tuple[ScaleShift, npt.NDArray[np.bool_]]:
+    values: _Values, wanted: _Values, kind: DepthKind, cells: Int64Array
+) -> tuple[ScaleShift, BoolArray]:
     """The best scale and shift, and which points it is fitted to.
 
     ``cells`` is the cell of a coarse grid that each point is in.

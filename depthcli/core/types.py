@@ -10,7 +10,14 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import AnyArray, BoolArray, Float32Array, FloatArray, UInt8Array
+from depthcli.core.arrays import (
+    AnyArray,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    UInt8Array,
+    UInt16Array,
+)
 from depthcli.core.camera import Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import Projection
 from depthcli.errors import InputError, UsageError
@@ -160,7 +167,7 @@ class Frame:
     """One decoded picture, upright."""
 
     #: (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]; without alpha
-    pixels: UInt8Array | npt.NDArray[np.uint16] | Float32Array
+    pixels: UInt8Array | UInt16Array | Float32Array
     path: Path | None = None  #: where it came from; None for stdin or an array
     index: int = 0  #: its number in the source, 0 for a still picture
     timestamp_s: float | None = None  #: time in a video, in seconds; None for a still picture

@@ -6,13 +6,13 @@ from enum import StrEnum
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from depthcli.core.options import short_repr
 from depthcli.errors import UsageError
 
-_Map = npt.NDArray[np.float32]
-_Places = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
+_Map = Float32Array
+_Places = tuple[Int64Array, Int64Array]
 
 _WRONG_RATIO = 1.2, 3.0  # of wrong to true depth, as seen past an edge
 _NEARER = 0.25  # share of wrong points that are nearer by as much
@@ -79,9 +79,7 @@ class Prompt:
         sparse[y[known], x[known]] = seen_m[known]
         return sparse
 
-    def _with_errors(
-        self, seen_m: npt.NDArray[np.float64], random: np.random.Generator
-    ) -> npt.NDArray[np.float64]:
+    def _with_errors(self, seen_m: Float64Array, random: np.random.Generator) -> Float64Array:
         noise_m = self.noise * seen_m
         if self.has_kinect_noise:
             # Nguyen, Izadi, Lovell: Modeling Kinect sensor noise for improved 3D reconstruction and
@@ -125,7 +123,7 @@ def _camera(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) -
     return y[found[0]], x[found[1]]
 
 
-def _beside_edge(depth_m: _Map) -> npt.NDArray[np.bool_]:
+def _beside_edge(depth_m: _Map) -> BoolArray:
     """Whether a pixel is farther or nearer than one of the eight around it by a tenth: (H, W)."""
     log_depth = np.log(np.where(depth_m > 0, depth_m, 1)).astype(np.float32)
     around = np.ones((3, 3), np.uint8)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core.anchors import AnchorPoints, Pairs, ScaleShift, robust
+from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.datasets.folders import open_paired_folder
@@ -21,7 +21,7 @@ from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.paths import path_of
 
-_Values = npt.NDArray[np.float64]
+_Values = Float64Array
 _MOST_POINTS = 2000  # of an image, evenly spaced
 _SHIFT_POINTS = 10  # from which a shift is tried
 _GAIN = 0.98  # a shift has to lower the error of points that were left out to this share

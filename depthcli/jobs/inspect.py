@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import BoolArray
 from depthcli.core.types import DepthMap, DepthRange
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions, StoredDepth, read_stored_depth
@@ -106,7 +106,7 @@ class AreaDepth:
     quantiles: Mapping[str, float | None]  #: by the names of ``QUANTILES``; None without depth
 
 
-def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | npt.NDArray[np.bool_]) -> AreaDepth:
+def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | BoolArray) -> AreaDepth:
     """Depth in a box (first column and row, and those after the last), or a mask (H, W) bool."""
     size = f"the map of {depth.width}×{depth.height} pixels"
     if isinstance(area, tuple):
@@ -126,7 +126,7 @@ def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | npt.NDArray[np.b
     return AreaDepth(valid.size, float(1 - valid.mean()), named)
 
 
-def read_mask(file: str) -> npt.NDArray[np.bool_]:
+def read_mask(file: str) -> BoolArray:
     """The pixels of an image that are above 0 in any channel, (H, W) bool."""
     pixels = read_image(file).pixels
     return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2), np.bool_)

@@ -11,12 +11,12 @@ from typing import Any, Self, cast
 
 import av
 import numpy as np
-import numpy.typing as npt
 from av.container import OutputContainer
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation
 from av.video.stream import VideoStream
 
+from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
 from depthcli.errors import OutputError
 from depthcli.io.depth.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
@@ -241,7 +241,7 @@ def _leave_real_time() -> None:
                 os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
 
 
-def _av_frame(pixels: npt.NDArray[np.uint16] | npt.NDArray[np.uint8], codec: Codec) -> VideoFrame:
+def _av_frame(pixels: UInt16Array | UInt8Array, codec: Codec) -> VideoFrame:
     """A PyAV frame in the pixel format of a codec; thread-safe.
 
     Pixels are (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. For codecs with chroma subsampling,

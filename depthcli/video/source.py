@@ -8,13 +8,13 @@ from pathlib import Path
 
 import av
 import numpy as np
-import numpy.typing as npt
 from av.container import InputContainer
 from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 from av.video.stream import VideoStream
 
+from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.options import (
     AS_STATED,
     MAX_PIXELS,
@@ -73,7 +73,7 @@ _EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
 
 def rgb_pixels(
     frame: VideoFrame, reformatter: VideoReformatter, *, has_alpha: bool = False
-) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
+) -> UInt8Array | UInt16Array:
     """A frame converted to RGB from its own colour space and range, not rotated.
 
     If it states no colour space, that is BT.601 up to 576 rows and BT.709 above, as in players.

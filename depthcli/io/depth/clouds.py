@@ -10,9 +10,9 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core.anchors import AnchorPoints
+from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import DEPTH_M_RANGE, Intrinsics
 from depthcli.core.options import INSTALL_POINTS
 from depthcli.errors import InputError, Message
@@ -23,7 +23,7 @@ _POSE = 4  # rows and columns of a rotation and a translation in one matrix
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
 _NAMED = re.compile(r"([A-Za-z_]\w*)\s*:(.*)")
 
-_Values = npt.NDArray[np.float64]
+_Values = Float64Array
 
 
 def read_cloud(path: Path) -> _Values:

@@ -9,11 +9,11 @@ import binascii
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray, Float32Array, Float64Array
 from depthcli.core.options import DepthEncoding
 from depthcli.errors import InputError
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth
@@ -33,7 +33,7 @@ _INVERSE_Z, _DISPARITY, _Z = 0, 1, 2  # kinds of representation, each uniform in
 _UNITS_M = {"m": 1.0, "meters": 1.0, "mm": 1e-3}
 _ITEM = re.compile(rb"<Container:Item\b[^>]*>")  # of the files after the image, in their order
 _LENGTH = re.compile(rb"Item:Length=[\"'](\d+)")
-Found: TypeAlias = tuple[npt.NDArray[np.float32], dict[str, str], tuple[str, ...]]
+Found: TypeAlias = tuple[Float32Array, dict[str, str], tuple[str, ...]]
 """Depth, upright; facts as depth files state them; warnings."""
 
 
@@ -94,7 +94,7 @@ def _of_jpeg(data: bytes, name: str) -> Found | None:
         pixels = decode(content, f"{name}: its depth")
     except (KeyError, ValueError, binascii.Error) as error:
         raise InputError(f"{name} has depth that is incomplete") from error
-    gray: npt.NDArray[Any] = pixels if pixels.ndim == 2 else pixels[..., 0]  # noqa: PLR2004
+    gray: AnyArray = pixels if pixels.ndim == 2 else pixels[..., 0]  # noqa: PLR2004
     share = gray.astype(np.float64) / np.iinfo(gray.dtype).max
     is_linear = facts.get("Format") == "RangeLinear"
     depth = near + share * (far - near) if is_linear else far * near / (far - share * (far - near))
@@ -116,9 +116,7 @@ def _item(data: bytes, xmp: bytes) -> bytes | None:
     return None
 
 
-def _between(
-    share: npt.NDArray[np.float64], low: float | None, high: float | None
-) -> npt.NDArray[np.float64] | None:
+def _between(share: Float64Array, low: float | None, high: float | None) -> Float64Array | None:
     return None if low is None or high is None else low + share * (high - low)
 
 

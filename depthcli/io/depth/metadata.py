@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli._version import __version__
-from depthcli.core.arrays import BoolArray, Float32Array, FloatArray
+from depthcli.core.arrays import BoolArray, Float32Array, FloatArray, UInt16Array
 from depthcli.core.camera import CameraSource, hfov_deg
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import Projection
@@ -283,7 +283,7 @@ def depth_scale(
     return DepthScale(MILLIMETRES if is_integer else 1.0, "assumed") if has_unit else None
 
 
-def quantized(values: Float32Array, scale: float) -> tuple[npt.NDArray[np.uint16], int]:
+def quantized(values: Float32Array, scale: float) -> tuple[UInt16Array, int]:
     """Metres, (H, W), as 16-bit integers of ``scale`` units per metre, rounded to nearest.
 
     They are 0 where there is no depth, 1 to 65535 elsewhere; with the number of pixels beyond.
@@ -308,9 +308,7 @@ def dequantized(steps: npt.NDArray[np.generic], scale: float) -> Float32Array:
     return np.where(steps == 0, np.float32(np.nan), values)
 
 
-def normalized(
-    values: FloatArray, known: BoolArray, low: float, high: float
-) -> npt.NDArray[np.uint16]:
+def normalized(values: FloatArray, known: BoolArray, low: float, high: float) -> UInt16Array:
     """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not known."""
     share = (np.where(known, values, low) - low) / ((high - low) or 1.0)
     steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))

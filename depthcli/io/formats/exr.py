@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, over_window
 from depthcli.errors import InputError
@@ -51,7 +51,7 @@ def _pixel_aspect(depth: DepthMap, frame: Frame | None) -> float:
 
 def _windowed(
     depth: DepthMap, frame: Frame | None
-) -> tuple[DepthMap, npt.NDArray[np.float32], tuple[Window, Window] | None]:
+) -> tuple[DepthMap, Float32Array, tuple[Window, Window] | None]:
     """The map in the display window, which its camera is of; the data, and both windows."""
     windows = frame.windows if frame else None
     if windows is None:

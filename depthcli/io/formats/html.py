@@ -11,8 +11,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.surface import Surface
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.io.depth.metadata import SOFTWARE
@@ -83,13 +83,13 @@ def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
     }
 
 
-def _planes(steps: npt.NDArray[np.uint16]) -> bytes:
+def _planes(steps: UInt16Array) -> bytes:
     """High bytes, then low ones, of the differences to the row above; a third of the size."""
     differences = np.diff(steps, axis=0, prepend=np.uint16(0))
     return (differences >> 8).astype(np.uint8).tobytes() + differences.astype(np.uint8).tobytes()
 
 
-def _jpeg(pixels: npt.NDArray[np.uint8]) -> str:
+def _jpeg(pixels: UInt8Array) -> str:
     bgr = np.ascontiguousarray(pixels[..., ::-1])
     return _text(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
 

@@ -5,11 +5,10 @@ import warnings
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
 from depthcli.io.depth.metadata import metadata_texts
@@ -76,7 +75,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     return found
 
 
-def _named_array(data: bytes) -> tuple[str, npt.NDArray[Any], dict[str, str]]:
+def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str]]:
     """Name and values of the array of an NPZ that holds depth, and metadata of depthcli."""
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
         if any(member.file_size > _MAX_BYTES for member in arrays.zip.infolist()):
@@ -87,7 +86,7 @@ def _named_array(data: bytes) -> tuple[str, npt.NDArray[Any], dict[str, str]]:
         return name, np.asarray(arrays[name]), {str(key): str(text) for key, text in own.items()}
 
 
-def _map_of(values: npt.NDArray[Any], path: Path, frame: int | None) -> npt.NDArray[Any]:
+def _map_of(values: AnyArray, path: Path, frame: int | None) -> AnyArray:
     """The (H, W) numbers of an array, or of one of several maps in it."""
     while values.ndim > _DIMENSIONS and 1 in values.shape:
         # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.

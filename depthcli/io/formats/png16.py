@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import UInt16Array
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthKind, DepthMap, Frame
@@ -44,7 +44,7 @@ class Png16Writer(WriterOptions):
 
 def stored_steps(
     depth: DepthMap, options: Png16Writer, suffix: str
-) -> tuple[npt.NDArray[np.uint16], dict[str, str], tuple[str, ...]]:
+) -> tuple[UInt16Array, dict[str, str], tuple[str, ...]]:
     """The integers of a map, (H, W) uint16; texts that say what they mean; and warnings."""
     texts, is_metric = facts.metadata_texts(depth), depth.is_metric
     if not (options.png_normalize or options.png_inverse) and is_metric:
@@ -65,7 +65,7 @@ def stored_steps(
     return steps, texts, (warning,) if not (is_metric or options.png_normalize) else ()
 
 
-def stretched(depth: DepthMap) -> tuple[npt.NDArray[np.uint16], float, float]:
+def stretched(depth: DepthMap) -> tuple[UInt16Array, float, float]:
     """Depth as 1-65535, 0 for none, (H, W) uint16; and the values that 1 and 65535 stand for."""
     values, known = depth.values, depth.valid
     if not known.any():

@@ -3,12 +3,11 @@
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import AnyArray
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
@@ -66,7 +65,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     return replace(found, warnings=(*found.warnings, unit))
 
 
-def _pfm(data: bytes, path: Path) -> npt.NDArray[Any]:
+def _pfm(data: bytes, path: Path) -> AnyArray:
     """The pixels of a PFM, whose scale OpenCV would multiply: Middlebury's is 1/255."""
     head = _PFM.match(data)
     if head is None:
@@ -78,7 +77,7 @@ def _pfm(data: bytes, path: Path) -> npt.NDArray[Any]:
     return _floats(data[head.end() :], order, int(width), int(height), path)[::-1]
 
 
-def _colmap(data: bytes, path: Path) -> npt.NDArray[Any]:
+def _colmap(data: bytes, path: Path) -> AnyArray:
     head = _COLMAP.match(data)
     if head is None:
         raise InputError(f"{path} is not a dense map of COLMAP")
@@ -88,7 +87,7 @@ def _colmap(data: bytes, path: Path) -> npt.NDArray[Any]:
     return _floats(data[head.end() :], "<f4", int(width), int(height), path)
 
 
-def _floats(data: bytes, order: str, width: int, height: int, path: Path) -> npt.NDArray[Any]:
+def _floats(data: bytes, order: str, width: int, height: int, path: Path) -> AnyArray:
     if not width or not height or len(data) < 4 * width * height:
         raise InputError(f"{path} is truncated or damaged", "copy it again")
     return np.frombuffer(data, order, width * height).reshape(height, width)

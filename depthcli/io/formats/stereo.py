@@ -4,8 +4,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array, FloatArray, Int64Array, UInt8Array
 from depthcli.core.options import StereoLayout
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import Message, OutputError
@@ -36,7 +36,7 @@ class StereoWriter(WriterOptions):
 
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
-    ) -> npt.NDArray[np.uint8]:
+    ) -> UInt8Array:
         """Draw (H, 2 W, 3) RGB uint8, or (H, W, 3) in one; ``spread`` is that of a video."""
         if frame is None:
             raise OutputError("a stereo pair is made of the image", "give it with {picture}")
@@ -51,9 +51,7 @@ class StereoWriter(WriterOptions):
             return np.hstack([left, right])
         return np.dstack([left[..., :1], right[..., 1:]])
 
-    def _disparity_px(
-        self, depth: DepthMap, spread: tuple[float, float]
-    ) -> npt.NDArray[np.float32]:
+    def _disparity_px(self, depth: DepthMap, spread: tuple[float, float]) -> Float32Array:
         """How much farther right the left eye sees a pixel than the right eye; (H, W) float32."""
         if not depth.is_metric:
             near, far = spread if depth.kind == "relative" else spread[::-1]
@@ -69,9 +67,7 @@ class StereoWriter(WriterOptions):
         return np.clip(disparity_px, -depth.width, depth.width).astype(np.float32)
 
 
-def _eye_view(
-    rgb: npt.NDArray[np.uint8], shift_px: npt.NDArray[np.float32], nearness: npt.NDArray[np.float32]
-) -> npt.NDArray[np.uint8]:
+def _eye_view(rgb: UInt8Array, shift_px: Float32Array, nearness: Float32Array) -> UInt8Array:
     """The image, pixels moved right by (H, W) float32; gaps show the mirrored surface behind."""
     height, width = shift_px.shape
     columns, rows = np.arange(width), np.arange(height)[:, np.newaxis]
@@ -92,7 +88,7 @@ def _eye_view(
     )
 
 
-def _sharpened(disparity_px: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _sharpened(disparity_px: Float32Array) -> Float32Array:
     """Disparity without ramps at edges, which would be drawn out: each pixel is near or far."""
     size = 2 * max(1, round(disparity_px.shape[1] * _EDGE_SHARE)) + 1
     window = np.ones((size, size), np.uint8)
@@ -101,7 +97,7 @@ def _sharpened(disparity_px: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]
     return np.where(high - low > _LEAST_EDGE_PX, nearest, disparity_px).astype(np.float32)
 
 
-def _fill_gaps(place: npt.NDArray[np.floating], best: npt.NDArray[np.int64]) -> None:
+def _fill_gaps(place: FloatArray, best: Int64Array) -> None:
     """Put columns of the surface behind where ``best``, larger where nearer, is -1."""
     width = best.shape[1]
     columns = np.arange(width)

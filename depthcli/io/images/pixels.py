@@ -4,9 +4,8 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from depthcli.core.arrays import AnyArray, BoolArray
+from depthcli.core.arrays import AnyArray, BoolArray, UInt16Array
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import BLACK_LEVEL, WHITE_LEVEL
 from depthcli.core.types import is_out_of_range
@@ -127,7 +126,7 @@ def as_frame_dtype(pixels: AnyArray, name: str) -> AnyArray:
     return np.clip(values, 0, 1)
 
 
-def _range_warnings(pixels: npt.NDArray[np.uint16]) -> tuple[str, ...]:
+def _range_warnings(pixels: UInt16Array) -> tuple[str, ...]:
     """A warning about 16-bit pixels that use a sliver of their range, for which no network is made.
 
     They are of a sensor of fewer bits, or of a thermal camera.

@@ -12,13 +12,12 @@ from itertools import chain, takewhile
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from depthcli.core.arrays import UInt8Array
+from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.errors import InputError, OutputError
 from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
 
-Pixels: TypeAlias = UInt8Array | npt.NDArray[np.uint16]
+Pixels: TypeAlias = UInt8Array | UInt16Array
 Compressor: TypeAlias = Callable[[UInt8Array], bytes | bytearray]
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"

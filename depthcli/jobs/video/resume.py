@@ -6,10 +6,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
-import numpy as np
-import numpy.typing as npt
-
 from depthcli._version import __version__
+from depthcli.core.arrays import Float32Array
 from depthcli.core.types import DepthKind
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, OutputError
@@ -64,7 +62,7 @@ class FrameJournal:
             self._file.flush()
             self._count += 1
 
-    def depth(self, number: int) -> npt.NDArray[np.float32] | None:
+    def depth(self, number: int) -> Float32Array | None:
         """Depth of a frame in the files of an earlier run, (H, W); None if it is to be predicted.
 
         All other outputs are made of it. Thread-safe.

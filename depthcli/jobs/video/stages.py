@@ -14,9 +14,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core import temporal, types
+from depthcli.core.arrays import Float32Array
 from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -206,8 +206,8 @@ class PredictedFrame:
     shown: DepthFrame
     #: why it is not fitted to known depth that the video has; None if it is
     unfitted: str | None
-    thumbnail: npt.NDArray[np.float32]  #: its brightness at a reduced size, (h, w) float32
-    sampled: npt.NDArray[np.float32]  #: its depth at that size, (h, w) of ``to_log``
+    thumbnail: Float32Array  #: its brightness at a reduced size, (h, w) float32
+    sampled: Float32Array  #: its depth at that size, (h, w) of ``to_log``
     warnings: tuple[str, ...] = ()  #: about its depth, one line each
 
 
@@ -347,7 +347,7 @@ class FrameStages:
 
 def _in_windows(
     depth: DepthMap, windows: types.Windows | None, *, is_kept: bool
-) -> tuple[DepthMap, npt.NDArray[np.float32]]:
+) -> tuple[DepthMap, Float32Array]:
     """Depth over all pixels of its frame, without any where the file has no pixels.
 
     What an earlier run wrote (kept) covers the display window alone. Also returns the values
