@@ -184,7 +184,7 @@ def map_options(
     is_folder: bool | None = False,
     eye: choices.Eye | None = None,
 ) -> dict[str, Any]:
-    """Values of the fields of :class:`~depthcli.jobs.options.MapOptions`."""
+    """Values of the fields of :class:`~depthcli.jobs.outputs.MapOptions`."""
     seen_by = camera(seen)
     return {
         "writing": writer_options(writing),

@@ -1,17 +1,19 @@
-"""Where a command writes: ``-o/--out`` and the formats, and the names of its outputs."""
+"""What commands on images share: options of maps, ``-o/--out``, and the names of outputs."""
 
 from __future__ import annotations
 
 import os
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Generic, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
 
+from depthcli.core import options
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.errors import UsageError
-from depthcli.io.formats.table import Format, suffix_of
+from depthcli.io.formats.table import Format, WriterOptions, suffix_of
 from depthcli.io.listing.folder import RealPaths, is_exr
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.paths import check_writable, path_of, safe_name
@@ -19,8 +21,26 @@ from depthcli.jobs.output_names import STDIN_STEM, output_bases
 from depthcli.video.formats import VideoFormat
 from depthcli.video.numbering import base_name, is_pattern
 
+if TYPE_CHECKING:
+    from depthcli.io.depth.anchors import AnchorFiles
+
 STDIO = "-"
 FormatT = TypeVar("FormatT", Format, VideoFormat)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapOptions:
+    """How images are read, predicted and written."""
+
+    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
+    camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
+    anchors: AnchorFiles | tuple[Anchor, ...] = ()  #: known depth, or where files have it
+    #: how depth is fitted to that; None for the best that the model can
+    anchors_fit: options.AnchorsFit | None = None
+    reading: options.ReadOptions = options.AS_STATED  #: how images are read
+    #: how depth becomes that of a full-size image
+    detail: options.UpsamplingOptions = options.DEFAULT_UPSAMPLING
+    max_pixels: int = options.MAX_PIXELS  #: larger images are refused
 
 
 class Kind(StrEnum):

@@ -16,8 +16,7 @@ from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.jobs import outputs
-from depthcli.jobs.options import MapOptions
-from depthcli.jobs.outputs import STDIO, Destination, Kind, OutputPlan
+from depthcli.jobs.outputs import STDIO, Destination, Kind, MapOptions, OutputPlan
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -17,9 +17,8 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, format_of
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage import atomic, paths
-from depthcli.jobs.options import MapOptions
 from depthcli.jobs.output_names import comparable, names_near, output_bases
-from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind
+from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, MapOptions
 from depthcli.video import container, formats, numbering
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, Codec, PreviewCodec, VideoFormat
