@@ -168,7 +168,7 @@ class DepthFileOptions:
         "Meaning of the numbers in a file that does not state it: metric (depth along the camera "
         "axis, the default), distance (along the ray of each pixel), disparity (stereo, needs "
         "--baseline), inverse (1/depth, metric with --from-scale) or relative. Distance and "
-        "disparity need the focal length.",
+        "disparity need the focal length."
     )
     baseline: float | None = option(
         "Distance between the two cameras of --from-kind disparity in metres.", callback=positive
@@ -242,11 +242,10 @@ class AnchorOptions:
     )
     anchors_kind: choices.DepthEncoding | None = option(
         "Meaning of the numbers in --anchors, as --from-kind of 'convert': distance along the "
-        "ray and disparity (with --baseline) need --focal-px, --hfov or --calibration.",
+        "ray and disparity (with --baseline) need --focal-px, --hfov or --calibration."
     )
     baseline: float | None = option(
-        "Distance between the two cameras of --anchors-kind disparity in metres.",
-        callback=positive,
+        "Distance between the two cameras of --anchors-kind disparity in metres.", callback=positive
     )
     anchors_fit: choices.AnchorsFit | None = option(
         "How depth follows known points: global by scale and shift alone; local also by what that "

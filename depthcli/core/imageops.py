@@ -95,12 +95,7 @@ _FIXED_POINT = 2**22
 
 
 def resize_antialiased(
-    values: Float32Array,
-    width: int,
-    height: int,
-    *,
-    cubic: bool,
-    eight_bit: bool = False,
+    values: Float32Array, width: int, height: int, *, cubic: bool, eight_bit: bool = False
 ) -> Float32Array:
     """Bilinear or bicubic (a = -0.5) with a kernel that is as wide as an output pixel: Pillow's.
 

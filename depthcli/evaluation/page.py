@@ -52,14 +52,7 @@ def report_page(report: EvalReport) -> Page:
     """The text of a report."""
     with_runs = report.has_training
     metrics = _RUN_METRICS if with_runs else report.columns
-    header = [
-        "row",
-        "align",
-        *(_TRAINING if with_runs else ()),
-        "images",
-        "pixels",
-        *metrics,
-    ]
+    header = ["row", "align", *(_TRAINING if with_runs else ()), "images", "pixels", *metrics]
     shown = metrics if with_runs else tuple(METRICS)
     return Page(
         report.title,

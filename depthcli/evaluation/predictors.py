@@ -24,12 +24,7 @@ from depthcli.errors import DatasetError
 from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.read import (
-    AS_STATED,
-    DepthReadOptions,
-    StoredDepth,
-    read_stored_depth,
-)
+from depthcli.io.depth.read import AS_STATED, DepthReadOptions, StoredDepth, read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 from depthcli.training.provenance import TrainedRun

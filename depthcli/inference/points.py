@@ -27,9 +27,7 @@ class PointFit(NamedTuple):
 
 
 def depth_of_points(
-    points: Float32Array,
-    has_depth: BoolArray | None = None,
-    hfov_deg: float | None = None,
+    points: Float32Array, has_depth: BoolArray | None = None, hfov_deg: float | None = None
 ) -> PointFit:
     """Depth of a point map (h, w, 3) of square pixels, whose x is to the right and y is down.
 
@@ -53,12 +51,7 @@ def depth_of_points(
     return PointFit(points[..., 2] + np.float32(shift), math.degrees(found))
 
 
-def _focal(
-    seen: Float64Array,
-    grid: Float64Array,
-    shift: float,
-    known: float | None,
-) -> float:
+def _focal(seen: Float64Array, grid: Float64Array, shift: float, known: float | None) -> float:
     """The focal length by half the diagonal that fits a shift best."""
     if known is not None:
         return known

@@ -236,11 +236,7 @@ def _own_size(spec: InputSpec, width: float, height: float) -> tuple[float, floa
     return scale * width // step * step, scale * height // step * step
 
 
-_SIZES = {
-    Fit.MINIMAL: _minimal,
-    Fit.LONGEST_SIDE: _longest_side_multiples,
-    Fit.OWN_SIZE: _own_size,
-}
+_SIZES = {Fit.MINIMAL: _minimal, Fit.LONGEST_SIDE: _longest_side_multiples, Fit.OWN_SIZE: _own_size}
 
 
 def _layout_of_strip(spec: InputSpec, width: float, height: float, most: int) -> Layout:

@@ -177,9 +177,7 @@ class DepthServer:
         self._requests.labels(200).inc()
         kind = mimetypes.guess_type(f"depth{asked.format.facts.suffix}")[0]
         return Response(
-            body,
-            media_type=kind or "application/octet-stream",
-            headers=_headers(facts),
+            body, media_type=kind or "application/octet-stream", headers=_headers(facts)
         )
 
     async def _image(self, request: Request) -> bytes:

@@ -232,8 +232,7 @@ class OnnxSpec:
 
 
 _Address: TypeAlias = Annotated[
-    str,
-    Rule("an address: https://host/name", re.compile(r"https?://[!-~]+").fullmatch),
+    str, Rule("an address: https://host/name", re.compile(r"https?://[!-~]+").fullmatch)
 ]
 _Sha256: TypeAlias = Annotated[str, Rule("64 hex digits", re.compile(r"[0-9a-f]{64}").fullmatch)]
 

@@ -63,11 +63,7 @@ class RawVideo:
     def options(self) -> dict[str, str]:
         """Options of FFmpeg's reader."""
         size = f"{self.width}x{self.height}"
-        return {
-            "video_size": size,
-            "pixel_format": self.pixel_format,
-            "framerate": f"{self.rate}",
-        }
+        return {"video_size": size, "pixel_format": self.pixel_format, "framerate": f"{self.rate}"}
 
 
 def pixel_format_of(name: str) -> str | None:

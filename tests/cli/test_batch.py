@@ -24,7 +24,7 @@ def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:
     done = cli("batch", "in", "--out", "out")
     assert (done.returncode, done.stderr) == (0, b"")
     assert contents(cli, "out").keys() == {
-        *("a.depth.png", "hall/b.depth.png", "hall/deep/er/c.depth.png", "manifest.jsonl"),
+        *("a.depth.png", "hall/b.depth.png", "hall/deep/er/c.depth.png", "manifest.jsonl")
     }
     assert b"3 of 3 inputs done, 2 files skipped (1 hidden, 1 .txt)" in done.stdout
     assert b"manifest: out/manifest.jsonl" in done.stdout

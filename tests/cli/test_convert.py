@@ -21,12 +21,7 @@ from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import NameFilter
-from depthcli.jobs.convert import (
-    ConvertRequest,
-    ConvertResult,
-    convert_folder,
-    plan_folder,
-)
+from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert_folder, plan_folder
 
 DEPTH = DepthMap(np.full((6, 8), 2, np.float32), provenance=Provenance("m", "0" * 64, (4, 3), 16.0))
 
@@ -267,13 +262,13 @@ def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
     assert done.returncode == 1
     lines = done.stderr.decode().splitlines()
     assert [line.split(": ")[2].split()[0] for line in lines] == [
-        *("loop", "in/0.png", "in/z.npy", "in/hall/b.npy"),
+        *("loop", "in/0.png", "in/z.npy", "in/hall/b.npy")
     ]
     assert done.stdout.startswith(b"3 of 6 files converted, 3 failed, 4 files skipped")
     assert len(contents(tree, "out")) == 3
     told = {line["input"]: line for line in printed(tree(*TO_EXR, "--json"))}
     assert [name for name, line in told.items() if line["status"] == "failed"] == [
-        *("in/0.png", "in/z.npy", "in/hall/b.npy"),
+        *("in/0.png", "in/z.npy", "in/hall/b.npy")
     ]
     assert told["in/b.png"] == {
         "input": "in/b.png",
@@ -308,9 +303,7 @@ def test_names_of_conversions_do_not_collide(tmp_path: Path) -> None:
 )
 def test_numbered_files_stay_numbered(tmp_path: Path, wanted: Format, suffix: str) -> None:
     depth_file(tmp_path / "in/clip.depth.000001.npy")
-    assert names(tmp_path, wanted) == {
-        "clip.depth.000001.npy": f"clip.depth.000001.{suffix}",
-    }
+    assert names(tmp_path, wanted) == {"clip.depth.000001.npy": f"clip.depth.000001.{suffix}"}
 
 
 def test_patterns_choose_and_change_no_name(tree: Cli) -> None:

@@ -203,10 +203,7 @@ def test_scores_of_edges_are_those_of_the_map_put_together_again() -> None:
     assert row.boundary == mean_boundary_scores(expected)
     assert not math.isnan(row.boundary.edge_f1)
     (without,) = score(
-        dataset,
-        (0,),
-        [entry_for(Playback(maps))],
-        replace(protocol, boundary=False),
+        dataset, (0,), [entry_for(Playback(maps))], replace(protocol, boundary=False)
     )
     assert without.boundary is without.images[0].boundary is None
 

@@ -134,10 +134,7 @@ def test_json() -> None:
                 "images_trained_on": 1,
                 "note": "a\nb was trained on 1",
                 "model_sha256": "ab12",
-                "per_image": [
-                    {"id": "0001"} | SCORES_JSON,
-                    {"id": "0002"} | dict.fromkeys(NAMES),
-                ],
+                "per_image": [{"id": "0001"} | SCORES_JSON, {"id": "0002"} | dict.fromkeys(NAMES)],
             },
         ],
         "notes": ["a note"],

@@ -249,10 +249,7 @@ def test_runs_with_different_or_missing_pairs_are_refused(runs: Sequence[Trained
 
 @pytest.mark.parametrize(
     ("first", "second"),
-    [
-        (_run("a-seed0"), _run("a-seed1", LONGER, settings='{"x": 1}')),
-        (_run("a-seed0"), _run("a")),
-    ],
+    [(_run("a-seed0"), _run("a-seed1", LONGER, settings='{"x": 1}')), (_run("a-seed0"), _run("a"))],
 )
 def test_a_group_differs_in_its_seeds_alone(first: TrainedRun, second: TrainedRun) -> None:
     with pytest.raises(UsageError):
@@ -386,11 +383,7 @@ def test_one_scene_has_no_interval() -> None:
 
 @pytest.mark.parametrize(
     ("name", "rows", "averaging"),
-    [
-        ("x", "ab", Averaging.IMAGE),
-        ("a", "a", Averaging.IMAGE),
-        ("a", "ab", Averaging.POOLED),
-    ],
+    [("x", "ab", Averaging.IMAGE), ("a", "a", Averaging.IMAGE), ("a", "ab", Averaging.POOLED)],
 )
 def test_rows_that_cannot_be_compared(name: str, rows: str, averaging: Averaging) -> None:
     with pytest.raises(UsageError) as raised:

@@ -13,11 +13,7 @@ import torch
 from helpers.command_line import InProcess
 
 ROOT = Path(__file__).parents[2]
-ENVIRONMENT = {
-    **os.environ,
-    "PYTHONPATH": str(ROOT),
-    "CUDA_VISIBLE_DEVICES": "",
-}
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""}
 
 
 def finished(

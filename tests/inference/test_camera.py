@@ -237,8 +237,7 @@ def test_a_focal_length_of_the_input_scales_metres(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("along", "factor"),
-    [("width", 0.1), ("mean", (0.1 + 0.3) / 2), ("both", math.sqrt(0.1 * 0.3))],
+    ("along", "factor"), [("width", 0.1), ("mean", (0.1 + 0.3) / 2), ("both", math.sqrt(0.1 * 0.3))]
 )
 def test_a_focal_length_is_along_the_card_s_axis(tmp_path: Path, along: str, factor: float) -> None:
     pipeline = model(tmp_path, camera={"focal_px": 16.0, "along": along}, input__dynamic=False)

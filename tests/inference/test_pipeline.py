@@ -239,8 +239,7 @@ def test_impossible_camera_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("dark", "bright", "told"),
-    [(0, 200, []), (0, 255, ["farther"]), (60, 120, [])],
+    ("dark", "bright", "told"), [(0, 200, []), (0, 255, ["farther"]), (60, 120, [])]
 )
 def test_pixels_at_range_ends_are_told(
     tmp_path: Path, dark: int, bright: int, told: list[str]

@@ -221,10 +221,7 @@ def test_without_the_extra_one_line_says_how_to_get_it(tmp_path: Path) -> None:
 
 
 def test_a_list_of_a_bucket_comes_page_by_page(
-    bucket: Bucket,
-    faults: Faults,
-    once_each: Callable[[], Faults],
-    monkeypatch: pytest.MonkeyPatch,
+    bucket: Bucket, faults: Faults, once_each: Callable[[], Faults], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MOTO_S3_DEFAULT_MAX_KEYS", "2")  # the server's
     monkeypatch.setattr(objects, "_PAGE_NAMES", 2)
@@ -519,9 +516,7 @@ def test_the_manifest_takes_the_place_of_parts(bucket: Bucket, faults: Faults) -
     rows.finish()
     assert put == ["manifest.jsonl"]
     found = {name: data for name, data in bucket.objects().items() if data != b"not a row"}
-    assert found == {
-        "out/manifest.jsonl": b"all\n",
-    }
+    assert found == {"out/manifest.jsonl": b"all\n"}
 
 
 def test_folder_of_a_store_is_listed_like_a_local_one(bucket: Bucket) -> None:

@@ -55,7 +55,7 @@ def test_links_are_followed_but_not_round_in_circles(tmp_path: Path) -> None:
     (tmp_path / "in" / "itself.png").symlink_to("itself.png")
     listing = list_folder(str(tmp_path / "in"))
     assert [found.name for found in listing.media] == [
-        *("broken.png", "itself.png", "far/b.png", "hall/a.png"),
+        *("broken.png", "itself.png", "far/b.png", "hall/a.png")
     ]
     assert listing.loops == ["hall/up"]
 
@@ -170,7 +170,7 @@ def test_listed_uris_are_named_from_the_folder() -> None:
     words = ["s3://b/k/x/a.png", "s3://b/c.png", "gs://b/k/d.png", "ftp://h/e.png", "s3:///f.png"]
     found = list(listed_inputs(words, "s3://b/k"))
     assert [one.name for one in found] == [
-        *("x/a.png", "b/c.png", "b/k/d.png", "ftp/h/e.png", "s3//f.png"),
+        *("x/a.png", "b/c.png", "b/k/d.png", "ftp/h/e.png", "s3//f.png")
     ]
     assert [one.path for one in found] == words
     problems = [one.problem or "" for one in found]

@@ -356,10 +356,7 @@ SETTINGS = {"a": "1", "b": "2"}
 
 
 def cache_key(
-    folder: Path,
-    options: BatchOptions = PLAIN,
-    settings: dict[str, str] = SETTINGS,
-    **card: object,
+    folder: Path, options: BatchOptions = PLAIN, settings: dict[str, str] = SETTINGS, **card: object
 ) -> CacheKey:
     session = SessionLoader(write_model(folder / "model", **card)).load()
     loader = SessionLoader(provider_options=settings)
@@ -388,8 +385,7 @@ def test_the_order_of_the_provider_s_options_does_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "card",
-    [{"output__shift": 6.0}, {"input__mean": [0.4]}, {"camera": {"hfov_deg": 60.0}}],
+    "card", [{"output__shift": 6.0}, {"input__mean": [0.4]}, {"camera": {"hfov_deg": 60.0}}]
 )
 def test_a_model_is_more_than_its_weights(tmp_path: Path, card: dict[str, object]) -> None:
     before, after = cache_key(tmp_path), cache_key(tmp_path, **card)

@@ -330,9 +330,7 @@ def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: C
     noise = np.random.default_rng(0).integers(0, 65536, (12, 48, 64), dtype=np.uint16)
     options = {"g": "1"}
     encode(
-        *(damaged, noise, Fraction(25), "ffv1", "gray16le"),
-        options=options,
-        timecode="01:00:00:20",
+        *(damaged, noise, Fraction(25), "ffv1", "gray16le"), options=options, timecode="01:00:00:20"
     )
     damage_frames(damaged, 4, 7)
     words = ("--format", "mkv", "--format", "exr", "--out", "out/")
@@ -355,11 +353,7 @@ def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: C
 def test_the_command_reports_all_frames(inside: Cli) -> None:
     write_frames(inside.folder / "d.mkv", range(3))
     done = inside("convert", "d.mkv", "p.####.preview.png", "--vmin", "1", "--vmax", "2")
-    assert (done.returncode, done.stdout, done.stderr) == (
-        0,
-        b"3 frames converted\n",
-        b"",
-    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"3 frames converted\n", b"")
     done = inside("convert", "d.mkv", "d.%d.png", "--png-scale", "100000", "--workers", "2")
     assert (done.returncode, done.stdout) == (
         0,

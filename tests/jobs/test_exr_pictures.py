@@ -310,10 +310,7 @@ def test_the_field_of_view_is_that_of_the_display_window(
 ) -> None:
     write_plate(tmp_path / "in", 1, data)
     given_px = focal_px_of_hfov(40, 64)
-    done = depth_of(
-        VideoFormat.EXR,
-        camera=Intrinsics(hfov_deg=40, centre_px=(30.5, 22.25)),
-    )
+    done = depth_of(VideoFormat.EXR, camera=Intrinsics(hfov_deg=40, centre_px=(30.5, 22.25)))
     assert done.depth.provenance.focal_px == pytest.approx(given_px)
     facts = read_metadata(tmp_path / "out" / "plate.depth.000001.exr")
     assert float(facts["focal_px"]) == pytest.approx(given_px, rel=1e-5)

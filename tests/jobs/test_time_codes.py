@@ -273,13 +273,7 @@ def test_frames_that_do_not_follow_the_stated_rate_keep_their_times(
 
 @pytest.mark.parametrize(
     ("codec", "options"),
-    [
-        ("mjpeg", {}),
-        ("mpeg4", {}),
-        ("mpeg4", {"bf": "2"}),
-        ("libx264", {"bf": "0"}),
-        ("ffv1", {}),
-    ],
+    [("mjpeg", {}), ("mpeg4", {}), ("mpeg4", {"bf": "2"}), ("libx264", {"bf": "0"}), ("ffv1", {})],
 )
 def test_a_frame_dropped_by_avi_is_a_gap(
     codec: str, options: dict[str, str], tmp_path: Path

@@ -164,10 +164,7 @@ def test_a_run_with_other_provider_options_is_not_resumed(
     for options in ({"precision": "FP32"}, {"precision": precision}):
         model = Configured(loader.model, "cpu", threads=1, provider_options=options)
         with pytest.raises(KeyboardInterrupt):
-            video(
-                video_request(clip, f"{tmp_path}/out/", (PNG16,), model=model),
-                Watched(9),
-            )
+            video(video_request(clip, f"{tmp_path}/out/", (PNG16,), model=model), Watched(9))
         written_ns.append(frame.stat().st_mtime_ns)
     assert (written_ns[0] == written_ns[1]) == (precision == "FP32")
 

@@ -237,9 +237,7 @@ def _changes(
         from depthcli.jobs.batch.watch import FolderChanges
     except ModuleNotFoundError as error:
         raise UsageError(
-            f"it needs {error.name}",
-            "install it with: pip install '.[watch]'",
-            option="watch",
+            f"it needs {error.name}", "install it with: pip install '.[watch]'", option="watch"
         ) from error
     wanted = NameFilter.of(inputs.include or (), inputs.exclude or ())
     found = FolderChanges(folder, out, wanted)
@@ -249,10 +247,7 @@ def _changes(
 
 
 def _request(
-    plan: BatchPlan,
-    options: BatchOptions,
-    engine: EngineOptions,
-    model: groups.ModelOptions,
+    plan: BatchPlan, options: BatchOptions, engine: EngineOptions, model: groups.ModelOptions
 ) -> BatchRequest:
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores

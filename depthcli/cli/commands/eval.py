@@ -55,7 +55,7 @@ class ModelOptions:
     )
     predictions_kind: choices.DepthEncoding | None = groups.option(
         "Meaning of the numbers in --predictions, if the files do not state it: metric (default), "
-        "distance (along the ray), relative, inverse, or disparity (with --baseline).",
+        "distance (along the ray), relative, inverse, or disparity (with --baseline)."
     )
     baseline: float | None = groups.option(
         "Distance in metres between the two cameras of disparity, in --predictions and, in "
@@ -75,9 +75,7 @@ class ModelOptions:
         ",wrong=0.25 (shares).",
         metavar="PATTERN",
     )
-    anchors_fit: choices.AnchorsFit | None = groups.option(
-        "How depth follows it, as in 'predict'.",
-    )
+    anchors_fit: choices.AnchorsFit | None = groups.option("How depth follows it, as in 'predict'.")
     average: choices.Averaging = groups.option(
         "Average over images, or over all pixels.", default=choices.Averaging.IMAGE
     )

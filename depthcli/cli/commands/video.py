@@ -173,12 +173,7 @@ def video(
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.outputs import STDIO
     from depthcli.jobs.video import run as job
-    from depthcli.jobs.video.plan import (
-        LOOK_AHEAD,
-        VideoRequest,
-        VideoSettings,
-        video_destination,
-    )
+    from depthcli.jobs.video.plan import LOOK_AHEAD, VideoRequest, VideoSettings, video_destination
     from depthcli.jobs.write import FailedInput
     from depthcli.video.container import live_stream
     from depthcli.video.numbering import is_sequence

@@ -257,10 +257,7 @@ def print_conversions(
     failures, warned = list[FailedInput](), list[str]()  # the first warning of each frame
     converted, lost, max_error, in_metres = 0, 0, -1.0, " m"
     _warn_of_loops(plan.loops if plan and not screen.quiet else ())
-    with (
-        show_progress(silent=screen.quiet or screen.as_json) as progress,
-        closing(results),
-    ):
+    with show_progress(silent=screen.quiet or screen.as_json) as progress, closing(results):
         stage = progress.begin("", len(plan.inputs) if plan else None, unit)
         for result in results:
             if isinstance(result, FailedInput):
