@@ -18,14 +18,14 @@ from depthcli.io.listing.folder import RealPaths, is_exr
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.paths import check_writable, path_of, safe_name
 from depthcli.jobs.output_names import STDIN_STEM, output_bases
-from depthcli.video.formats import VideoFormat
 from depthcli.video.numbering import base_name, is_pattern
 
 if TYPE_CHECKING:
     from depthcli.io.depth.anchors import AnchorFiles
+    from depthcli.video.formats import VideoFormat
 
 STDIO = "-"
-FormatT = TypeVar("FormatT", Format, VideoFormat)
+FormatT = TypeVar("FormatT", Format, "VideoFormat")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
