@@ -125,8 +125,8 @@ class DataConfig:
 
     width: Side = 256  #: network input width, px
     height: Side = 256  #: network input height, px
-    #: ``value`` is V of HSV (the paper), ``luma`` Rec. 601; ``rgb``, three channels, is for
-    #: ``generator.name=encoder`` and the losses ``l1`` and ``gradient``
+    #: ``value`` is V of HSV (the paper), ``luma`` Rec. 601; ``rgb`` is for
+    #: ``generator.name=resnet``, or ``encoder`` with the losses ``l1`` and ``gradient`` alone
     colour: Literal["value", "luma", "rgb"] = "value"
     #: aligned pairs of image and depth map; False samples them independently
     paired: bool = True
@@ -320,12 +320,21 @@ def check_config(config: TrainConfig) -> None:
     if needs and not config.data.paired:
         told = f"loss.{needs[0]} compares with the truth of the same scene"
         raise UsageError(told, "remove it or, if the method takes pairs, set data.paired=true")
-    loss, gray = config.loss, {"l1", *PAIRED_LOSSES}
-    others = any(getattr(loss, name) for name in TERMS if name not in gray)
+    if config.data.channels > 1:
+        _check_colour(config)
+
+
+def _check_colour(config: TrainConfig) -> None:
+    """Check that all networks that the losses need take images of three channels."""
+    generator, loss = config.generator, config.loss
+    compared = {"l1", *PAIRED_LOSSES}
+    others = any(getattr(loss, name) for name in TERMS if name not in compared)
     others = others or bool(loss.l1 and loss.l1_backward)
-    if config.data.channels > 1 and (generator.name != "encoder" or others):
-        told = "data.colour=rgb is for generator.name=encoder with loss.l1 and loss.gradient alone"
+    if generator.name == "efficient" or (generator.name == "encoder" and others):
+        told = "data.colour=rgb is for generator.name=resnet, or encoder with l1 and gradient alone"
         raise UsageError(told)
+    if generator.residual == "input" and generator.name == "resnet":
+        raise UsageError("generator.residual=input adds an image of one channel to the depth")
 
 
 def _check_prompt(config: TrainConfig) -> None:

@@ -115,13 +115,13 @@ class TwoWay(Method):
 
     def __init__(self, config: TrainConfig, *, backward: bool, gray_discriminator: bool) -> None:
         super().__init__(config)
-        judges = bool(self.weights.adversarial)
+        judges, channels = bool(self.weights.adversarial), config.data.channels
         self.backward_generator: Generator | None = (
-            build_generator(config.generator) if backward else None
+            build_generator(config.generator, channels, outputs=channels) if backward else None
         )
         self.depth_discriminator = build_discriminator(config) if judges else None
         self.gray_discriminator = (
-            build_discriminator(config) if judges and gray_discriminator else None
+            build_discriminator(config, channels) if judges and gray_discriminator else None
         )
 
     def networks(self, phase: Phase) -> list[nn.Module]:

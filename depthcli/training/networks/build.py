@@ -18,8 +18,11 @@ def build_network(config: GeneratorConfig, channels: int = 1) -> Generator | Pro
     return generator
 
 
-def build_generator(config: GeneratorConfig, channels: int = 1) -> Generator:
-    """The generator of a configuration, newly initialized, without layers for known depth."""
+def build_generator(config: GeneratorConfig, channels: int = 1, outputs: int = 1) -> Generator:
+    """The generator of a configuration, newly initialized, without layers for known depth.
+
+    ``outputs`` is the number of output channels of a ``resnet``; the others have one.
+    """
     if config.name == "encoder":
         return EncoderGenerator(
             str(config.encoder), config.decoder, config.dropout, norm=config.norm, channels=channels
@@ -37,9 +40,13 @@ def build_generator(config: GeneratorConfig, channels: int = 1) -> Generator:
         blocks=config.blocks,
         antialias=config.antialias,
         residual=config.residual,
+        channels=channels,
+        outputs=outputs,
     )
 
 
-def build_discriminator(config: TrainConfig) -> PatchGan:
+def build_discriminator(config: TrainConfig, channels: int = 1) -> PatchGan:
     """A discriminator of the same family as the generator, newly initialized."""
-    return PatchGan(width=config.optim.width_discriminator, antialias=config.generator.antialias)
+    return PatchGan(
+        channels, width=config.optim.width_discriminator, antialias=config.generator.antialias
+    )

@@ -14,15 +14,15 @@ _SLOPE = 0.2
 
 
 class PatchGan(nn.Module):
-    """One logit for every 70×70 patch of an image.
+    """One logit for every 70×70 patch of an image of ``channels``.
 
     ``width``, the channels of the first layer, is doubled three times. ``antialias`` replaces
     strides by stride-1 convolutions with blur (the CUT family).
     """
 
-    def __init__(self, width: int = 64, *, antialias: bool = False) -> None:
+    def __init__(self, channels: int = 1, *, width: int = 64, antialias: bool = False) -> None:
         super().__init__()
-        widths = (1, width, 2 * width, 4 * width, 8 * width)
+        widths = (channels, width, 2 * width, 4 * width, 8 * width)
         layers: list[nn.Module] = []
         for i, (inputs, outputs) in enumerate(itertools.pairwise(widths)):
             shrinks = i < 3  # noqa: PLR2004 - the last two layers keep the size
@@ -38,7 +38,7 @@ class PatchGan(nn.Module):
         init_weights(self, xavier=antialias)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Logits of an image: (B, 1, 256, 256) to (B, 1, 30, 30), and so on."""
+        """Logits of an image: (B, channels, 256, 256) to (B, 1, 30, 30), and so on."""
         return self.layers(image)  # type: ignore[no-any-return]
 
 

@@ -10,10 +10,10 @@ from depthcli.training.networks.layers import BlurDown, InstanceNorm, init_weigh
 
 
 class ResnetGenerator(nn.Module):
-    """One-channel image to one-channel image of the same size, in [-1, 1].
+    """Image to image of the same size, in [-1, 1].
 
     Instance norm without affine parameters after every convolution makes it invariant to the
-    input's mean and contrast.
+    input's mean and contrast. Where it has several input channels, an image of one is repeated.
 
     The arguments are fields of :class:`~depthcli.training.config.GeneratorConfig`. The final
     connection ``stem`` adds the features after the first layer to the last map, ``input`` adds α·x
@@ -29,32 +29,34 @@ class ResnetGenerator(nn.Module):
         *,
         antialias: bool = False,
         residual: Literal["none", "stem", "input"],
+        channels: int = 1,
+        outputs: int = 1,
     ) -> None:
         super().__init__()
-        self.width, self.residual = width, residual
+        self.width, self.residual, self.channels = width, residual, channels
         self.pad = nn.ReflectionPad2d(3)
-        self.stem = nn.Sequential(nn.Conv2d(1, width, 7), _norm_relu(width))
+        self.stem = nn.Sequential(nn.Conv2d(channels, width, 7), _norm_relu(width))
         self.down1 = _Down(width, 2 * width, antialias=antialias)
         self.down2 = _Down(2 * width, 4 * width, antialias=antialias)
         self.blocks = nn.ModuleList(_Block(4 * width) for _ in range(blocks))
         self.up1 = _up(4 * width, 2 * width, antialias=antialias)
         self.up2 = _up(2 * width, width, antialias=antialias)
-        self.head = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(width, 1, 7))
+        self.head = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(width, outputs, 7))
         init_weights(self, xavier=antialias)
         self.input_gain = nn.Parameter(torch.zeros(())) if residual == "input" else None
 
     def tap_channels(self, tap: str) -> int:
         """Channels of a named feature map."""
-        widths = (1, 2 * self.width, 4 * self.width, 4 * self.width, 4 * self.width)
+        widths = (self.channels, 2 * self.width, 4 * self.width, 4 * self.width, 4 * self.width)
         return dict(zip(self.TAPS, widths, strict=True))[tap]
 
     def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
-        """Encoder feature maps of x (B, 1, H, W) for the given taps.
+        """Encoder feature maps of x (B, channels or 1, H, W) for the given taps.
 
         They are the padded input, both downsampling convolutions before their norm, and the first
         and fifth residual block (the last if there are fewer).
         """
-        maps = {"input": self.pad(x)}
+        maps = {"input": self._padded(x)}
         maps["down1"] = self.down1.conv(self.stem(maps["input"]))
         maps["down2"] = self.down2.conv(self.down1.finish(maps["down1"]))
         y = self.down2.finish(maps["down2"])
@@ -65,9 +67,13 @@ class ResnetGenerator(nn.Module):
         maps["block5"] = y
         return [maps[tap] for tap in taps]
 
+    def _padded(self, x: Tensor) -> Tensor:
+        padded: Tensor = self.pad(x.expand(-1, self.channels, -1, -1))
+        return padded
+
     def forward(self, x: Tensor) -> Tensor:
-        """(B, 1, H, W) to (B, 1, H, W); H and W multiples of 4."""
-        stem = self.stem(self.pad(x))
+        """(B, channels or 1, H, W) to (B, outputs, H, W); H and W multiples of 4."""
+        stem = self.stem(self._padded(x))
         y = self.down2(self.down1(stem))
         for block in self.blocks:
             y = block(y)

@@ -25,6 +25,7 @@ from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import LossConfig, TrainConfig, updated
 from depthcli.training.data import TrainingBatch
+from depthcli.training.methods.base import TwoWay
 from depthcli.training.methods.registry import (
     build_method,
     check_terms,
@@ -67,6 +68,20 @@ def test_method_resumes_bit_exactly(tmp_path: Path, name: str) -> None:
     for key, images in whole.extra.items():
         assert all(map(torch.equal, images, broken.extra[key])), key
     assert torch.equal(whole.rng, broken.rng)
+
+
+@pytest.mark.parametrize("name", PAPER_METHODS)
+def test_method_trains_on_colour(tmp_path: Path, name: str) -> None:
+    config = updated(tiny(name), {"data": {"colour": "rgb"}})
+    assert _two_steps(config, tmp_path) == 2
+    generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
+    picture = torch.rand(1, 3, 32, 48) * 2 - 1
+    with torch.no_grad():
+        assert generator(picture).shape == (1, 1, 32, 48)
+        differing = generator(picture.flip(1)) - generator(picture)
+    assert float(differing.abs().max()) > 0
+    if isinstance(method := build_method(checkpoint.config), TwoWay) and method.backward_generator:
+        assert method.backward_generator(picture).shape == picture.shape
 
 
 @pytest.mark.parametrize("name", PAPER_METHODS)

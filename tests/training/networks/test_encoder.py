@@ -179,7 +179,8 @@ def test_encoder_without_a_pyramid_is_refused(name: str) -> None:
         ["generator.name=encoder"],
         ["generator.name=efficient", "generator.encoder=test_resnet"],
         ["generator.name=encoder", "generator.encoder=test_resnet", "generator.decoder=[1]"],
-        ["data.colour=rgb"],
+        ["generator.name=efficient", "data.colour=rgb"],
+        ["data.colour=rgb", "generator.residual=input"],
     ],
 )
 def test_encoder_and_colour_are_for_the_network_of_that_name(settings: list[str]) -> None:
