@@ -5,7 +5,7 @@ A batch depends on (seed, step) only, so a resumed run gets the same ones as an 
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from torch import Tensor
 
 from depthcli.core.camera import focal_px_of_hfov
 from depthcli.core.imageops import filled_nearest
+from depthcli.core.parallel import ordered_map, usable_cores
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.prompts import Pattern, Prompt
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
@@ -73,6 +74,15 @@ def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple
 _STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
 
 
+_MEMORY_SHARE = 0.5  # of a GPU's free memory that pairs may take; networks need the rest
+_Pair = tuple[
+    npt.NDArray[np.uint8],
+    npt.NDArray[np.float32],
+    npt.NDArray[np.bool_] | None,
+    list[tuple[float, float]],
+]
+
+
 class PairStore:
     """Pairs of a data set, downsampled once and kept in memory.
 
@@ -94,22 +104,40 @@ class PairStore:
         self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
         self.valid_mask: Tensor | None = None
         self.tan_half_fov = torch.empty((len(positions), 2, 2), dtype=torch.float64)
-        for row, position in enumerate(positions):
-            image, depth_m = dataset.image(position), dataset.depth_m(position)
-            views = [tan_half_fov(dataset, position, pixels.shape) for pixels in (image, depth_m)]
-            self.tan_half_fov[row] = torch.tensor(views, dtype=torch.float64)
-            rgb = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        pairs = ordered_map(
+            lambda position: self._pair(dataset, position, size), positions, workers=usable_cores()
+        )
+        for row, (rgb, depth_m, measured, halves) in enumerate(pairs):
+            self.tan_half_fov[row] = torch.tensor(halves, dtype=torch.float64)
             self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
-            filled = downsample(depth_m, size)
-            if filled is None:
-                raise DatasetError(
-                    f"pair {dataset.ids[position]} has almost no depth", "remove or repair it"
-                )
-            self.depth_m[row, 0] = torch.from_numpy(filled[0])
-            if filled[1] is not None:
+            self.depth_m[row, 0] = torch.from_numpy(depth_m)
+            if measured is not None:
                 if self.valid_mask is None:
                     self.valid_mask = torch.ones(self.depth_m.shape, dtype=torch.bool)
-                self.valid_mask[row, 0] = torch.from_numpy(filled[1])
+                self.valid_mask[row, 0] = torch.from_numpy(measured)
+
+    @staticmethod
+    def _pair(dataset: DepthDataset, position: int, size: tuple[int, int]) -> _Pair:
+        image, depth_m = dataset.image(position), dataset.depth_m(position)
+        filled = downsample(depth_m, size)
+        if filled is None:
+            raise DatasetError(
+                f"pair {dataset.ids[position]} has almost no depth", "remove or repair it"
+            )
+        halves = [tan_half_fov(dataset, position, pixels.shape) for pixels in (image, depth_m)]
+        rgb = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        return rgb, *filled, halves
+
+    def to(self, device: torch.device) -> Self:
+        """Move the pairs to a GPU whose free memory is at least twice their size."""
+        maps = [
+            values for values in (self.rgb, self.depth_m, self.valid_mask) if values is not None
+        ]
+        size = sum(values.nbytes for values in maps)
+        if device.type == "cuda" and _MEMORY_SHARE * torch.cuda.mem_get_info(device)[0] > size:
+            self.rgb, self.depth_m = self.rgb.to(device), self.depth_m.to(device)
+            self.valid_mask = None if self.valid_mask is None else self.valid_mask.to(device)
+        return self
 
     def __len__(self) -> int:
         return len(self.rgb)
@@ -212,10 +240,11 @@ class Batches:
         part: int = 0,
     ) -> Views:
         """Views with the geometry of the pictures (``part`` 0) or of the depth (1)."""
+        halves = store.tan_half_fov[rows, part]
+        rows = rows.to(store.rgb.device)
         rgb = store.rgb.index_select(0, rows).to(self.device).float().div_(255)
         depth_m = store.depth_m.index_select(0, rows).to(self.device).float()
         valid_mask = None if store.valid_mask is None else store.valid_mask[rows].to(self.device)
-        halves = store.tan_half_fov[rows, part]
         return augment(rgb, depth_m, self.data, random, valid_mask, size, halves)
 
 

@@ -14,6 +14,7 @@ from lightning_fabric import Fabric
 from lightning_fabric.utilities.exceptions import MisconfigurationException
 from torch import Tensor, nn
 from torch.optim import Optimizer
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from depthcli.core.parallel import usable_cores
 from depthcli.core.progress import Interrupt
@@ -188,12 +189,16 @@ class WeightAverage:
     def update(self, network: nn.Module, step: int) -> None:
         """Update the average with the weights after a step, counted from 1."""
         decay = min(self.decay, step / (step + 9))
-        now = network.state_dict()
-        for name, average in self.network.state_dict().items():
-            if average.dtype.is_floating_point:
-                average.lerp_(now[name].to(average.dtype), 1 - decay)
-            else:
-                average.copy_(now[name])
+        now, averages = network.state_dict(), self.network.state_dict()
+        floats = [name for name, value in averages.items() if value.dtype.is_floating_point]
+        update = get_ema_multi_avg_fn(decay)  # type: ignore[no-untyped-call]
+        update(
+            [averages[name] for name in floats],
+            [now[name].to(averages[name].dtype) for name in floats],
+            torch.tensor(step),
+        )
+        for name in averages.keys() - floats:
+            averages[name].copy_(now[name])
 
 
 def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> Optimizer:
@@ -348,12 +353,14 @@ def _set_up(
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     batches = Batches(
-        PairStore(dataset, train_rows, config.data),
+        PairStore(dataset, train_rows, config.data).to(fabric.device),
         config.data,
         config.optim.batch_size,
         config.seed,
         fabric.device,
-        None if labels is None else PairStore(labels, range(len(labels)), config.data),
+        None
+        if labels is None
+        else PairStore(labels, range(len(labels)), config.data).to(fabric.device),
         config.prompt if config.generator.prompt else None,
     )
     validation = callbacks.Validation(dataset, held_out, config) if held_out else None
