@@ -31,6 +31,7 @@ OPSET = 17
 IR_VERSION = 8
 INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
+_FEATURES = {"features", "of_below", "of_points"}  # scopes of convolutions that may be rounded
 _KNOWN = 0.02  # share of known depth in comparisons
 _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
 
@@ -133,7 +134,7 @@ def quantize(
     could overflow. Biases are corrected for what rounding the weights adds on average (Nagel et al.
     2019, Data-free quantization through weight equalization and bias correction). The batches,
     network inputs (1, C, H, W), calibrate the range of activations.
-    Of a generator that takes known depth, only convolutions are quantized.
+    What is computed with known depth is not rounded, but for features.
     """
     names = [given.name for given in model.graph.input]
     inputs = [(batch, *_prompts(generator, torch.from_numpy(batch))) for batch in batches]
@@ -153,11 +154,23 @@ def quantize(
                 reduce_range=True,
                 activation_type=QuantType.QUInt8,
                 weight_type=QuantType.QInt8,
-                op_types_to_quantize=["Conv"] if len(names) > 1 else None,
+                nodes_to_exclude=_exact_nodes(model),
             )
         finally:
             logging.disable(logging.NOTSET)
         return onnx.load(path)
+
+
+def _exact_nodes(model: onnx.ModelProto) -> list[str]:
+    """Names of the nodes that known depth reaches, other than those of features."""
+    reached, names = {*PROMPT_INPUTS}, []
+    for node in model.graph.node:
+        if reached.isdisjoint(node.input):
+            continue
+        reached.update(node.output)
+        if node.op_type not in ("Conv", "Relu") or _FEATURES.isdisjoint(node.name.split("/")):
+            names.append(node.name)
+    return names
 
 
 _LEVELS = 64  # of a weight of 7 bits, on each side of 0

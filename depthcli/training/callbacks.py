@@ -21,8 +21,9 @@ from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.augment import Views
 from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
-from depthcli.training.data import PairStore, drawn_prompts, whole_images
+from depthcli.training.data import PairStore, whole_images
 from depthcli.training.networks.prompted import coded_prompt
+from depthcli.training.prompts import drawn_prompts
 
 _BATCH_SIZE = 16  # of validation
 _SAMPLES = 6

@@ -23,7 +23,7 @@ _LEVELS = {
     "efficient": {"encoder": 5, "decoder": 4, "depths": 4},
     "encoder": {"decoder": 4},
 }
-_PROMPT_LEVELS = 5
+_PROMPT_LEVELS = 4
 _TERM = "term"
 
 Precision: TypeAlias = Literal["32-true", "bf16-mixed", "16-mixed"]
@@ -70,7 +70,7 @@ class GeneratorConfig:
     #: Statistics of ``batch`` are those of all inputs of G: with identity, cycle or contrast also
     #: of depth maps
     norm: Literal["batch", "decoder", "none"] = "batch"
-    #: channels at strides 32, 16, 8, 4, 2 of the layers that take known depth, for the method
+    #: channels at strides 16, 8, 4, 2 of the layers that take known depth, for the method
     #: ``prompted``; empty without them
     prompt: tuple[Positive, ...] = ()
 
@@ -91,14 +91,22 @@ class PromptConfig:
     corners: tuple[Positive, Positive] = (10, 1_000)  #: of corners
     lines: tuple[Positive, ...] = (1, 4, 16, 64)  #: numbers of lidar lines
     columns: tuple[Positive, Positive] = (16, 64)  #: of a depth camera
-    #: largest standard deviation of noise relative to depth, of half of the prompts
+    exact: UnitInterval = 0.5  #: share of prompts whose only errors are those of ``jitter_px``
+    #: largest standard deviation of noise relative to depth, of half of the others
     noise: Share = 0.03
-    kinect: UnitInterval = 0.2  #: share of prompts whose noise grows with distance, as Kinect's
-    wrong: tuple[Share, ...] = (0.0, 0.0, 0.02, 0.25)  #: shares of points that are wrong
+    kinect: UnitInterval = 0.2  #: share of the others whose noise grows with distance, as Kinect's
+    wrong: tuple[Share, ...] = (
+        0.0,
+        0.02,
+        0.1,
+        0.25,
+    )  #: shares of points that are wrong, of the others
     jitter_px: Amount = 0.3  #: standard deviation of the shift of each point, network px
     shift_px: Amount = 2.0  #: largest shift of all points, of a wrong calibration, network px
-    shifted: UnitInterval = 0.2  #: share of prompts that are shifted
-    missing: UnitInterval = 0.3  #: share of prompts that lack a part of the image
+    shifted: UnitInterval = 0.2  #: share of the others that are shifted
+    missing: UnitInterval = 0.2  #: share of prompts that lack a part of the image
+    #: standard deviation of errors that are added to the trained network's output, in log depth
+    base_errors: Amount = 0.15
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 A batch depends on (seed, step) only, so a resumed run gets the same ones as an unbroken one.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple, Self
 
@@ -17,16 +16,14 @@ from depthcli.core.camera import focal_px_of_hfov
 from depthcli.core.imageops import filled_nearest
 from depthcli.core.parallel import ordered_map, usable_cores
 from depthcli.datasets.base import DepthDataset
-from depthcli.datasets.prompts import Pattern, Prompt
 from depthcli.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
 from depthcli.errors import DatasetError, UsageError
 from depthcli.training.augment import Views, augment, to_network_input, view_size
 from depthcli.training.config import DataConfig, PromptConfig
+from depthcli.training.prompts import drawn_prompts
 
 # One half, less a margin for rounding.
 _LEAST_SHARE = 0.5 - 1e-5
-_NOISY = 0.5  # share of prompts with noise
-_PART_SIDES = 0.25, 0.8  # of the part of an image that has points
 
 
 def downsample(
@@ -270,50 +267,3 @@ def _stream_seed(seed: int, count: int, stream: int) -> int:
 
 def _stream(seed: int, count: int, stream: int) -> np.random.SeedSequence:
     return np.random.SeedSequence((seed, count, stream))
-
-
-def drawn_prompts(views: Views, config: PromptConfig, seed: np.random.SeedSequence) -> Tensor:
-    """Known depth of each view, (B, 1, H, W) metres, 0 where nothing is known."""
-    random = np.random.default_rng(seed)
-    depths_m, valid_mask = views.depth_m[:, 0].float(), views.valid_mask
-    if valid_mask is not None:
-        depths_m = depths_m * valid_mask[:, 0]
-    grays = views.network_input.float().mean(1).cpu().numpy()
-    sparse_m = [
-        drawn_prompt(config, random).draw(depth_m, gray, random)
-        for depth_m, gray in zip(depths_m.cpu().numpy(), grays, strict=True)
-    ]
-    return torch.from_numpy(np.stack(sparse_m)[:, None]).to(views.depth_m.device)
-
-
-def drawn_prompt(config: PromptConfig, random: np.random.Generator) -> Prompt:
-    """A pattern of known depth with its errors."""
-    pattern = Pattern(config.patterns[random.integers(len(config.patterns))])
-    ends = {
-        Pattern.UNIFORM: config.points,
-        Pattern.CORNERS: config.corners,
-        Pattern.CAMERA: config.columns,
-        Pattern.LIDAR: (1, 1),
-    }[pattern]
-    size = round(math.exp(random.uniform(*np.log(ends))))
-    if pattern is Pattern.LIDAR:
-        size = config.lines[random.integers(len(config.lines))]
-    is_shifted = random.random() < config.shifted
-    shift_px = random.uniform(-config.shift_px, config.shift_px, 2) * is_shifted
-    return Prompt(
-        pattern,
-        size,
-        noise=random.uniform(0, config.noise) * (random.random() < _NOISY),
-        has_kinect_noise=random.random() < config.kinect,
-        wrong=config.wrong[random.integers(len(config.wrong))],
-        shift_px=(float(shift_px[0]), float(shift_px[1])),
-        jitter_px=config.jitter_px,
-        part=_part(random) if random.random() < config.missing else (0.0, 0.0, 1.0, 1.0),
-    )
-
-
-def _part(random: np.random.Generator) -> tuple[float, float, float, float]:
-    """Left, top, right and bottom of a part of an image, as fractions of it."""
-    width, height = random.uniform(*_PART_SIDES, 2)
-    left, top = random.random(2) * (1 - width, 1 - height)
-    return left, top, left + width, top + height

@@ -2,17 +2,26 @@
 
 from typing import ClassVar
 
+import torch
+import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from depthcli.training.config import PAIRED_LOSSES, TrainConfig
 from depthcli.training.data import TrainingBatch
+from depthcli.training.losses import full_precision
 from depthcli.training.methods.base import Method, Phase, required
 from depthcli.training.networks.build import build_network
 from depthcli.training.networks.prompted import PromptedGenerator, coded_prompt
 
+_NODES = 4, 5, 6  # of random errors: in depth, rows and columns
+
 
 class Prompted(Method):
-    """L1 and the other losses against truth; the trained network itself does not change."""
+    """L1 and the other losses against truth; the trained network itself does not change.
+
+    On pairs that it has seen, the trained network errs less than it will on others, so that random
+    errors are added to its output.
+    """
 
     TERMS: ClassVar = frozenset({"l1", "custom", *PAIRED_LOSSES})
     PAIRED: ClassVar = True
@@ -32,5 +41,27 @@ class Prompted(Method):
         """Weighted terms of the output with known depth."""
         del phase
         prompt, mask = coded_prompt(required(batch.prompt_m), self.codec)
-        made = self.generator(batch.network_input, prompt, mask).float()
+        maps, raw = self.generator.plain(batch.network_input)
+        if self.config.prompt.base_errors:
+            raw = raw + random_errors(raw) * (self.config.prompt.base_errors / self.codec.scale)
+        made = self.generator.correction(batch.network_input, maps, raw, prompt, mask).float()
         return self.paired_terms(made, self.encode(batch.depth_m), batch.valid_mask)
+
+
+def random_errors(raw: Tensor) -> Tensor:
+    """Errors that are smooth on each surface: (B, 1, H, W) of raw depth (B, 1, H, W).
+
+    They are interpolated over columns, rows and depth. The standard deviation of each view is that
+    of a normal distribution of unit variance, without its sign.
+    """
+    count, _, height, width = raw.shape
+    nodes = torch.randn((count, 1, *_NODES), device=raw.device)
+    nodes = nodes * torch.randn((count, 1, 1, 1, 1), device=raw.device)
+    low, high = raw.amin((2, 3), keepdim=True), raw.amax((2, 3), keepdim=True)
+    depth = (raw - low) / (high - low + 1e-6) * 2 - 1
+    y, x = (torch.linspace(-1, 1, n, device=raw.device) for n in (height, width))
+    rows, columns = torch.meshgrid(y, x, indexing="ij")
+    at = torch.stack([columns + 0 * depth[:, 0], rows + 0 * depth[:, 0], depth[:, 0]], -1)
+    with full_precision(raw):
+        errors = F.grid_sample(nodes, at[:, None], align_corners=True)
+    return errors[:, :, 0]

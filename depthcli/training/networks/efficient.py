@@ -49,10 +49,13 @@ class DecodingGenerator(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, C, H, W) in [-1, 1]."""
-        return self.head(self.decoded(x)[-1])  # type: ignore[no-any-return]
+        return self.head(self.maps(x)[1][-1])  # type: ignore[no-any-return]
 
-    def decoded(self, x: Tensor) -> list[Tensor]:
-        """Feature maps of the decoder at strides 32, 16, 8, 4, 2, of x (B, C, H, W)."""
+    def maps(self, x: Tensor) -> tuple[list[Tensor | None], list[Tensor]]:
+        """Feature maps of x (B, C, H, W): the encoder's at strides 2, 4, 8, 16, the decoder's.
+
+        The decoder's are at strides 32, 16, 8, 4, 2; those of the encoder may be missing.
+        """
         skips, y = self._encode(x)
         y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
         y = self.dropout(y)
@@ -64,7 +67,7 @@ class DecodingGenerator(nn.Module):
                 y = F.interpolate(y, size=skip.shape[2:], mode="bilinear", align_corners=False)
                 y = fusion(torch.cat([y, skip], 1))
             maps.append(y)
-        return maps
+        return skips, maps
 
 
 class EfficientGenerator(DecodingGenerator):

@@ -1,4 +1,4 @@
-"""A network that follows known depth: a trained one, and a decoder that corrects its output."""
+"""A network that follows known depth: a trained one, and layers that correct its output."""
 
 from collections.abc import Sequence
 from typing import Self
@@ -8,42 +8,46 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from depthcli.core.types import DepthCodec
+from depthcli.training.losses import full_precision
 from depthcli.training.networks.efficient import ConvNorm, DecodingGenerator
+from depthcli.training.networks.points import (
+    FOLLOWED,
+    GAIN,
+    HEADS,
+    PointInterpolation,
+    Points,
+    unpacked,
+)
 
-STRIDES = (32, 16, 8, 4, 2)
-_CENTRE_STEPS = 4
-_CENTRE_SD = 0.15  # of the difference between known and predicted depth, in coded depth
-_SPREADS = (0.3, 0.2, 0.15, 0.1, 0.1)  # of the same around the coarser field, at first
-_LEAST = 1e-6
+_CONVOLUTIONS = (2, 2, 2, 1)  # at strides 16, 8, 4 and 2
+# Of known depth around the coarser field, at first, in coded depth.
+_SPREADS = (0.2, 0.15, 0.1, 0.1)
 _PRIOR = 0.05  # weight of no correction beside cells with points
-_FOLLOWED = 2.0  # logit of the share of what points say that is followed at first
+_STIFFNESS = 0.3  # that in a cell, in points, at first
+_ENCODER_SCALE = 8.0  # of maps of encoders without a nonlinearity at their end, about
+_LARGEST = 5.0  # of features of points
+_LARGEST_LOGIT = 6.0  # of a pixel's weight
 
 
 class PromptedGenerator(nn.Module):
-    """Network input and known depth to raw depth at half the input's size.
+    """Network input and known depth to raw depth at the input's size.
 
-    The difference between known and predicted depth is pooled over cells of the decoder's strides
-    and, from coarse to fine, spread over the map: at first as it is, and as far as training of
-    the layers in between shows. Only differences of coded depth are used, which is a logarithm:
-    known depth multiplied by a number multiplies the output by it. Without known depth, the output
-    is exactly that of the trained network, whose weights do not change.
+    The difference between known and predicted depth is first interpolated between all points, by
+    distance and by learned likeness, then spread and corrected at strides 16, 8, 4 and 2; at
+    last, the map is enlarged along learned edges. Only differences of coded depth are used, which
+    is a logarithm: known depth multiplied by a number multiplies the output by it. Where nothing is
+    known, the output is that of the trained network, whose weights do not change.
 
     Args:
         base: the trained network.
-        widths: channels of the added layers at strides 32, 16, 8, 4, 2.
+        widths: channels of the added layers at strides 16, 8, 4 and 2.
     """
 
     def __init__(self, base: DecodingGenerator, widths: Sequence[int]) -> None:
         super().__init__()
         self.channels = int(getattr(base, "channels", 1))
         self.base = base.requires_grad_(False).eval()
-        inner = (base.encoder_channels[-1], *base.decoder_channels)
-        self.correction = nn.ModuleList(
-            CorrectionLevel(seen, below, width, stride=stride, spread=spread)
-            for seen, below, width, stride, spread in zip(
-                inner, (0, *widths), widths, STRIDES, _SPREADS, strict=False
-            )
-        )
+        self.correction = Correction(base, widths)
 
     def train(self, mode: bool = True) -> Self:
         """Set the mode of the added layers; the trained network stays in evaluation mode."""
@@ -54,99 +58,161 @@ class PromptedGenerator(nn.Module):
     def forward(
         self, image: Tensor, prompt: Tensor | None = None, mask: Tensor | None = None
     ) -> Tensor:
-        """Raw depth (B, 1, ceil(H/2), ceil(W/2)).
+        """Raw depth (B, 1, H, W), or (B, 1, H/2, W/2) without a prompt.
 
         Args:
-            image: (B, C, H, W) in [-1, 1].
+            image: (B, C, H, W) in [-1, 1]; the height and width are even.
             prompt: (B, 1, H, W) known depth, coded as the output; anything where it is unknown.
             mask: (B, 1, H, W) float, 1 where depth is known and 0 elsewhere.
         """
-        with torch.no_grad():
-            maps = self.base.decoded(image)
-            raw: Tensor = self.base.head(maps[-1]).float()
+        maps, raw = self.plain(image)
         if prompt is None or mask is None:
             return raw
-        difference = (prompt - _resized(raw, prompt)) * mask
-        centre = robust_mean(difference, mask)
-        difference = (difference - centre) * mask
-        field, features = torch.zeros_like(maps[0][:, :1]).float(), None
-        for level, seen in zip(self.correction, maps, strict=True):
-            field, features = level(seen, features, field, difference, mask)
+        corrected: Tensor = self.correction(image, maps, raw, prompt, mask)
+        return corrected
+
+    @torch.no_grad()
+    def plain(self, image: Tensor) -> tuple[list[list[Tensor]], Tensor]:
+        """Feature maps at strides 16, 8, 4, 2, and raw depth (B, 1, H/2, W/2) of the base."""
+        skips, maps = self.base.maps(image)
+        pairs = zip(maps[1:], reversed(skips), strict=True)
+        seen = [[one for one in pair if one is not None] for pair in pairs]
+        return seen, self.base.head(maps[-1]).float()
+
+
+class Correction(nn.Module):
+    """Layers that correct raw depth by known depth; the arguments are those of the generator."""
+
+    def __init__(self, base: DecodingGenerator, widths: Sequence[int]) -> None:
+        super().__init__()
+        self.channels = int(getattr(base, "channels", 1))
+        self.interpolation = PointInterpolation(base.decoder_channels[1])
+        seen = zip(base.decoder_channels, reversed(base.encoder_channels[:-1]), strict=True)
+        below = (2 * HEADS, *widths)
+        extra = (0, 0, 0, 8 + 4 * self.channels)  # of single pixels
+        self.levels = nn.ModuleList(map(CorrectionLevel, seen, below, extra, widths, range(4)))
+        self.enlarging = EdgeUpsampling(widths[-1])
+
+    def forward(
+        self, image: Tensor, maps: list[list[Tensor]], raw: Tensor, prompt: Tensor, mask: Tensor
+    ) -> Tensor:
+        """Raw depth (B, 1, H, W) that follows known depth, of what a generator's plain returned."""
         is_prompted = (mask.amax((1, 2, 3), keepdim=True) > 0).float()
-        made: Tensor = raw + is_prompted * (centre + field)
-        return made
+        points = Points((prompt - _resized(raw, prompt)) * mask, mask)
+        field, below, told = self.interpolation(maps[1][0], points)
+        pixels = torch.cat([unpacked(image, self.channels), points.known], 1)
+        for level, seen in zip(self.levels, maps, strict=True):
+            field, below = level(seen, below, field, points, told, pixels)
+        raw = raw + is_prompted * (points.centre + field)
+        enlarged: Tensor = self.enlarging(raw, below, is_prompted)
+        return enlarged
 
 
 class CorrectionLevel(nn.Module):
     """One stride of the correction.
 
     Args:
-        seen: channels of the trained network's feature map.
-        below: channels of the features of the coarser level; 0 for the coarsest.
+        seen: channels of the trained network's feature maps, 0 for none.
+        below: channels of the features of the coarser level.
+        extra: channels of single pixels, at the finest level; else 0.
         width: channels of the own features.
-        stride: of the feature map.
-        spread: standard deviation of differences that are believed, at first.
+        level: 0 for stride 16 to 3 for stride 2.
     """
 
-    blur: Tensor
-
-    def __init__(self, seen: int, below: int, width: int, *, stride: int, spread: float) -> None:
+    def __init__(self, seen: Sequence[int], below: int, extra: int, width: int, level: int) -> None:
         super().__init__()
-        self.stride = stride
-        self.log_spread = nn.Parameter(torch.tensor(spread).log())
-        self.log_stiffness = nn.Parameter(torch.tensor(0.3).log())
+        self.stride, self.is_finest = 16 >> level, extra > 0
+        self.log_spread = nn.Parameter(torch.tensor(_SPREADS[level]).log())
+        self.log_stiffness = nn.Parameter(torch.tensor(_STIFFNESS).log())
+        self.of_seen = nn.ModuleList(nn.Conv2d(one, width, 1) for one in seen if one)
+        self.of_below = nn.Conv2d(below, width, 1)
+        self.of_points = nn.Conv2d(7 + extra, width, 3, padding=1)
         self.features = nn.Sequential(
-            ConvNorm(seen + below + 4, width, norm=False), ConvNorm(width, width, norm=False)
+            *(ConvNorm(width, width, norm=False) for _ in range(_CONVOLUTIONS[level]))
         )
-        self.head = nn.Conv2d(width, 2, 3, padding=1)
+        for conv in self.modules():
+            if isinstance(conv, nn.Conv2d):
+                nn.init.kaiming_normal_(conv.weight, nonlinearity="relu")
+                nn.init.zeros_(conv.bias)  # type: ignore[arg-type]
+        with torch.no_grad():
+            for weight in self.of_seen[1:].parameters():
+                weight.div_(_ENCODER_SCALE)
+        self.head = nn.Conv2d(width, 2, 1)
         nn.init.zeros_(self.head.weight)
         with torch.no_grad():
-            self.head.bias.copy_(torch.tensor([_FOLLOWED, 0.0]))  # type: ignore[union-attr]
-        blur = torch.tensor([1.0, 2.0, 1.0]) / 4
-        self.register_buffer("blur", (blur[:, None] * blur).view(1, 1, 3, 3), persistent=False)
+            self.head.bias.copy_(torch.tensor([FOLLOWED, 0.0]))  # type: ignore[union-attr]
 
     def forward(
-        self, seen: Tensor, below: Tensor | None, field: Tensor, difference: Tensor, mask: Tensor
+        self,
+        seen: list[Tensor],
+        below: Tensor,
+        field: Tensor,
+        points: Points,
+        told: Tensor,
+        pixels: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """The finer field of corrections (B, 1, h, w), and features (B, width, h, w).
 
         Args:
-            seen: (B, seen, h, w), the trained network's features.
+            seen: (B, seen, h, w), the trained network's feature maps.
             below: (B, below, h', w'), the features of the coarser level.
             field: (B, 1, h', w'), the field of the coarser level.
-            difference: (B, 1, H, W), known minus predicted coded depth; 0 where it is unknown.
-            mask: (B, 1, H, W), where it is known.
+            points: what is known.
+            told: (B, 2, 1, 1), of all points.
+            pixels: (B, extra, H/2, W/2) of the image and the mask, for the finest level.
         """
-        rest = difference - _resized(field, difference)
-        weight = mask / (1 + (rest / self.log_spread.exp()) ** 2)
-        count = self._pooled(weight)
-        mean = self._pooled(weight * rest) / (count + _LEAST)
+        coarser = _resized(field, points.mean)
+        count, mean = points.pooled(points.mean - coarser, self.log_spread.exp(), self.stride)
         trust = count / (count + self.log_stiffness.exp() / self.stride**2)
-        near = F.conv2d(trust, self.blur, padding=1)
-        spread = F.conv2d(trust * mean, self.blur, padding=1) / (near + _PRIOR)
-        field = _resized(field, seen)
-        coarser = [] if below is None else [_resized(below, seen)]
+        near, total = (F.avg_pool2d(v, 3, 1, 1) for v in (trust, trust * mean))
+        spread = total / (near + _PRIOR)
+        given = [trust, near, told.expand(-1, -1, *mean.shape[2:])]
+        given += [GAIN * v for v in (mean, spread, (mean - spread).abs() * trust)]
+        if self.is_finest:
+            known = points.difference - (points.centre + coarser) * points.known
+            given += [pixels, GAIN * known]
+        x = _resized(self.of_below(below), mean)
+        for conv, one in zip(self.of_seen, seen, strict=True):
+            x = x + conv(one)
         features = self.features(
-            torch.cat([seen, *coarser, trust, mean, near, spread.clamp(-1, 1)], 1)
+            F.relu(x + self.of_points(torch.cat(given, 1).clamp(-_LARGEST, _LARGEST)))
         )
         followed, added = self.head(features).float().chunk(2, 1)
-        return field + followed.sigmoid() * spread + added, features
-
-    def _pooled(self, values: Tensor) -> Tensor:
-        return F.avg_pool2d(values, self.stride, ceil_mode=True, count_include_pad=False)
+        return _resized(field, mean) + followed.sigmoid() * spread + added / GAIN, features
 
 
-def robust_mean(values: Tensor, mask: Tensor) -> Tensor:
-    """Mean of the values (B, 1, H, W) where the mask is 1, with less weight of those far from it.
+class EdgeUpsampling(nn.Module):
+    """Doubling of a map's size, bilinearly but for learned weights of the four nearest pixels."""
 
-    By reweighting with Cauchy's weights; (B, 1, 1, 1), 0 where the mask is 0 everywhere.
-    """
-    weight, mean = mask, torch.zeros_like(mask[:, :, :1, :1])
-    for _ in range(_CENTRE_STEPS):
-        total = (weight * values).sum((2, 3), keepdim=True)
-        mean = total / (weight.sum((2, 3), keepdim=True) + _LEAST)
-        weight = mask / (1 + ((values - mean) / _CENTRE_SD) ** 2)
-    return mean
+    near: Tensor
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.head = nn.Conv2d(width, 16, 1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+        near = torch.zeros(4, 4, 3, 3)  # the nearest, beside, above or below, across; new pixels
+        for pixel, (y, x) in enumerate(((0, 0), (0, 2), (2, 0), (2, 2))):
+            for which, place in enumerate(((1, 1), (1, x), (y, 1), (y, x))):
+                near[which, pixel, place[0], place[1]] = 1
+        self.register_buffer("near", near.view(16, 1, 3, 3), persistent=False)
+
+    def forward(self, values: Tensor, features: Tensor, is_learned: Tensor) -> Tensor:
+        """Of values (B, 1, h, w), (B, 1, 2 h, 2 w).
+
+        Args:
+            values: to enlarge.
+            features: (B, width, h, w).
+            is_learned: (B, 1, 1, 1), 0 where it is to be bilinear.
+        """
+        logits = self.head(features).float().clamp(-_LARGEST_LOGIT, _LARGEST_LOGIT)
+        bilinear = logits.new_tensor([9.0, 3.0, 3.0, 1.0]).repeat_interleave(4).view(1, 16, 1, 1)
+        share = (logits * is_learned).exp() * bilinear
+        with full_precision(values):
+            near = F.conv2d(F.pad(values, (1, 1, 1, 1), mode="replicate"), self.near)
+        total, weight = (each.unflatten(1, (4, 4)).sum(1) for each in (share * near, share))
+        enlarged: Tensor = F.pixel_shuffle(total / weight, 2)
+        return enlarged
 
 
 def _resized(values: Tensor, like: Tensor) -> Tensor:

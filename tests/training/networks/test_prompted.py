@@ -18,10 +18,11 @@ from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import TrainConfig
 from depthcli.training.networks.efficient import EfficientGenerator
 from depthcli.training.networks.encoder import EncoderGenerator
-from depthcli.training.networks.prompted import PromptedGenerator, coded_prompt, robust_mean
+from depthcli.training.networks.points import robust_mean
+from depthcli.training.networks.prompted import PromptedGenerator, coded_prompt
 from depthcli.training.settings import resolve_config
 
-WIDTHS = (8, 8, 8, 8, 8)
+WIDTHS = (8, 8, 8, 8)
 
 
 def _base(kind: str = "efficient") -> EfficientGenerator | EncoderGenerator:
@@ -53,9 +54,10 @@ def test_without_points_it_is_the_plain_network(kind: str) -> None:
     network.train()
     mask[0] = 0
     assert torch.equal(network(image), plain)
+    enlarged = nn.functional.interpolate(plain, scale_factor=2, mode="bilinear")
     found = network(image, prompt, mask)
-    assert torch.equal(found[0], plain[0])
-    assert not torch.equal(found[1], plain[1])
+    torch.testing.assert_close(found[0], enlarged[0])
+    assert not torch.allclose(found[1], enlarged[1])
 
 
 def test_depth_of_the_points_times_a_number_is_depth_times_it() -> None:
@@ -75,9 +77,8 @@ def test_starts_as_an_interpolation_that_leaves_wrong_points_out() -> None:
     random = torch.Generator().manual_seed(0)
     mask = (torch.rand(1, 1, 96, 128, generator=random) < 0.05).float()
     wrong = (torch.rand(1, 1, 96, 128, generator=random) < 0.1) * 1.5
-    wanted = raw + nn.functional.interpolate(across, raw.shape[2:], mode="area")
     errors = [
-        float((network(image, (truth + extra) * mask, mask) - wanted).detach().abs().mean())
+        float((network(image, (truth + extra) * mask, mask) - truth).detach().abs().mean())
         for extra in (0 * wrong, wrong)
     ]
     assert errors[0] < 0.02
@@ -106,7 +107,7 @@ def _plain_run(folder: Path) -> Path:
 
 
 def _config(init: Path, *settings: str) -> TrainConfig:
-    usual = ("generator.prompt=[8,8,8,8,8]", "precision=32-true", "optim.batch_size=4")
+    usual = ("generator.prompt=[8,8,8,8]", "precision=32-true", "optim.batch_size=4")
     small = ("validate_every=1", "data.holdout_every=4", "data.holdout_offset=1", "data.aspects=()")
     return resolve_config("prompted", settings=(*usual, *small, *settings), init=init)
 
@@ -123,7 +124,7 @@ def test_run_trains_the_added_layers_alone_resumes_and_exports(tmp_path: Path) -
     assert isinstance(generator, PromptedGenerator)
     for name, value in plain.state_dict().items():
         assert torch.equal(generator.base.state_dict()[name], value)
-    assert any(weight.any() for weight in generator.correction[0].head.parameters())
+    assert any(weight.any() for weight in generator.correction.enlarging.head.parameters())
     assert np.isfinite(saved.state.scores["abs_rel"])
     exported = export_checkpoint(
         tmp_path / "run" / CHECKPOINT, tmp_path / "m.onnx", ExportOptions()
@@ -161,4 +162,4 @@ def test_networks_without_a_decoder_and_other_codings_are_refused(setting: str) 
     with pytest.raises(UsageError):
         resolve_config("prompted", settings=(setting,))
     with pytest.raises(UsageError):
-        resolve_config("proposed", settings=("generator.prompt=[8,8,8,8,8]",))
+        resolve_config("proposed", settings=("generator.prompt=[8,8,8,8]",))
