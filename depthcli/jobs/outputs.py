@@ -21,6 +21,7 @@ from depthcli.jobs.output_names import STDIN_STEM, output_bases
 from depthcli.video.numbering import base_name, is_pattern
 
 if TYPE_CHECKING:
+    from depthcli.core.types import Frame
     from depthcli.io.depth.anchors import AnchorFiles
     from depthcli.video.formats import VideoFormat
 
@@ -41,6 +42,13 @@ class MapOptions:
     #: how depth becomes that of a full-size image
     detail: options.UpsamplingOptions = options.DEFAULT_UPSAMPLING
     max_pixels: int = options.MAX_PIXELS  #: larger images are refused
+
+    def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:
+        """An image; arguments and errors as of :func:`depthcli.io.images.read.read_image`."""
+        from depthcli.io.images.read import read_image  # noqa: PLC0415 - needs numpy
+
+        limit = self.max_pixels
+        return read_image(path, data, max_pixels=limit, name=name, **self.reading._asdict())
 
 
 class Kind(StrEnum):

@@ -14,7 +14,6 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, writer_class
-from depthcli.io.images.read import read_image
 from depthcli.io.storage.atomic import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs import write
@@ -65,9 +64,7 @@ def _predict_picture(
     start = time.perf_counter()
     try:
         data = None if plan.source else (request.stdin or sys.stdin.buffer).read()
-        frame = read_image(
-            plan.source, data, max_pixels=request.max_pixels, **request.reading._asdict()
-        )
+        frame = request.read(plan.source, data)
     except OSError as error:
         raise InputError(f"cannot read standard input: {error.strerror}") from error
     session = loading.result()

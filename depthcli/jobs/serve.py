@@ -13,7 +13,7 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
 from io import BytesIO
@@ -32,15 +32,13 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.options import AS_STATED, DEFAULT_UPSAMPLING, ReadOptions, UpsamplingOptions
 from depthcli.core.types import displayed_depth
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
-from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.images.read import read_image
+from depthcli.io.formats.table import Format
+from depthcli.jobs.outputs import MapOptions
 from depthcli.jobs.write import depth_facts, write_stream
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -52,15 +50,10 @@ _IMAGE = "image"
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """Options of one request."""
+class Asked(MapOptions):
+    """Options of one request, whose anchors are points."""
 
     format: Format = Format.PNG16
-    camera: Intrinsics = UNKNOWN_CAMERA
-    anchors: tuple[Anchor, ...] = ()
-    reading: ReadOptions = AS_STATED
-    writing: WriterOptions = field(default_factory=WriterOptions)
-    detail: UpsamplingOptions = DEFAULT_UPSAMPLING
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,11 +186,9 @@ class DepthServer:
 
     def _answer(self, data: bytes, asked: Asked) -> tuple[bytes, dict[str, Any]]:
         """The encoded depth of an image and what is known of it; runs in a thread."""
-        limit = self.limits.max_pixels
-        frame = read_image(
-            None, data, name="the request", max_pixels=limit, **asked.reading._asdict()
-        )
-        points = AnchorPoints.of(asked.anchors) if asked.anchors else None
+        limited = replace(asked, max_pixels=self.limits.max_pixels)
+        frame, anchors = limited.read(None, data, "the request"), asked.anchors
+        points = AnchorPoints.of(anchors) if anchors and isinstance(anchors, tuple) else None
         pipeline = Pipeline(self.session, asked.detail)
         depth, warnings = pipeline.predict(frame, asked.camera, points)
         warnings = (*self.session.warnings, *frame.warnings, *warnings)

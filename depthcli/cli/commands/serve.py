@@ -30,7 +30,7 @@ _REFUSED = {
         {one.name for one in fields(options.CameraOptions)}
         - {"focal_px", "hfov", "centre_px", "camera"}
     ),
-    "help",
+    *("help", "max_pixels"),
 }
 """Options of predict that name a file of the server or belong to one: not for clients."""
 _MEBIBYTE = 2**20
@@ -130,7 +130,7 @@ def _options(
     format_: Format = typer.Option(Format.PNG16, "--format"),
     camera: options.CameraOptions,
     anchors: options.AnchorOptions,
-    read: options.ReadOptions,
+    read: options.ImageOptions,
     detail: options.MapOptions,
     writing: options.WritingOptions,
 ) -> Any:  # noqa: ANN401 - Asked
@@ -138,15 +138,7 @@ def _options(
     from depthcli.cli import parse
     from depthcli.jobs.serve import Asked
 
-    points = parse.anchors(anchors)
-    return Asked(
-        format=format_,
-        camera=parse.camera(camera),
-        anchors=points if isinstance(points, tuple) else (),
-        reading=parse.reading(read),
-        writing=parse.writer_options(writing),
-        detail=parse.detail(detail),
-    )
+    return Asked(format=format_, **parse.map_options(camera, anchors, read, detail, writing))
 
 
 _command = typer.main.get_command(_request)

@@ -25,7 +25,6 @@ from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import Session
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
-from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_archive
 from depthcli.io.manifest import AnchorEntry, CacheKey, output_entry
 from depthcli.io.storage.atomic import Guard, atomic_path
@@ -80,11 +79,6 @@ class ImageWorker:
             for one in opened
         ]
 
-    def read(self, path: Path, data: bytes) -> Frame:
-        """The image in the bytes of a file; raises InputError."""
-        options = self.options
-        return read_image(path, data, max_pixels=options.max_pixels, **options.reading._asdict())
-
     def _open(self, task: BatchTask) -> _OpenedImage | BatchResult:
         start_s, sha256 = time.perf_counter(), None
         try:
@@ -95,7 +89,7 @@ class ImageWorker:
             if row is not None:
                 return BatchResult(row, is_kept=True)
             guard = task.guard(overwrite=self.options.overwrite)
-            frame = self.read(path_of(task.input.path), data)
+            frame = self.options.read(path_of(task.input.path), data)
         except UsageError:
             raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
@@ -212,7 +206,8 @@ class VideoWorker:
     def _member_files(self, member: Member, camera: Intrinsics) -> _Files:
         if member.data is None:
             raise InputError("holds no image")
-        frame, options = self.images.read(Path(member.name), member.data), self.images.options
+        options = self.images.options
+        frame = options.read(Path(member.name), member.data)
         depth, warnings = self.images.pipeline.predict(frame, camera)
         files = {}
         for which in options.formats:
