@@ -23,7 +23,7 @@ from helpers.tiny import (
 from onnx import TensorProto, helper, numpy_helper
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraSource, Intrinsics
+from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
@@ -50,6 +50,18 @@ def test_metres_follow_from_the_card(model_folder: Path, value: int, metres: flo
     depth = load(model_folder).predict(gray(value)).depth
     assert depth.kind is DepthKind.METRIC
     np.testing.assert_allclose(depth.values, metres, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("shift_m", "metres"), [(-0.2, 5.0), (0.3, 5.5), (-6.0, math.nan)])
+def test_metres_are_corrected_as_measured(
+    model_folder: Path, shift_m: float, metres: float
+) -> None:
+    pipeline = load(model_folder)
+    scale = CameraScale("robot", "tiny", pipeline.session.model.sha256, 2.0, shift_m, None, 1, 1)
+    depth = pipeline.predict(gray(51), Intrinsics(scale=scale)).depth
+    np.testing.assert_allclose(depth.values, metres, rtol=1e-5)
+    with pytest.raises(UsageError, match="'robot' was calibrated with another model, 'tiny'"):
+        pipeline.predict(gray(51), Intrinsics(scale=replace(scale, model_sha256="0" * 64)))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (7, 5), (480, 640)])
