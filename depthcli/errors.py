@@ -7,7 +7,8 @@ into exit codes and names the options of the command line in them.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 from typing import ClassVar, Self
 
@@ -137,6 +138,17 @@ class CheckpointError(DepthcliError):
 
 class TrainingError(DepthcliError):
     """Training cannot go on; the last good checkpoint is kept."""
+
+
+@contextmanager
+def os_errors_as(
+    kind: type[DepthcliError], problem: str, advice: str = "", *, option: str = ""
+) -> Iterator[None]:
+    """Raise an OSError of the block as an error of ours, whose problem ends in the reason."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{problem}: {error.strerror or error}", advice, option=option) from error
 
 
 def is_out_of_memory(error: BaseException) -> bool:

@@ -20,7 +20,7 @@ from typing import Annotated, Any, Self
 
 from depthcli.core.options import Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import OutputError, UsageError
+from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.paths import RemotePath, download, object_checksum, regular_size
 from depthcli.io.storage.temporary import folder_lock, open_locked, temporary_folder
@@ -289,11 +289,9 @@ class RowsFolder:
         if self._out is None:
             return
         self.path = self._exit_stack.enter_context(temporary_folder())
-        try:
+        with os_errors_as(OutputError, f"cannot use {out}"):
             for name in _row_objects(self._out):
                 self._download(self._out / name)
-        except OSError as error:
-            raise OutputError(f"cannot use {out}: {error.strerror or error}") from error
         self._states = {name: _file_state(self.path / name) for name in self._objects}
 
     def sync(self) -> None:
@@ -315,10 +313,8 @@ class RowsFolder:
                         shutil.copyfile(file, temporary)
             for name, objects in self._objects.items():
                 for one in () if name in here else objects:
-                    try:
+                    with os_errors_as(OutputError, f"cannot remove {one}"):
                         (self._out / one).unlink()
-                    except OSError as error:
-                        raise OutputError(f"cannot remove {one}: {error.strerror}") from error
             self._exit_stack.close()
 
     def _download(self, source: RemotePath) -> None:

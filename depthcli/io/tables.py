@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from depthcli.core.camera import CENTRE_PX, FOCAL_PX, HFOV_DEG, UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import Rule, short_repr
-from depthcli.errors import InputError
+from depthcli.errors import InputError, os_errors_as
 from depthcli.io.storage.paths import read_regular
 
 
@@ -81,10 +81,8 @@ def read_lenses(path: Path) -> dict[str, Intrinsics]:
     and ``cy``, the principal point in pixels of the picture, are optional. A row without any of
     these is left out. Other columns are ignored.
     """
-    try:
+    with os_errors_as(InputError, f"{path} cannot be read"):
         data = read_regular(path, _MAX_BYTES)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
     table = CsvTable(data, str(path))
     if ID not in table.columns or _FOCAL.isdisjoint(table.columns):
         raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")

@@ -11,7 +11,7 @@ from depthcli.core.types import (
     displayed_frame,
     has_depth,
 )
-from depthcli.errors import DepthcliError, OutputError, is_out_of_memory
+from depthcli.errors import DepthcliError, OutputError, is_out_of_memory, os_errors_as
 from depthcli.io.depth.metadata import anchor_fields, origin_fields
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
@@ -36,14 +36,10 @@ def write_stream(
     # The libraries of the formats write files only.
     with temporary_folder() as folder:
         path = folder / f"depth{Path(FORMATS[name].suffix).suffix}"
-        try:
+        problem = f"cannot write a temporary file in {folder.parent}"
+        with os_errors_as(OutputError, problem, "set TMPDIR to a folder with room"):
             warnings = _write(options, name, depth, frame, path)
             data = path.read_bytes()
-        except OSError as error:
-            raise OutputError(
-                f"cannot write a temporary file in {folder.parent}: {error.strerror or error}; set "
-                "TMPDIR to a folder with room"
-            ) from error
     try:
         stream.write(data)
         stream.flush()

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from depthcli.core.options import short_repr
 from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import ModelError, UsageError
+from depthcli.errors import ModelError, UsageError, os_errors_as
 from depthcli.io.storage.paths import RemotePath, data_folder, path_of, safe_name
 from depthcli.models import onnx_file
 from depthcli.models.card import METADATA_KEY, ModelCard
@@ -152,10 +152,9 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
     is_path = name in {".", ".."} or name.endswith(_ONNX_SUFFIX) or bool(separators & {*name})
     folders = () if is_path else roots()
     candidates = [root / file for root in folders for file in (name, name + _ONNX_SUFFIX)]
-    try:
+    # The name may be too long, or its host not be reached.
+    with os_errors_as(ModelError, f"no model at {short_repr(safe_name(name))}"):
         found = next(filter(None, map(location_at, [*candidates, path_of(name)])), None)
-    except OSError as error:  # a name that is too long, a host that cannot be reached
-        raise ModelError(f"no model at {short_repr(safe_name(name))}: {error.strerror}") from error
     if found:
         return read_model(found)
     if is_path:
@@ -199,14 +198,11 @@ def read_model(location: ModelLocation) -> Model:
 
 def checksum(path: Path) -> tuple[int, str]:
     """Size and SHA-256 of a local model file, which may be larger than the memory."""
-    try:
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            if size > MAX_BYTES:
-                raise ModelError(f"{path} is larger than a model or card can be")
-            return size, hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise ModelError(f"cannot read {path}: {error.strerror}") from error
+    with os_errors_as(ModelError, f"cannot read {path}"), path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > MAX_BYTES:
+            raise ModelError(f"{path} is larger than a model or card can be")
+        return size, hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def onnx_facts(path: Path, data: bytes | None = None) -> OnnxFacts:
@@ -243,14 +239,12 @@ def unused_card(path: Path) -> str:
 
 def read_limited(path: Path, max_bytes: int = _MAX_CARD_BYTES) -> bytes:
     """Content of a local or remote file, by default of a card."""
-    try:
+    with os_errors_as(ModelError, f"cannot read {path}"):
         if isinstance(path, RemotePath):
             return path.read_some(max_bytes)
         if path.stat().st_size > max_bytes:
             raise ModelError(f"{path} is larger than a model or card can be")
         return path.read_bytes()
-    except OSError as error:
-        raise ModelError(f"cannot read {path}: {error.strerror}") from error
 
 
 def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:

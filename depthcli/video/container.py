@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from depthcli.errors import DepthcliError, InputError, OutputError, UsageError
+from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, os_errors_as
 from depthcli.io.listing.folder import HEIF_SUFFIXES
 from depthcli.io.storage.paths import regular_size, safe_name
 from depthcli.video.numbering import SINGLE_IMAGE_ADVICE, is_single_image
@@ -201,12 +201,10 @@ def pipe_advice(source: Path | InputPipe) -> str:
 
 def _check_file(path: Path) -> None:
     """Check a file, for clearer errors than FFmpeg's."""
-    try:
+    with os_errors_as(InputError, f"{path} cannot be read"):
         size = regular_size(path)
         with path.open("rb"):  # not read: files such as /proc/kmsg state no size and never end
             pass
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
     if not size:
         raise InputError(f"{path} is empty")
     if path.suffix.lower() in HEIF_SUFFIXES:  # FFmpeg would take its first tile for a video

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path, PurePath
 from typing import NamedTuple
 
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.listing.folder import (
     EXR_SUFFIX,
     HEIF_SUFFIXES,
@@ -41,10 +41,8 @@ def is_pattern(name: str) -> bool:
 def is_sequence(path: str | Path) -> bool:
     """Whether a name stands for numbered images: a folder, or a pattern that is no file."""
     path = path_of(path)
-    try:
+    with os_errors_as(InputError, f"{path} cannot be read"):
         return path.is_dir() or (is_pattern(path.name) and not path.exists())
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
 def is_single_image(name: str) -> bool:
@@ -115,14 +113,12 @@ def find_images(path: Path) -> list[NumberedImage]:
     """
     is_folder = not is_pattern(path.name) or path.is_dir()
     folder = path if is_folder else path.parent
-    try:
+    with os_errors_as(InputError, f"{folder} cannot be listed"):
         matching = [
             folder / name
             for name in listed_names(folder)
             if (is_sequence_image(name) if is_folder else number_in(path.name, name) is not None)
         ]
-    except OSError as error:
-        raise InputError(f"{folder} cannot be listed: {error.strerror}") from None
     if not matching:
         what = "no image" if is_folder else "no such image: nothing fits the pattern"
         raise InputError(f"{path} has {what}", "see docs/video.md for image sequences")

@@ -8,7 +8,7 @@ from typing import Self, cast
 
 import cv2
 
-from depthcli.errors import UsageError
+from depthcli.errors import UsageError, os_errors_as
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.video.outputs import DepthFrame, VideoOutput
@@ -36,11 +36,9 @@ class PreviewPage(VideoOutput):
         self._newest: DepthFrame | None = None
         self._count, self._is_over = 0, False
         handler = type("Handler", (_Handler,), {"page": self})
-        try:
+        problem = f"cannot listen at {_HOSTS[0]}:{port}"
+        with os_errors_as(UsageError, problem, "choose another port", option="show"):
             self._server = ThreadingHTTPServer((_HOSTS[0], port), handler)
-        except OSError as error:
-            problem = f"cannot listen at {_HOSTS[0]}:{port}: {error.strerror}"
-            raise UsageError(problem, "choose another port", option="show") from error
         threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
 
     def __enter__(self) -> Self:

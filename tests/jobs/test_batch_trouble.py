@@ -121,7 +121,7 @@ def test_a_picture_too_large_fails_alone(tmp_path: Path, monkeypatch: pytest.Mon
             raise MemoryError
         return read_image(path, *rest, **options)
 
-    monkeypatch.setattr("depthcli.jobs.batch.workers.read_image", read)
+    monkeypatch.setattr("depthcli.io.images.read.read_image", read)
     pictures(tmp_path)
     became = {result.row.input: result.row.error for result in Batch(request(tmp_path))}
     assert became == dict.fromkeys(NAMES) | {"z.png": "does not fit into memory; make it smaller"}

@@ -15,7 +15,7 @@ import typer
 from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, Given, group, grouped
 from depthcli.core.options import GPU_BATCH
-from depthcli.errors import ExitCode, UsageError
+from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format
 
 if TYPE_CHECKING:
@@ -306,9 +306,7 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
         raise UsageError("", "name a folder, or give a list with {files}")
     if files is None:
         return plan_folder(folder or "", out, wanted, shard, known)
-    try:
+    with os_errors_as(UsageError, "cannot read the list from standard input"):
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
-    except OSError as error:
-        raise UsageError(f"cannot read the list from standard input: {error.strerror}") from error
     words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)
     return plan_files(words, files, folder, out, wanted, shard, known)

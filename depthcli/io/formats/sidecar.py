@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame, Provenance
 from depthcli.core.validation import FieldError, parsed_json
-from depthcli.errors import Message, OutputError
+from depthcli.errors import Message, OutputError, os_errors_as
 from depthcli.io.depth import metadata
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.paths import read_regular
@@ -83,13 +83,9 @@ def with_sidecar(path: Path, own: Mapping[str, str], size_px: tuple[int, int]) -
 
 def remove_video_sidecar(path: Path) -> None:
     """Remove the sidecar of a video's numbered files, if depthcli wrote it."""
-    try:
+    with os_errors_as(OutputError, f"cannot remove {path}, which describes an earlier video"):
         if "times_s" in _read_sidecar(path):
             path.unlink()
-    except OSError as error:
-        raise OutputError(
-            f"cannot remove {path}, which describes an earlier video: {error.strerror}"
-        ) from error
 
 
 def _find_sidecar(path: Path) -> _Sidecar | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple, Self, TypeAlias
 
 from depthcli.core.options import INSTALL_FORMATS, INSTALL_HEIF
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.formats.table import Format, is_own
 from depthcli.io.storage.paths import RemotePath, path_of
 
@@ -248,7 +248,7 @@ def _list_objects(
     out = f"{leave_out.relative_to(root)}/" if leave_out.is_relative_to(root) else None
     start, folder, is_entered = f"{root.base}/{root.key}".rstrip("/"), None, True
     found = Listing([], [], [])
-    try:
+    with os_errors_as(UsageError, f"{root} cannot be listed"):
         for name in root.walk_names():
             above = name.rpartition("/")[0]
             if above != folder:  # names come folder by folder
@@ -257,8 +257,6 @@ def _list_objects(
             if not name or not is_entered or (out and name.startswith(out)):
                 continue
             found.add(name, f"{start}/{name}", refusal(f"{start}/{name}"))
-    except OSError as error:
-        raise UsageError(f"{root} cannot be listed: {error.strerror}") from error
     if folder is None:
         raise UsageError(f"{root} is not a folder", "name one, or give {files} a list")
     found.media.sort(key=lambda file: _walk_sort_key(file.name))

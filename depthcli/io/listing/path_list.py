@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from depthcli.core.options import INSTALL_PYARROW, one_line
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.listing.folder import InputFile, is_exr, is_media
 from depthcli.io.storage import paths
 
@@ -33,7 +33,7 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
     if paths.is_remote(source):
         return _remote_list(source, column)
     path, suffix = Path(source), Path(source).suffix.lower()
-    try:
+    with os_errors_as(UsageError, f"cannot read the list {source}"):
         if suffix == ".parquet":
             return column_texts(path, column)
         if suffix in _DELIMITERS:
@@ -41,8 +41,6 @@ def read_list(source: str, column: str | None = None) -> Iterable[str]:
         if column is not None:
             raise UsageError(f"{source} is no list in Parquet or CSV", "leave out {column}")
         return parse_list(path.read_bytes())
-    except OSError as error:
-        raise UsageError(f"cannot read the list {source}: {error.strerror or error}") from error
 
 
 def _remote_list(source: str, column: str | None) -> Iterator[str]:

@@ -11,7 +11,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Self, TypeAlias
 
-from depthcli.errors import OutputError, UsageError
+from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.formats.table import is_own
 from depthcli.io.storage.paths import RemotePath
 from depthcli.io.storage.temporary import folder_lock, temporary_beside
@@ -99,7 +99,7 @@ def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
         guard.check(path)
     if is_special(path):
         raise OutputError(f"{path} is a device or a pipe and is not replaced", _ADVICE)
-    try:
+    with os_errors_as(OutputError, f"cannot write {path}", _ADVICE):
         if isinstance(path, RemotePath):
             from depthcli.io.storage.paths import uploaded  # noqa: PLC0415 - slow, seldom used
 
@@ -110,8 +110,6 @@ def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
         with temporary_beside(path) as temporary:
             yield temporary
             os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}", _ADVICE) from error
 
 
 def write_text(text: str, path: Path) -> None:
@@ -166,7 +164,7 @@ def workspace(root: Path) -> Iterator[Path]:
     a killed process, the next one clears it.
     """
     work = root / _WORK
-    try:
+    with os_errors_as(OutputError, f"cannot write {root}"):
         root.mkdir(parents=True, exist_ok=True)
         with folder_lock(root) as is_free:
             if not is_free:
@@ -177,8 +175,6 @@ def workspace(root: Path) -> Iterator[Path]:
                 yield work
             finally:
                 shutil.rmtree(work, ignore_errors=True)
-    except OSError as error:
-        raise OutputError(f"cannot write {root}: {error.strerror or error}") from error
 
 
 def replace_folder(made: Path, target: Path, last: str) -> None:

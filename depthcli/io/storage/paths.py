@@ -13,7 +13,7 @@ from typing import BinaryIO
 from urllib.parse import unquote, urlsplit
 
 from depthcli.core.progress import NO_PROGRESS, Progress, begin_bytes
-from depthcli.errors import DepthcliError, InputError, UsageError
+from depthcli.errors import DepthcliError, InputError, UsageError, os_errors_as
 from depthcli.io.storage import objects
 from depthcli.io.storage.objects import RemotePath
 from depthcli.io.storage.temporary import temporary_folder
@@ -180,10 +180,8 @@ def local_copy(
         return
     with temporary_folder() as folder:
         copy = folder / path.name
-        try:
+        with os_errors_as(InputError, f"{path} cannot be read"):
             download(path, copy, progress, max_bytes=max_bytes)
-        except OSError as error:
-            raise InputError(f"{path} cannot be read: {error.strerror}") from error
         with errors_about(path, copy):
             yield copy
 

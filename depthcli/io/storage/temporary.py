@@ -14,7 +14,9 @@ from itertools import islice
 from pathlib import Path
 
 from depthcli.core.progress import exit_hook
-from depthcli.errors import OutputError
+from depthcli.errors import OutputError, os_errors_as
+
+_NO_ROOM = "cannot write a temporary file", "set TMPDIR"
 
 
 @contextmanager
@@ -22,10 +24,8 @@ def temporary_folder() -> Iterator[Path]:
     """A folder in the system's temporary one, removed when the block or the process ends."""
     from tempfile import TemporaryDirectory  # noqa: PLC0415 - 2 ms, and seldom used
 
-    try:
+    with os_errors_as(OutputError, *_NO_ROOM):
         folder = TemporaryDirectory(prefix="depthcli-")
-    except OSError as error:
-        raise _no_room(error) from error
     with exit_hook(folder.cleanup), folder as name:
         yield Path(name)
 
@@ -35,16 +35,9 @@ def temporary_copy(data: bytes, name: str) -> Iterator[Path]:
     """A file of this content in a temporary folder."""
     with temporary_folder() as folder:
         copy = folder / name
-        try:
+        with os_errors_as(OutputError, *_NO_ROOM):
             copy.write_bytes(data)
-        except OSError as error:
-            raise _no_room(error) from error
         yield copy
-
-
-def _no_room(error: OSError) -> OutputError:
-    reason = error.strerror or str(error)
-    return OutputError(f"cannot write a temporary file: {reason}", "set TMPDIR")
 
 
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND

@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from depthcli.errors import UsageError
+from depthcli.errors import UsageError, os_errors_as
 from depthcli.io import manifest
 from depthcli.io.manifest import Journal, Rows, known_rows
 
@@ -38,10 +38,8 @@ def read_rows(path: Path) -> Rows:
         if not rows.has_files:
             raise UsageError(f"no manifest in {path}", "name the output folder of a batch")
         return rows
-    try:
+    with os_errors_as(UsageError, f"cannot read the manifest {path}"):
         return Rows([manifest.RowFile(path)])
-    except OSError as error:
-        raise UsageError(f"cannot read the manifest {path}: {error.strerror}") from error
 
 
 def summarize(rows: Rows) -> Summary:

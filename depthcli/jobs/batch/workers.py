@@ -18,7 +18,7 @@ from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import Frame, displayed_depth
 from depthcli.core.validation import fingerprint
-from depthcli.errors import InputError, ModelError, UsageError, about
+from depthcli.errors import InputError, ModelError, UsageError, about, os_errors_as
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import check_network
 from depthcli.inference.pipeline import Pipeline, Prediction
@@ -268,13 +268,11 @@ def video_checksum(task: BatchTask, path: Path, options: BatchOptions) -> str:
         raise InputError(f"{path} is {kind}, to which anchors do not apply")
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")
-    try:
+    with os_errors_as(InputError, f"{path} cannot be read"):
         if not path.stat().st_size:  # also of /proc/kmsg, which could be read without end
             raise InputError(f"{path} is empty")
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
 
 
 @dataclass(frozen=True, slots=True)
