@@ -71,7 +71,10 @@ class Run:
         self.steps = config.optim.epochs * steps_per_epoch
         self.state, self.provenance = TrainState(), provenance.DataProvenance()
         self.method = build_method(config)
-        self.method.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        # On an H200, steps with convolutions of single channels took seconds in channels-last
+        # memory, .14 s in contiguous memory; CPUs are 1.3 times as fast with the former.
+        layout = torch.contiguous_format if fabric.device.type == "cuda" else torch.channels_last
+        self.method.to(memory_format=layout)  # type: ignore[call-overload]
         phases = [phase for phase in self.method.phases if self.method.networks(phase)]
         optimizers = [build_optimizer(self.method, phase, config.optim) for phase in phases]
         self.rates = {

@@ -43,11 +43,10 @@ class EncoderGenerator(DecodingGenerator):
         self._add_decoder(
             [widths.get(n, 0) for n in STRIDES], decoder, dropout, norm=norm != "none"
         )
-        # 1.3 times as fast to train on a CPU
-        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
-        x = x.contiguous(memory_format=torch.channels_last)
+        if not x.is_cuda:  # as the weights, see Run
+            x = x.contiguous(memory_format=torch.channels_last)
         maps = dict(zip(self.strides, self.encoder(x), strict=True))
         return [maps.get(stride) for stride in STRIDES[:-1]], maps[STRIDES[-1]]
 
