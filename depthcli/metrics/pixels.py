@@ -60,10 +60,10 @@ class DepthPixels:
     def parts(self) -> Iterator[Self]:
         """Split the pixels into parts whose float64 arrays fit the processor's cache.
 
-        Each part is valid until the next one is yielded.
+        Each part is valid until the next one is yielded. Without pixels, there is an empty one.
         """
         scratch = np.empty((_ARRAYS, min(_PART_PIXELS, len(self))))
-        for start in range(0, len(self), _PART_PIXELS):
+        for start in range(0, max(1, len(self)), _PART_PIXELS):
             part = slice(start, start + _PART_PIXELS)
             pieces = self.truth[part], self.prediction[part]
             yield type(self)(*pieces, self.min_m, self.max_m, scratch)

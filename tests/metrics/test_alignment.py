@@ -182,6 +182,8 @@ def test_image_without_valid_pixel_is_left_out() -> None:
     one = DepthPixels.of(np.array([2.0]), np.array([3.0]))
     nothing = DepthPixels.of(np.array([0.0]), np.array([3.0]))
     assert math.isnan(PixelSums.of(nothing).scores()["abs_rel"])
+    some = PixelSums.of(one)
+    assert some + PixelSums.of(nothing) == some  # a range of distances that an image lacks
     assert _mean(Averaging.IMAGE, [one, nothing])["abs_rel"] == 0.5
 
 
