@@ -37,8 +37,7 @@ def test_a_sparse_map_scales_a_picture(inside: Cli, kind: str) -> None:
     sparse_m[::8, ::8] = 90
     np.save(inside.folder / "lidar.npy", sparse_m)
     words = ("--anchors", "lidar.npy", "--model", "one", "-o", "d.npy", "--overwrite")
-    done = inside("predict", "room.png", *words, "--json")
-    assert done.returncode == 0
+    done = inside("predict", "room.png", *words, "--json", code=0)
     np.testing.assert_allclose(np.load(inside.folder / "d.npy"), known_m, rtol=1e-4)
     found = json.loads(done.stdout)
     wrong, given = np.count_nonzero(sparse_m == 90), np.count_nonzero(sparse_m)
@@ -133,8 +132,7 @@ def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:
     np.save(known / "a.npy", sparse_twice(inside, "in/a.png"))
     (known / "hall" / "b.csv").write_text("x,y,depth_m\n5,4,2\n")
     batch = ("batch", "in", "--out", "out", "--anchors", "known")
-    done = inside(*batch)
-    assert done.returncode == 1
+    done = inside(*batch, code=1)
     assert "c.png: " in done.stderr.decode()
     found = rows(inside, "out")
     assert {name: row["status"] for name, row in found.items()} == {
@@ -175,8 +173,7 @@ def test_changed_known_depth_is_done_again(inside: Cli) -> None:
     batch = ("batch", "in", "--out", "out", "--anchors", "known")
 
     def kept() -> list[bool]:
-        done = inside(*batch, "--json")
-        assert done.returncode == 0
+        done = inside(*batch, "--json", code=0)
         found = [json.loads(line) for line in done.stdout.splitlines()]
         return [row["kept"] for row in sorted(found, key=lambda row: str(row["input"]))]
 
@@ -201,11 +198,9 @@ def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
     (inside.folder / "in" / "clip.mp4").write_bytes(b"film")
     (inside.folder / "known").mkdir()
     (inside.folder / "known" / "a.csv").write_text("x,y,depth_m\n5,4,2\n")
-    done = inside("batch", "in", "--out", "out", "--anchors", "known/a.csv")
-    assert done.returncode == 2
+    done = inside("batch", "in", "--out", "out", "--anchors", "known/a.csv", code=2)
     assert "--anchors" in done.stderr.decode()
-    done = inside("batch", "in", "--out", "out", "--anchors", "known")
-    assert done.returncode == 1
+    done = inside("batch", "in", "--out", "out", "--anchors", "known", code=1)
     assert "clip.mp4 " in done.stderr.decode()
     assert rows(inside, "out")["a.png"]["status"] == "ok"
 
@@ -229,8 +224,7 @@ def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str) -> None:
         {"png": "png16"}.get(suffix, suffix),
     )
     for extra in ((), ("--dry-run",)):
-        done = inside("batch", *words, *extra)
-        assert done.returncode == 1
+        done = inside("batch", *words, *extra, code=1)
         assert b"is its known depth; choose another --out" in done.stdout + done.stderr
     assert (inside.folder / "known" / name).read_bytes() == before
 

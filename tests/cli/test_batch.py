@@ -57,8 +57,7 @@ def test_the_manifest_names_the_camera_of_each_picture(inside: Cli) -> None:
 )
 def test_patterns(inside: Cli, words: tuple[str, ...], taken: set[str]) -> None:
     tree(inside, "a.png", "hall/b.jpg", "hall/c.png", "hall/thumbs/d.png")
-    done = inside("batch", "in", "--out", "out", "--json", *words)
-    assert done.returncode == 0
+    done = inside("batch", "in", "--out", "out", "--json", *words, code=0)
     assert {row["input"] for row in printed(done)} == taken
     assert rows(inside, "out").keys() == taken
 
@@ -69,8 +68,7 @@ def test_a_list_from_standard_input(cli: Cli, end: bytes) -> None:
     outside = write_picture(cli.folder / "elsewhere" / "c.png")
     words = (b"in/hall/b.png", b"./in/a.png", os.fsencode(outside), b"in/missing.png")
     stdin = b"".join(word + end for word in words)
-    done = cli("batch", "--out", "out", "--files", "-", stdin=stdin)
-    assert done.returncode == 1
+    done = cli("batch", "--out", "out", "--files", "-", stdin=stdin, code=1)
     assert b"in/missing.png is missing" in done.stderr
     pictures = {"in/a.depth.png", "in/hall/b.depth.png", str(outside.with_suffix(".depth.png"))[1:]}
     assert contents(cli, "out").keys() == {*pictures, "manifest.jsonl"}
@@ -93,8 +91,7 @@ def test_videos_among_the_pictures(inside: Cli) -> None:
     tree(inside, "a.png")
     write_video(inside.folder / "in" / "hall" / "clip.avi", flat_frames(range(0, 100, 10)))
     formats = ("--format", "png16", "--format", "preview", "--format", "npy", "--sidecar")
-    done = inside("batch", "in", "--out", "out", "--json", *formats)
-    assert done.returncode == 0
+    done = inside("batch", "in", "--out", "out", "--json", *formats, code=0)
     frames = {f"hall/clip.depth.{number:06d}.npy" for number in range(10)}
     video = {"hall/clip.depth.mkv", "hall/clip.preview.mp4", "hall/clip.depth.json"}
     pictures = {"a.depth.png", "a.preview.png", "a.depth.npy", "a.depth.json"}
@@ -112,8 +109,7 @@ def test_a_dry_run_writes_nothing(inside: Cli) -> None:
     tree(inside, "a.png", "hall/b.png", "notes.txt")
     (inside.folder / "in" / "empty.jpg").touch()
     dry = ("batch", "in", "--out", "out", "--dry-run")
-    done = inside(*dry)
-    assert done.returncode == 1
+    done = inside(*dry, code=1)
     assert done.stdout.decode().splitlines() == [
         "do    a.png -> out/a.depth.png",
         "fail  empty.jpg: in/empty.jpg is empty",
@@ -164,8 +160,7 @@ def sha256(data: bytes) -> str:
 def test_json_prints_the_rows_of_the_manifest(inside: Cli) -> None:
     tree(inside, "a.png", "b.png")
     (inside.folder / "in" / "c.png").touch()
-    done = inside("batch", "in", "--out", "out", "--json")
-    assert done.returncode == 1
+    done = inside("batch", "in", "--out", "out", "--json", code=1)
     found = printed(done)
     assert [row.pop("kept") for row in found] == [False] * 3
     assert {row["input"]: row for row in found} == rows(inside, "out")
@@ -187,8 +182,7 @@ def test_no_bad_file_stops_the_others(inside: Cli) -> None:
     (folder / "self.png").symlink_to("self.png")
     os.mkfifo(folder / "pipe.png")
     np.save(folder / "floats.npy", np.zeros(3))
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 1
+    done = inside("batch", "in", "--out", "out", code=1)
     errors = done.stderr.decode().splitlines()
     bad = ("bomb.pbm", "cut.png", "empty.png", "link.png", "pipe.png", "self.png", "text.jpg")
     assert len(errors) == len(bad)
@@ -203,8 +197,7 @@ def test_no_bad_file_stops_the_others(inside: Cli) -> None:
 def test_an_output_that_cannot_be_written_stops_no_other(inside: Cli) -> None:
     tree(inside, "a.png", "b.png")
     (inside.folder / "out" / "a.depth.png" / "in the way").mkdir(parents=True)
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 1
+    done = inside("batch", "in", "--out", "out", code=1)
     (line,) = done.stderr.decode().splitlines()
     assert "a.depth.png" in line
     assert rows(inside, "out")["b.png"]["status"] == "ok"
@@ -215,8 +208,7 @@ def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None
     write_model(inside.models / "default", fixed_inside(), input__fit="keep-aspect")
     picture(inside, "wide.png", np.zeros((10, 300), np.uint8))
     tree(inside, "a.png", "z.png")
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 1
+    done = inside("batch", "in", "--out", "out", code=1)
     assert b"wide.png" in done.stderr
     assert {n: r["status"] for n, r in rows(inside, "out").items()} == {
         **dict.fromkeys(("a.png", "z.png"), "ok"),
@@ -236,8 +228,7 @@ def test_a_listed_input_is_never_replaced(inside: Cli) -> None:
     before = contents(inside, "in")
     stdin = b"a.jpg\na.depth.png\n"
     for extra in ((), ("--dry-run",)):
-        done = inside("batch", "in", "--out", "in", "--files", "-", *extra, stdin=stdin)
-        assert done.returncode == 2
+        done = inside("batch", "in", "--out", "in", "--files", "-", *extra, stdin=stdin, code=2)
         assert b"in/a.depth.png, the output for a.jpg, is an input" in done.stderr
     assert contents(inside, "in") == before
     beside = inside("batch", "in", "--out", "in", "--files", "-", stdin=b"b.png")
@@ -264,8 +255,7 @@ def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     assert inside("predict", "in/a.png").returncode == 0
     for name in ("clip.depth.mkv", "clip.preview.mp4"):
         (inside.folder / "in" / name).touch()
-    done = inside("batch", "in", "--out", "in/out")
-    assert done.returncode == 0
+    done = inside("batch", "in", "--out", "in/out", code=0)
     assert rows(inside, "in/out").keys() == {"a.png", "b.preview.png"}
     assert b"2 of 2 inputs done, 4 files skipped (4 written by depthcli)" in done.stdout
     names = sorted(contents(inside, "in"))

@@ -217,8 +217,7 @@ def test_no_byte_depends_on_how_the_work_is_spread(model: str, inside: Cli) -> N
     seen = {}
     for number, (way, words) in enumerate(WAYS.items()):
         own = ("--model", str(ROOT / "models" / model), "--format", "npy", "--format", "png16")
-        done = inside(*words, "-o", f"{number}/", "--quiet", *own)
-        assert done.returncode == 0, done.stderr
+        inside(*words, "-o", f"{number}/", "--quiet", *own, code=0)
         files = contents(inside, str(number))
         seen[way] = {name: data for name, data in files.items() if name != "manifest.jsonl"}
     whole = seen["one at a time"]

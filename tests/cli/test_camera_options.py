@@ -114,8 +114,7 @@ def test_a_distorted_lens_is_one_warning(inside: Cli, folder: Path, command: str
         "batch": ("in", "--out", "out"),
         "video": ("in/f%d.png", "--out", "out/", "--fps", "25"),
     }[command]
-    done = inside(command, *words, "--format", "npy", "--calibration", "cam.yaml")
-    assert done.returncode == 0
+    done = inside(command, *words, "--format", "npy", "--calibration", "cam.yaml", code=0)
     warning = "depthcli: warning: the camera has lens distortion, which is not removed; rectify"
     assert done.stderr.decode().count(warning) == 1
     done = inside(command, *words, "--format", "npy", "--calibration", "cam.yaml", "--quiet")
@@ -138,8 +137,7 @@ def test_rectified_pictures_have_the_camera_of_the_projection_matrix(
         ("a/", ("--focal-px", "64", "--centre-px", "33.5,22.25")),
         ("b/", ("--calibration", "cam.yaml", "--rectified")),
     ):
-        done = inside(command, *words, out, "--format", "npy", "--sidecar", *camera)
-        assert done.returncode == 0
+        done = inside(command, *words, out, "--format", "npy", "--sidecar", *camera, code=0)
         assert "warning" not in done.stderr.decode()
         (depth,) = (folder / out).glob("*.npy")
         (sidecar,) = (folder / out).glob("*.depth.json")
@@ -167,8 +165,7 @@ def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     np.testing.assert_allclose(*depths, rtol=1e-6)
     assert sidecars[0]["centre_px"] == sidecars[1]["centre_px"] == [30.5, 25.25]
     (folder / "cam.yaml").write_text(CALIBRATION.replace("48", "20"))
-    done = inside("video", "clip.avi", "--out", "c.mkv", "--calibration", "cam.yaml")
-    assert done.returncode == 1
+    done = inside("video", "clip.avi", "--out", "c.mkv", "--calibration", "cam.yaml", code=1)
     assert not (folder / "c.mkv").exists()
 
 

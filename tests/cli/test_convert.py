@@ -132,8 +132,7 @@ def test_a_file_states_the_given_camera(
     centre_px: tuple[float, float] | None,
 ) -> None:
     (files / "camera.yaml").write_text(CALIBRATION)
-    done = inside("convert", "bare.npy", name, *options)
-    assert done.returncode == 0
+    inside("convert", "bare.npy", name, *options, code=0)
     if name == "b.json":
         told = json.loads((files / name).read_text())
         told["centre_px"] = told["centre_px"] and tuple(told["centre_px"])
@@ -167,8 +166,7 @@ def test_a_calibration_warns_and_is_not_replaced(inside: Cli, files: Path) -> No
     assert inside(*command).stderr.startswith(b"depthcli: warning: ")
     assert not inside(*command, "--rectified").stderr + inside(*command, "--quiet").stderr
     (files / "camera.json").write_text(CALIBRATION)
-    done = inside("convert", "d.png", "camera.json", "--calibration", "camera.json")
-    assert done.returncode == 1
+    inside("convert", "d.png", "camera.json", "--calibration", "camera.json", code=1)
     assert (files / "camera.json").read_text() == CALIBRATION
     ExrWriter().write(DepthMap(np.ones((6, 12), np.float32)), files / "wide.exr")
     assert inside("convert", "wide.exr", "b.ply", *command[-2:]).returncode == 1
@@ -258,8 +256,7 @@ def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
     (tree.folder / "in/loop").symlink_to(".")
     (tree.folder / "in/velodyne.bin").write_bytes(b"points")
     np.save(tree.folder / "in/z.npy", np.ones((6, 8), np.uint16))
-    done = tree(*TO_EXR)
-    assert done.returncode == 1
+    done = tree(*TO_EXR, code=1)
     lines = done.stderr.decode().splitlines()
     assert [line.split(": ")[2].split()[0] for line in lines] == [
         *("loop", "in/0.png", "in/z.npy", "in/hall/b.npy")
@@ -308,8 +305,7 @@ def test_numbered_files_stay_numbered(tmp_path: Path, wanted: Format, suffix: st
 
 def test_patterns_choose_and_change_no_name(tree: Cli) -> None:
     depth_file(tree.folder / "in/b.npy")
-    done = tree(*TO_EXR, "--include", "*.png", "--exclude", "a.*")
-    assert done.returncode == 0
+    tree(*TO_EXR, "--include", "*.png", "--exclude", "a.*", code=0)
     assert contents(tree, "out").keys() == {"b.png.depth.exr"}
     assert tree(*TO_EXR, "--include", "*.exr").returncode == 2
 

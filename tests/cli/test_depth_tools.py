@@ -126,8 +126,7 @@ def test_convert_between_scales(inside: Cli) -> None:
     assert inside("convert", "d.npy", "kitti.png", "--png-scale", "256").returncode == 0
     pixels = cv2.imread(str(inside.folder / "kitti.png"), cv2.IMREAD_UNCHANGED)
     assert (pixels[11, 15], pixels[0, 0]) == (9 * 256, 0)
-    done = inside("convert", "kitti.png", "again.npy", "--from-scale", "512")
-    assert done.returncode == 0
+    inside("convert", "kitti.png", "again.npy", "--from-scale", "512", code=0)
     assert np.load(inside.folder / "again.npy")[11, 15] == pytest.approx(4.5)
 
 
@@ -148,8 +147,7 @@ def test_an_assumed_scale_is_a_warning(inside: Cli, words: tuple[str, ...], opti
 
 def test_convert_never_replaces_its_input(inside: Cli, depth_npy: Path) -> None:
     before = depth_npy.read_bytes()
-    done = inside("convert", "d.npy", "./d.npy")
-    assert done.returncode == 1
+    inside("convert", "d.npy", "./d.npy", code=1)
     assert depth_npy.read_bytes() == before
 
 

@@ -47,8 +47,7 @@ def test_the_focal_length_in_exif_is_used_as_that_of_a_jpeg(inside: Cli) -> None
 def test_without_pillow_heif_the_other_pictures_are_done(inside: Cli) -> None:
     tree(inside, "b.png")
     (inside.folder / "a.heic").write_bytes(HEIC)
-    done = inside("predict", "a.heic", "in/b.png", "-o", "out/", "--format", "png16")
-    assert done.returncode == 1
+    done = inside("predict", "a.heic", "in/b.png", "-o", "out/", "--format", "png16", code=1)
     assert (
         done.stderr.splitlines()[0]
         == b"depthcli: error: a.heic is HEIC, which needs pillow-heif; pip install '.[heif]'"
@@ -70,8 +69,7 @@ def test_a_batch_reads_heic_by_pillow_heif(inside: Cli, monkeypatch: pytest.Monk
     is_installed.cache_clear()
     would = inside("batch", "in", "--out", "out", "--dry-run", "--json")
     assert [one["would"] for one in printed(would)] == ["keep", "do", "fail"]
-    done = inside("batch", "in", "--out", "out")
-    assert done.returncode == 1
+    done = inside("batch", "in", "--out", "out", code=1)
     assert b"in/c.heic is truncated" in done.stderr
     found = rows(inside, "out")
     assert [row["status"] for row in found.values()] == ["ok", "ok", "failed"]
@@ -86,8 +84,7 @@ def test_a_folder_of_heic_is_an_image_sequence(inside: Cli) -> None:
     for number in (8, 9, 10):
         data = heic(np.roll(PICTURE, number, 1))
         (inside.folder / "shots" / f"IMG_{number}.HEIC").write_bytes(data)
-    done = inside("video", "shots", "--fps", "5", "--out", "d.%d.npy")
-    assert done.returncode == 0
+    inside("video", "shots", "--fps", "5", "--out", "d.%d.npy", code=0)
     assert {"d.8.npy", "d.9.npy", "d.10.npy"} <= contents(inside, ".").keys()
     single = inside("video", "shots/IMG_8.HEIC")
     assert b"is a single image; use 'depthcli predict'" in single.stderr

@@ -62,8 +62,7 @@ def test_show_prints_the_card(inside: Cli) -> None:
 
 def test_verify_goes_on_after_a_broken_one(inside: Cli) -> None:
     spoil(inside, "broken")
-    done = inside("models", "verify", "broken", "default")
-    assert done.returncode == 3
+    done = inside("models", "verify", "broken", "default", code=3)
     assert done.stdout.startswith(b"default: ok")
     (line,) = done.stderr.decode().splitlines()
     assert "bytes" in line
@@ -155,8 +154,7 @@ def test_the_ready_cards_ship_in_the_wheel(inside: Cli) -> None:
 
 def test_a_ready_card_can_be_shown_and_used_as_a_file(inside: Cli, download: Path) -> None:
     (inside.folder / "mine.json").write_bytes(inside("models", "show", "midas-small").stdout)
-    done = inside("models", "add", download, "--card", "mine.json", "--name", "mine")
-    assert done.returncode == 0
+    inside("models", "add", download, "--card", "mine.json", "--name", "mine", code=0)
 
 
 @pytest.mark.parametrize("kind", ["relative", "inverse"])
@@ -184,8 +182,7 @@ QUICK = ("--seconds", "0.05", "--provider", "cpu")
 
 
 def test_measures_add_up(inside: Cli) -> None:
-    done = inside("bench", *QUICK, "--size", "1200x900", "--workers", "2", "--json")
-    assert done.returncode == 0, done.stderr
+    done = inside("bench", *QUICK, "--size", "1200x900", "--workers", "2", "--json", code=0)
     found = json.loads(done.stdout)
     for latency in (found["network"], found["end_to_end"]):
         assert 0 < latency["min_ms"] <= latency["median_ms"]
@@ -198,8 +195,7 @@ def test_measures_add_up(inside: Cli) -> None:
 
 
 def test_a_picture_of_ones_own(inside: Cli, picture: Path) -> None:
-    done = inside("bench", *QUICK, picture)
-    assert done.returncode == 0, done.stderr
+    done = inside("bench", *QUICK, picture, code=0)
     lines = done.stdout.decode().splitlines()
     assert [line.split("  ")[0] for line in lines[1:]] == [
         *("network", "end-to-end", "throughput", "peak memory")

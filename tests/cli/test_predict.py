@@ -114,8 +114,7 @@ def test_options_of_formats_arrive(inside: Cli) -> None:
 
 def test_from_stdin_to_stdout(cli: Cli) -> None:
     data = room(cli).read_bytes()
-    done = cli("predict", "-", "-o", "-", "--format", "npy", stdin=data)
-    assert done.returncode == 0
+    done = cli("predict", "-", "-o", "-", "--format", "npy", stdin=data, code=0)
     depth = np.load(BytesIO(done.stdout))
     np.testing.assert_allclose(depth[:, 6:-6], EXPECTED_M[:, 6:-6], atol=0.2)
     assert b"min" in done.stderr
@@ -163,8 +162,7 @@ def test_a_bad_input_never_stops_the_others(inside: Cli) -> None:
     (inside.folder / "folder.png").mkdir()
     (inside.folder / "link.png").symlink_to("nowhere")
     bad = ["empty.png", "cut.png", "text.jpg", "folder.png", "link.png", "missing.png"]
-    done = inside("predict", "a.png", *bad, "z.png", "-o", "out/", "--format", "npy")
-    assert done.returncode == 1
+    done = inside("predict", "a.png", *bad, "z.png", "-o", "out/", "--format", "npy", code=1)
     *lines, summary = error_lines(done)
     assert len(lines) == len(bad)
     for name, line in zip(bad, lines, strict=True):
@@ -180,13 +178,11 @@ def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None
     write_model(inside.models / "default", fixed_inside(), input__fit="keep-aspect")
     write_picture(inside.folder / "wide.png", np.zeros((10, 300), np.uint8))
     write_picture(inside.folder / "a.png")
-    done = inside("predict", "wide.png", "a.png", "--json")
-    assert done.returncode == 1
+    done = inside("predict", "wide.png", "a.png", "--json", code=1)
     assert [json.loads(line)["status"] for line in done.stdout.splitlines()] == ["failed", "ok"]
     assert (inside.folder / "a.depth.png").is_file()
     write_model(inside.models / "default", fixed_inside(5))
-    done = inside("predict", "wide.png", "a.png")
-    assert done.returncode == 3
+    done = inside("predict", "wide.png", "a.png", code=3)
     (line,) = error_lines(done)
     assert "model.onnx" in line
 
@@ -222,8 +218,7 @@ def test_a_second_run_replaces_its_outputs(inside: Cli) -> None:
 )
 def test_options_that_do_not_fit_write_nothing(inside: Cli, words: tuple[str, ...]) -> None:
     room(inside), room(inside, "b.png")
-    done = inside("predict", "room.png", *words)
-    assert done.returncode == 2
+    done = inside("predict", "room.png", *words, code=2)
     assert len(error_lines(done)) == 1
     assert here(inside) == {"room.png", "b.png"}
 

@@ -107,8 +107,7 @@ def test_depth_is_that_of_the_bright_picture(
 
 
 def test_a_layer_that_is_not_there_is_an_error(plates: Path, inside: Cli) -> None:
-    done = inside("predict", "layers/p.0.exr", "--layer", "spec")
-    assert done.returncode == 1
+    done = inside("predict", "layers/p.0.exr", "--layer", "spec", code=1)
     assert b"layers/p.0.exr has no layer 'spec' with R, G and B, or Y; it has fg.beauty" in (
         done.stderr
     )

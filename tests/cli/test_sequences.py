@@ -140,8 +140,7 @@ def test_a_span_counts_in_the_sequences_own_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize("start", ["1003", "1008f"])
 def test_a_span_without_frames_names_the_numbers_that_there_are(start: str, inside: Cli) -> None:
     plates(inside.folder / "shot", range(1001, 1007))
-    done = inside("video", "shot", "--start", start, "--out", "d.mkv")
-    assert done.returncode == 1
+    done = inside("video", "shot", "--start", start, "--out", "d.mkv", code=1)
     assert "1001–1006" in done.stderr.decode()
 
 
@@ -184,8 +183,7 @@ def test_a_hole_and_a_damaged_plate(inside: Cli) -> None:
     pattern = plates(inside.folder / "shot", range(1001, 1007))
     (inside.folder / "shot" / "plate.1003.exr").unlink()
     (inside.folder / "shot" / "plate.1005.exr").write_bytes(b"v/1\x01 no more")
-    done = inside("video", pattern, "--out", "d.%d.png", "--json")
-    assert done.returncode == 1
+    done = inside("video", pattern, "--out", "d.%d.png", "--json", code=1)
     facts = report(done)
     assert "plate.1005.exr" in facts["error"]
     assert facts["warnings"][0] == "missing frames: 1003; the other frames keep their times"
@@ -231,8 +229,7 @@ def test_plates_are_never_overwritten(inside: Cli) -> None:
     before = (inside.folder / "shot" / "plate.0001.exr").read_bytes()
     assert inside("video", pattern, "--out", pattern).returncode == 2
     (inside.folder / "link").symlink_to("shot")
-    done = inside("video", pattern, "--out", "link/plate.%04d.exr")
-    assert done.returncode == 2
+    done = inside("video", pattern, "--out", "link/plate.%04d.exr", code=2)
     assert b"is the input" in done.stderr
     assert (inside.folder / "shot" / "plate.0001.exr").read_bytes() == before
 
@@ -266,8 +263,7 @@ def test_a_stopped_sequence_keeps_its_frames_and_goes_on(inside: Cli) -> None:
 
 def test_a_single_image_is_for_predict(inside: Cli) -> None:
     write_exr(inside.folder / "p.0001.exr", 1.0)
-    done = inside("video", "p.0001.exr")
-    assert done.returncode == 1
+    done = inside("video", "p.0001.exr", code=1)
     assert b"p.0001.exr is a single image; use 'depthcli predict'" in done.stderr
     assert inside("video", "p.####.exr", "--fps", "24", "--out", "d.mkv").returncode == 0
 
@@ -346,8 +342,7 @@ def test_outputs_in_a_folder_of_pictures_are_ignored_with_any_name(inside: Cli) 
 def test_a_sequence_of_outputs_is_refused(source: str, inside: Cli) -> None:
     write_pictures(inside.folder / "f", (1, 2))
     assert inside("video", "f/", "--out", "d/d.%04d.exr").returncode == 0
-    done = inside("video", source, "--out", "again.mkv")
-    assert done.returncode == 1
+    done = inside("video", source, "--out", "again.mkv", code=1)
     (line,) = done.stderr.decode().splitlines()
     assert "d/d.0001.exr" in line
 
@@ -356,7 +351,6 @@ def test_a_depth_video_is_no_video_to_estimate(inside: Cli) -> None:
     write_pictures(inside.folder / "f", (1, 2))
     assert inside("video", "f/", "--out", "any.mkv", "--fps", "24").returncode == 0
     for words, data in ((("any.mkv",), b""), (("-",), (inside.folder / "any.mkv").read_bytes())):
-        done = inside("video", *words, "--out", "again.mkv", stdin=data)
-        assert done.returncode == 1
+        done = inside("video", *words, "--out", "again.mkv", stdin=data, code=1)
         assert words[0] in done.stderr.decode() or data
     assert not (inside.folder / "again.mkv").exists()

@@ -37,8 +37,7 @@ def test_a_command_s_help_loads_nothing_heavy(cli: Cli, name: str) -> None:
 
 
 def test_help_names_every_command(cli: Cli) -> None:
-    done = cli("--help")
-    assert done.returncode == 0
+    done = cli("--help", code=0)
     text = done.stdout.decode()
     for name, (_, summary) in COMMANDS.items():
         assert f"  {name} " in text
@@ -116,8 +115,7 @@ def test_a_missing_extra_is_one_clear_line(cli: Cli, command: str, tmp_path: Pat
         (blocked / f"{name}.py").write_text(text)
     (tmp_path / "x").touch()
     arguments = {"train": ("proposed", "--data", "x"), "export-onnx": ("x",)}[command]
-    done = cli(command, *arguments, PYTHONPATH=f"{blocked}:{cli.site}")
-    assert done.returncode == 3
+    done = cli(command, *arguments, PYTHONPATH=f"{blocked}:{cli.site}", code=3)
     (line,) = done.stderr.decode().splitlines()
     assert "'.[train]'" in line
 

@@ -67,8 +67,7 @@ def test_a_model_is_added_from_its_url(inside: Cli, bucket: Bucket, faults: Faul
         f"depthcli: error: {url} is another file: its sha256 is {digest}; it is not added"
     )
     assert not (inside.models / "far").exists()
-    done = inside("models", "add", url, "--sha256", digest.upper())
-    assert done.returncode == 0
+    done = inside("models", "add", url, "--sha256", digest.upper(), code=0)
     assert done.stdout.decode().startswith("far: metric depth up to 10 m, in ")
     assert (inside.models / "far" / "model.onnx").read_bytes() == data
     faults.seen.clear()

@@ -37,14 +37,12 @@ def test_page_is_opened_in_the_browser(inside: Cli, files: Path) -> None:
     browser = files / "browser"
     browser.write_text(f'#!/bin/sh\necho "$1" >{files}/opened\n')
     browser.chmod(0o755)
-    done = inside("view", "d.npy", "--open", "-q", BROWSER=f"{browser} %s")
-    assert done.returncode == 0
+    inside("view", "d.npy", "--open", "-q", BROWSER=f"{browser} %s", code=0)
     assert (files / "opened").read_text().strip() == (files / "d.html").as_uri()
 
 
 def test_map_without_metres_makes_no_page(inside: Cli, files: Path) -> None:
-    done = inside("view", "d.npy", "--from-kind", "relative")
-    assert done.returncode == 1
+    inside("view", "d.npy", "--from-kind", "relative", code=1)
     assert not (files / "d.html").exists()
 
 
@@ -61,8 +59,7 @@ def test_each_format_is_written_by_predict_and_convert(inside: Cli, files: Path)
         assert (done.returncode, done.stderr) == (0, b"")
     assert inside("convert", "d.npy", "f.stereo.png").returncode == 1  # without the image
     # Outputs are no inputs of a batch.
-    done = inside("batch", ".", "--out", "out", "--format", "normals", "--format", "glb")
-    assert done.returncode == 0, done.stderr
+    done = inside("batch", ".", "--out", "out", "--format", "normals", "--format", "glb", code=0)
     assert {path.name for path in (files / "out").iterdir()} >= {"hall.normals.png", "hall.glb"}
     assert not (files / "out" / "hall.stereo.normals.png").exists()
 
@@ -70,8 +67,7 @@ def test_each_format_is_written_by_predict_and_convert(inside: Cli, files: Path)
 def test_video_is_a_stereo_video_and_numbered_normals(inside: Cli, files: Path) -> None:
     write_video(files / "clip.avi", flat_frames(range(3)))
     options = ("--format", "stereo", "--format", "normals", "--hfov", "60")
-    done = inside("video", "clip.avi", *options)
-    assert done.returncode == 0, done.stderr
+    inside("video", "clip.avi", *options, code=0)
     source, pair = (cv2.VideoCapture(str(files / name)) for name in ("clip.avi", "clip.stereo.mp4"))
     width, height = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
     assert pair.get(width) == 2 * source.get(width)

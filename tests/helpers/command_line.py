@@ -9,7 +9,7 @@ import struct
 import subprocess
 import sys
 import termios
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
@@ -49,9 +49,20 @@ class Cli:
         return {**os.environ, "PYTHONPATH": str(self.site), **own}
 
     def __call__(
-        self, *arguments: str | os.PathLike[str], stdin: bytes = b"", **environment: str
+        self,
+        *arguments: str | os.PathLike[str],
+        stdin: bytes = b"",
+        code: int | None = None,
+        **environment: str,
     ) -> subprocess.CompletedProcess[bytes]:
-        """Run a command to its end."""
+        """Run a command to its end, with this exit code if one is given."""
+        done = self.run(arguments, stdin, environment)
+        assert code is None or done.returncode == code, done.stderr
+        return done
+
+    def run(
+        self, arguments: Sequence[str | os.PathLike[str]], stdin: bytes, environment: dict[str, str]
+    ) -> subprocess.CompletedProcess[bytes]:
         return subprocess.run(
             self.command(*arguments),
             input=stdin,
@@ -127,10 +138,9 @@ class Cli:
 class InProcess(Cli):
     """The source's command line within the tests' process, where shell and start do not matter."""
 
-    def __call__(
-        self, *arguments: str | os.PathLike[str], stdin: bytes = b"", **environment: str
+    def run(
+        self, arguments: Sequence[str | os.PathLike[str]], stdin: bytes, environment: dict[str, str]
     ) -> subprocess.CompletedProcess[bytes]:
-        """Run a command to its end."""
         given, out, err = BytesIO(stdin), BytesIO(), BytesIO()
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(self.folder)

@@ -156,8 +156,7 @@ def predicted(cli: Cli, seed: int) -> bytes:
 def test_shard_becomes_a_shard_of_depth_with_its_keys(inside: Cli) -> None:
     files = {"a/1.png": png(1), "a/1.mask.png": png(5), "a/1.json": b"{}", "2.png": png(2)}
     write_tar(inside.folder / "s.tar", files)
-    done = inside("batch", "s.tar", "--out", "out", "--format", "png16", "--format", "npy")
-    assert done.returncode == 0
+    inside("batch", "s.tar", "--out", "out", "--format", "png16", "--format", "npy", code=0)
     found = read_tar(inside.folder / "out" / "s.depth.tar")
     assert [*found] == ["a/1.depth.png", "a/1.depth.npy", "2.depth.png", "2.depth.npy"]
     assert found["2.depth.png"] == predicted(inside, 2)
@@ -193,8 +192,7 @@ def test_rows_of_parquet_keep_their_place(inside: Cli) -> None:
     images.append({"bytes": png(2), "path": None})
     table = pa.table({"image": pa.array(images, kind), "caption": ["x", "y", "z"]})
     pq.write_table(table, inside.folder / "hf.parquet")
-    done = inside("batch", "--files", "hf.parquet", "--column", "image", "--out", "out")
-    assert done.returncode == 1
+    inside("batch", "--files", "hf.parquet", "--column", "image", "--out", "out", code=1)
     depth = pq.read_table(inside.folder / "out" / "hf.depth.parquet")["depth"].to_pylist()
     assert [row and row["path"] for row in depth] == ["a.depth.png", None, "000002.depth.png"]
     assert depth[0]["bytes"] == predicted(inside, 1)

@@ -202,8 +202,7 @@ def test_nothing_is_stopped_by_the_last_input(tmp_path: Path) -> None:
 
 def test_the_command_says_why_it_stopped(inside: Cli) -> None:
     half_good(inside.folder)
-    done = inside("batch", "in", "--out", "out", "--max-failures", "0", "--workers", "1")
-    assert done.returncode == 1
+    done = inside("batch", "in", "--out", "out", "--max-failures", "0", "--workers", "1", code=1)
     assert b"more than 0" in done.stderr
     assert b" of 105 inputs done" in done.stdout
     again = inside("batch", "in", "--out", "out", "--max-failures", "100", "--quiet")
