@@ -21,7 +21,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError, OutputError, about
+from depthcli.errors import InputError, OutputError, about, os_errors_as
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.io.depth.metadata import dequantized, quantized
@@ -60,13 +60,11 @@ def write_video(
     ``workers`` is the number of threads besides the one that decodes and writes.
     """
     start_s = time.perf_counter()
+    advice = "choose another {out}"
     for path in map(plan.path, plan.names):
-        try:
-            problem = f"{path} is a folder" if path.is_dir() else None
-        except OSError as error:  # the name is too long
-            problem = f"cannot write {path}: {error.strerror}"
-        if problem is not None:
-            raise OutputError(problem, "choose another {out}")
+        with os_errors_as(OutputError, f"cannot write {path}", advice):  # the name is too long
+            if path.is_dir():
+                raise OutputError(f"{path} is a folder", advice)
     with _open_source(plan, settings) as source, ExitStack() as stack:
         stated = settings.anchors
         anchors = FrameAnchors(stated, settings.anchors_fit) if stated else None
