@@ -37,7 +37,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         out = str(Path(folder) / "depth.png")
         predict = process("-m", "depthcli", "predict", str(PICTURE), "-o", out)
-        bare = process("-c", BARE, str(PICTURE), str(model.path), out, *size)
+        bare_out = str(Path(folder) / "bare.png")  # predict replaces no file of another program
+        bare = process("-c", BARE, str(PICTURE), str(model.path), bare_out, *size)
         helped, nothing, predicted, scripted = alternate(
             [process("-m", "depthcli", "--help"), process("-c", "pass"), predict, bare], 15
         )
