@@ -31,7 +31,8 @@ OPSET = 17
 IR_VERSION = 8
 INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
-_FEATURES = {"features", "of_below", "of_points"}  # scopes of convolutions that may be rounded
+_CORRECTION = "correction"  # scope of what is computed with known depth
+_FEATURES = {"features", "of_below", "of_points", "of_seen"}  # convolutions that may be rounded
 _KNOWN = 0.02  # share of known depth in comparisons
 _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
 
@@ -162,14 +163,17 @@ def quantize(
 
 
 def _exact_nodes(model: onnx.ModelProto) -> list[str]:
-    """Names of the nodes that known depth reaches, other than those of features."""
-    reached, names = {*PROMPT_INPUTS}, []
+    """Names of the nodes that correct depth, other than those of features."""
+    names, exact = [], {*PROMPT_INPUTS}
     for node in model.graph.node:
-        if reached.isdisjoint(node.input):
+        scopes = {scope.partition(".")[0] for scope in node.name.split("/")}
+        if _CORRECTION not in scopes:
             continue
-        reached.update(node.output)
-        if node.op_type not in ("Conv", "Relu") or _FEATURES.isdisjoint(node.name.split("/")):
+        is_feature = node.op_type in ("Conv", "Relu") and not _FEATURES.isdisjoint(scopes)
+        is_sum = node.op_type in ("Add", "Relu") and exact.isdisjoint(node.input)
+        if not (is_feature or is_sum):
             names.append(node.name)
+            exact.update(node.output)
     return names
 
 

@@ -20,6 +20,7 @@ _NOTHING = -2.5  # logit of no correction at first
 _NO_TRUST, _LEAST_BELIEF = 1e-9, 1e-3  # weights of cells without points, and with wrong ones
 _SPREAD, _ERROR_SPREAD = 0.3, 0.15  # of points around their mean and around others, at first
 _SELF = -1e4  # logit of a cell for itself, where it is left out
+_LEAST_LOGIT = -60.0  # of less, softmax makes denormal numbers, which take CPUs ten times as long
 _CENTRE_STEPS, _CENTRE_SD = 4, 0.15
 _PIXELS = torch.eye(4).view(4, 1, 2, 2)
 
@@ -138,7 +139,7 @@ class PointInterpolation(nn.Module):
         nothing = self.nothing.view(1, -1, 1, 1) + none[..., :1]
         last = torch.cat([trust.flatten(2)[:, None] - far, nothing], 3)
         logits: Tensor = queries.transpose(2, 3) @ torch.cat([keys, last], 2) + bias
-        return logits
+        return logits.clamp(min=_LEAST_LOGIT)
 
 
 def robust_mean(values: Tensor, weights: Tensor) -> Tensor:

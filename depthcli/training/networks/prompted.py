@@ -26,6 +26,7 @@ _PRIOR = 0.05  # weight of no correction beside cells with points
 _STIFFNESS = 0.3  # that in a cell, in points, at first
 _ENCODER_SCALE = 8.0  # of maps of encoders without a nonlinearity at their end, about
 _BELOW = 8  # channels of what a level takes of the coarser one
+_MULTIPLE = 8  # of the channels of a convolution; int8 ones of others take twice as long
 _LARGEST = 5.0  # of features of points
 _LARGEST_LOGIT = 6.0  # of a pixel's weight
 
@@ -127,7 +128,9 @@ class CorrectionLevel(nn.Module):
         self.log_stiffness = nn.Parameter(torch.tensor(_STIFFNESS).log())
         self.of_seen = nn.ModuleList(nn.Conv2d(one, width, 1) for one in seen if one)
         self.of_below = nn.Conv2d(below, _BELOW, 1)
-        self.of_points = nn.Conv2d(7 + extra + _BELOW, width, 3, padding=1)
+        given = 7 + extra + _BELOW
+        self.more = -given % _MULTIPLE  # of the first channel, to fill up
+        self.of_points = nn.Conv2d(given + self.more, width, 3, padding=1)
         self.features = nn.Sequential(
             *(ConvNorm(width, width, norm=False) for _ in range(_CONVOLUTIONS[level]))
         )
@@ -172,7 +175,7 @@ class CorrectionLevel(nn.Module):
         if self.is_finest:
             known = points.difference - (points.centre + coarser) * points.known
             given += [pixels, GAIN * known]
-        given += [_resized(self.of_below(below), mean)]
+        given += [_resized(self.of_below(below), mean), *[trust] * self.more]
         x = self.of_points(torch.cat(given, 1).clamp(-_LARGEST, _LARGEST))
         for conv, one in zip(self.of_seen, seen, strict=True):
             x = x + conv(one)
