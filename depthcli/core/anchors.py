@@ -260,6 +260,7 @@ def fit_anchors(
     wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
     cells = _cells_of(points, shown.width, shown.height)[known]
     fit, used = ScaleShift(1.0, 0.0), np.ones(len(wanted), np.bool_)
+    how = AnchorsFit.GLOBAL
     if not is_final:
         fit, used = _fit(values[known], wanted, depth.kind, cells)
     if (values[known][used] * fit.scale + fit.shift <= 0).any():
@@ -274,13 +275,14 @@ def fit_anchors(
     is_local = local and not is_final and points.fit is not AnchorsFit.GLOBAL
     if is_local and len(used) >= ROBUST_FROM:
         result, used = _followed(result, points, known, used, windows)
+        how = AnchorsFit.LOCAL
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
     source = replace(
         depth.provenance or Provenance(),
         anchors=points.listed(),
-        anchor_fit=AnchorFit(int(used.sum()), given, float(np.median(errors_m))),
+        anchor_fit=AnchorFit(int(used.sum()), given, float(np.median(errors_m)), how),
     )
     return replace(result, provenance=source)
 

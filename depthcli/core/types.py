@@ -19,7 +19,7 @@ from depthcli.core.arrays import (
     UInt16Array,
 )
 from depthcli.core.camera import Anchor, CameraScale, CameraSource, Intrinsics
-from depthcli.core.options import Projection
+from depthcli.core.options import AnchorsFit, Projection
 from depthcli.errors import InputError, UsageError
 
 _GRAY_RANK, _COLOUR_RANK = 2, 3
@@ -235,6 +235,7 @@ class AnchorFit(NamedTuple):
     used: int  #: points that the metres were fitted to; the others contradict them
     given: int  #: all points
     residual_m: float  #: median absolute difference of all points, in metres
+    fit: AnchorsFit | None = None  #: how depth follows them; None if that is not known
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from depthcli.core.options import Rule
+from depthcli.core.options import AnchorsFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.atomic import append_whole, atomic_path, write_errors
@@ -57,6 +57,7 @@ class AnchorEntry:
     used: int  #: those that depth was fitted to; the others contradict them
     residual_m: float  #: median absolute difference of all points, in metres
     sha256: str  #: checksum of the points, 64 hex digits
+    fit: AnchorsFit | None = None  #: how depth follows them; None if that is not known
 
 
 @dataclass(frozen=True, slots=True)

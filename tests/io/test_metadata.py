@@ -14,7 +14,7 @@ import pytest
 import depthcli
 from depthcli.cli.screen.results import picture_json, picture_text
 from depthcli.core.camera import CameraSource, Intrinsics
-from depthcli.core.options import DepthEncoding
+from depthcli.core.options import AnchorsFit, DepthEncoding
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance, with_camera
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.metadata import DepthScale
@@ -224,7 +224,7 @@ def test_scale_in_a_png_overrides_its_sidecar(tmp_path: Path) -> None:
         assert "range" not in stored.metadata
 
 
-FIT = AnchorFit(1_234_567, 2_000_000, 0.012346)
+FIT = AnchorFit(1_234_567, 2_000_000, 0.012346, AnchorsFit.NETWORK)
 FITTED = replace(DEPTH, provenance=replace(STATED, input_size_px=(256, 192), anchor_fit=FIT))
 
 
@@ -247,7 +247,7 @@ def test_png_and_exr_state_the_fit_themselves(
     writer: Png16Writer | ExrWriter, tmp_path: Path
 ) -> None:
     path = tmp_path / ("a.png" if isinstance(writer, Png16Writer) else "a.exr")
-    for depth, expected in ((FITTED, "1234567,2000000,0.012346"), (DEPTH, None)):
+    for depth, expected in ((FITTED, "1234567,2000000,0.012346,network"), (DEPTH, None)):
         writer.write(depth, path)
         assert read_metadata(path).get("anchors") == expected
         assert depthcli.read_depth(path).anchor_fit == (expected and FIT)

@@ -12,7 +12,7 @@ from depthcli._version import __version__
 from depthcli.core.arrays import BoolArray, Float32Array, FloatArray, UInt16Array
 from depthcli.core.camera import CameraSource, hfov_deg
 from depthcli.core.imageops import row_bands
-from depthcli.core.options import Projection
+from depthcli.core.options import AnchorsFit, Projection
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthKind, DepthMap, Provenance, has_depth
 from depthcli.errors import Message, UsageError
 from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
@@ -63,8 +63,8 @@ def metadata_texts(depth: DepthMap) -> dict[str, str]:
     if source.time_s is not None:
         texts["time_s"] = f"{source.time_s:.12g}"
     if source.anchor_fit is not None:
-        used, given, residual_m = source.anchor_fit
-        texts["anchors"] = f"{used},{given},{residual_m:.6g}"
+        used, given, residual_m, fit = source.anchor_fit
+        texts["anchors"] = f"{used},{given},{residual_m:.6g}{f',{fit}' if fit else ''}"
     if (scale := source.camera_scale) is not None:
         texts["camera_scale"] = f"{scale.name},{scale.scale:.6g},{scale.shift_m:.6g}"
     origin = origin_fields(depth)
@@ -101,7 +101,8 @@ def camera_text(depth: DepthMap) -> str | None:
 def _fit_text(fit: AnchorFit) -> str:
     of_all = "" if fit.used == fit.given else f"{fit.used} of "
     error = f", median error {fit.residual_m:.3f} m" if fit.given > 1 else ""
-    return f"; depth fitted to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
+    by = " by a network" if fit.fit is AnchorsFit.NETWORK else ""
+    return f"; depth fitted{by} to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
 
 
 def step_unit(scale: float) -> str:
@@ -220,11 +221,13 @@ def _size_px(text: str | None) -> tuple[int, int] | None:
 
 
 def _anchor_fit(text: str | None) -> AnchorFit | None:
-    match _number_list(text):
+    *_, last = (text or "").split(",")
+    fit = AnchorsFit(last) if last in tuple(AnchorsFit) else None
+    match _number_list(text and text.removesuffix(f",{fit}")):
         case [float(used), float(given), float(residual_m)] if (
             1 <= used <= given and residual_m >= 0
         ):
-            return AnchorFit(int(used), int(given), residual_m)
+            return AnchorFit(int(used), int(given), residual_m, fit)
     return None
 
 

@@ -119,7 +119,8 @@ class ImageWorker:
         fit = found.depth.provenance.anchor_fit if found.depth.provenance else None
         anchors = None
         if fit is not None and points is not None:
-            anchors = AnchorEntry(fit.given, fit.used, round(fit.residual_m, 6), points.sha256())
+            residual_m = round(fit.residual_m, 6)
+            anchors = AnchorEntry(fit.given, fit.used, residual_m, points.sha256(), fit.fit)
         return task.result(
             self.key,
             start_s,
