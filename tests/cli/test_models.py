@@ -30,7 +30,7 @@ def test_the_bundled_models_are_in_the_wheel_and_run(inside: Cli) -> None:
     nothing_else = {"DEPTHCLI_MODELS": ""}
     listed = inside("models", "list", "--json", **nothing_else).stdout.splitlines()
     models = {row["name"]: row for row in map(json.loads, listed)}
-    assert models.keys() == {"default", "fast", "float"}
+    assert models.keys() == {"default", "fast", "float", "prompted"}
     write_picture(inside.folder / "a.png")
     words = ("predict", "a.png", "-o", "a.npy", "--json", "--model", "fast")
     told = json.loads(inside(*words, **nothing_else).stdout)
