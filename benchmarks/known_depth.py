@@ -4,18 +4,21 @@ Figure of merit: abs_rel over the whole image, mean of the pairs, without points
 
 - interpolation: linear between the points alone, without a network (the nearest outside of them);
 - global: scale and shift of the map, fitted to the points;
-- ``--anchors``: the same, and the rest spread over the map;
+- local: the same, and the rest spread over the map;
+- network: of a model that takes the points;
 
-and the share of images that the last step makes worse than the global fit by more than 2 %. Points
+and the share of images that this makes worse than the local fit by more than 2 %. Points
 are of the true depth, at random anywhere, in a square of 170 pixels or in a row of the image; with
-an error of 2 %; and a quarter of them at 1.2 to 3 times their depth, as seen past an edge.
-Run (needs scipy): ``python benchmarks/known_depth.py NYU [--model default] [--split val]
-[--counts 20,100,500]``
+an error of 2 %; and a quarter of them at 1.2 to 3 times their depth, as seen past an edge. More
+are those of ``eval --prompt``.
+Run (needs scipy): ``python benchmarks/known_depth.py NYU [--model default] [--network prompted]
+[--split val] [--counts 20,100,500] [--prompts lidar:4 ...]``
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,7 +30,9 @@ from depthcli.core.anchors import AnchorPoints, fit_anchors
 from depthcli.core.types import DepthMap
 from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
+from depthcli.datasets.prompts import parsed_prompt
 from depthcli.errors import UsageError
+from depthcli.evaluation.predictors import Sample
 from depthcli.evaluation.task import plan_nyu
 
 if TYPE_CHECKING:
@@ -43,6 +48,12 @@ CONDITIONS = {
     "2 % noise, in a row": (0.02, 0.0, "row"),
 }
 
+PROMPTS = [
+    parsed_prompt(pattern + errors)
+    for pattern in ("corners:100", "lidar:1", "lidar:4", "camera:64")
+    for errors in ("", ",noise=0.02,wrong=0.25")
+]
+
 
 def main() -> None:
     """Measure and print."""
@@ -51,30 +62,42 @@ def main() -> None:
     parser.add_argument("--model")
     parser.add_argument("--split", type=SplitName, default=SplitName.VAL)
     parser.add_argument("--limit", type=int)
-    parser.add_argument("--counts", default="5,20,100,500,5000")
+    parser.add_argument("--network", default="prompted")
+    parser.add_argument("--counts", default="5,20,100,500")
+    parser.add_argument("--prompts", nargs="*", type=parsed_prompt, default=PROMPTS)
     options = parser.parse_args()
     task = plan_nyu(open_nyu(options.data), options.split, options.limit)
-    pipeline = depthcli.load_model(options.model, provider="cpu").pipeline
-    maps = [
-        (pipeline.predict(depthcli.Frame(task.dataset.image(i))).depth, task.dataset.depth_m(i))
-        for i in task.test
-    ]
-    plain = np.mean([abs_rel(depth.values, true_m) for depth, true_m in maps])
-    print(f"{len(maps)} pairs, no points: {plain:.4f}")
-    print(f"{'points':8}{'':30}{'interpolation':>14}{'global':>10}{'--anchors':>11}{'worse':>8}")
+    pipeline = depthcli.load_model(options.model or "default", provider="cpu").pipeline
+    network = depthcli.load_model(options.network, provider="cpu").pipeline
+    pairs = []
+    for i in task.test:
+        sample = Sample(task.dataset, i)
+        pairs.append((sample, pipeline.predict(sample.frame).depth, task.dataset.depth_m(i)))
+    plain = np.mean([abs_rel(depth.values, true_m) for _, depth, true_m in pairs])
+    print(f"{len(pairs)} pairs, no points: {plain:.4f}")
+    print(
+        f"{'points':38}{'interpolation':>14}{'global':>10}{'local':>10}{'network':>10}{'worse':>8}"
+    )
+
+    def show(name: str, known: Iterable[AnchorPoints | None]) -> None:
+        rows = []
+        for (sample, depth, true_m), points in zip(pairs, known, strict=True):
+            if points:
+                found_m = network.predict(sample.frame, anchors=points).depth.values
+                rows.append([*errors(depth, true_m, points), abs_rel(found_m, true_m)])
+        alone, *others = np.nanmean(rows, axis=0)
+        worse = np.mean([row[3] > 1.02 * row[2] for row in rows])
+        scores = f"{alone:14.4f}{''.join(f'{score:10.4f}' for score in others)}{worse:8.2f}"
+        print(f"{name:38}{scores}", flush=True)
+
     for count in map(int, options.counts.split(",")):
         for name, (noise, wrong, where) in CONDITIONS.items():
             random = np.random.default_rng(count)
-            rows = [
-                errors(depth, true_m, drawn(true_m, where, count, noise, wrong, random))
-                for depth, true_m in maps
-                if where == "image" or count <= SQUARE_PX
-            ]
-            if rows:
-                alone, globally, locally = np.nanmean(rows, axis=0)
-                worse = np.mean([row[2] > 1.02 * row[1] for row in rows])
-                scores = f"{alone:14.4f}{globally:10.4f}{locally:11.4f}{worse:8.2f}"
-                print(f"{count:<8}{name:30}{scores}", flush=True)
+            if where == "image" or count <= SQUARE_PX:
+                drawing = where, count, noise, wrong, random
+                show(f"{count:<8}{name}", (drawn(true_m, *drawing) for _, _, true_m in pairs))
+    for prompt in options.prompts:
+        show(str(prompt), (sample.known_points(prompt) for sample, _, _ in pairs))
 
 
 def drawn(

@@ -17,6 +17,7 @@ from helpers.videos import encode, write_video
 from PIL import Image
 
 import depthcli
+from depthcli.core.options import AnchorsFit
 from depthcli.io.depth.read import read_metadata
 
 PIXELS = synthetic_picture()
@@ -356,7 +357,8 @@ def test_many_anchors_are_a_table_or_a_map(model: depthcli.DepthModel, tmp_path:
     for anchors in (table, sparse_m, depthcli.read_depth(tmp_path / "lidar.npy")):
         depth = model.predict(PIXELS, anchors=anchors)
         np.testing.assert_allclose(depth.values, known_m, rtol=1e-4)
-        assert depth.anchor_fit == depthcli.AnchorFit(len(x), len(x), pytest.approx(0, abs=1e-4))
+        residual_m = pytest.approx(0, abs=1e-4)
+        assert depth.anchor_fit == depthcli.AnchorFit(len(x), len(x), residual_m, AnchorsFit.LOCAL)
         assert len(depth.anchors) == (len(x) if anchors is table else 0)
         (same,) = model.predict_many([PIXELS], anchors=anchors)
         np.testing.assert_array_equal(same.values, depth.values)

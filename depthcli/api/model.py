@@ -30,7 +30,6 @@ from depthcli.inference.providers import AUTO
 from depthcli.io.images.pixels import check_levels
 from depthcli.io.images.read import Picture, frame_of
 from depthcli.models.card import ModelCard
-from depthcli.models.catalog import DEFAULT_MODEL
 
 
 def _batches(
@@ -69,7 +68,7 @@ _SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, Frame)
 
 
 def load_model(
-    model: str | os.PathLike[str] = DEFAULT_MODEL,
+    model: str | os.PathLike[str] | None = None,
     *,
     provider: str = AUTO,
     threads: int | None = None,
@@ -79,7 +78,8 @@ def load_model(
     """Find and load a model.
 
     Args:
-        model: a name in the catalog, a folder, or an ``.onnx`` file.
+        model: a name in the catalog, a folder, or an ``.onnx`` file; None for ``default``, in whose
+            place ``prompted`` makes depth of five or more known points.
         provider: ``auto`` for the best that works, or a name such as ``cpu`` or ``cuda``, which is
             then required.
         threads: threads within one run of the network; None for all cores.
@@ -142,7 +142,8 @@ class DepthModel:
             anchors: known points that metres are fitted to; see :meth:`DepthMap.fit_anchors`. None
                 for no fit.
             anchors_fit: ``global`` by scale and shift alone, ``local`` also by what that leaves, or
-                ``network`` by a model that takes known depth; None for the last that it can.
+                ``network`` by a model that takes known depth; None for the last that it can. The
+                map's ``anchor_fit`` states which.
             white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; None
                 for 65535. Not for a ``Frame``, whose white is 65535.
 

@@ -95,8 +95,14 @@ def open_model(
     prompt: Prompt | None = None,
     fit: AnchorsFit | None = None,
 ) -> ModelPredictor:
-    """Find a model and load it; with known depth, its depth is metric."""
-    pipeline = Pipeline(loader.load(), detail)
+    """Find a model and load it; with known depth, its depth is metric.
+
+    In place of the default one, it is the one that takes much known depth.
+    """
+    session = loader.load()
+    if prompt and prompt.has_many and fit in {None, AnchorsFit.NETWORK}:
+        session = session.known_depth or session
+    pipeline = Pipeline(session, detail)
     name = str(loader.model or pipeline.card.name)
     kind = DepthKind.METRIC if prompt else pipeline.card.output.kind
     stated = f"{kind}, m" if kind is DepthKind.METRIC else kind

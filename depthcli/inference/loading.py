@@ -36,13 +36,19 @@ class SessionLoader:
         while onnxruntime is imported here, and loaded while the caller imports modules that read
         pictures.
         """
-        from depthcli.models.catalog import find_model  # noqa: PLC0415 - see above
+        from depthcli.models.catalog import KNOWN_DEPTH_MODEL, find_model  # noqa: PLC0415 - see above
 
         checking = Background(lambda: find_model(self.model))
         from depthcli.inference.providers import CPU, wanted_providers  # noqa: PLC0415
         from depthcli.inference.session import Session  # noqa: PLC0415
 
         def session() -> Session:
+            loaded = chosen_session()
+            if self.model is None:  # an int8 network, which not all providers run well
+                loaded.load_known_depth = SessionLoader(KNOWN_DEPTH_MODEL, CPU, self.threads).load
+            return loaded
+
+        def chosen_session() -> Session:
             model = checking.result()
             chosen, other = model, model.card.float_model
             # GPUs run int8 networks slowly; OpenVINO does not gain speed, and rounds differently.

@@ -105,6 +105,9 @@ class Pipeline:
                 else _finished(*self._panorama(frame, camera), frame, points)
                 for frame, camera, points in tasks
             ]
+        if self.session.load_known_depth and any(map(_is_for_network, anchors)):
+            tasks = zip(frames, cameras, anchors, strict=True)
+            return [self._of_known_depth(*task) for task in tasks]
         for frame in frames:
             tile_width_px(self.card.input, frame, self.detail)
         own = [lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
@@ -126,6 +129,7 @@ class Pipeline:
                 *self._model_depth(frame, raw, layout, camera, is_prompted=prompt is not None),
                 frame,
                 points,
+                is_prompted=prompt is not None,
                 is_final=self.card.input.known_depth is not None,
             )
             for frame, raw, layout, camera, prompt, points in zip(
@@ -133,12 +137,22 @@ class Pipeline:
             )
         ]
 
+    def _of_known_depth(
+        self, frame: Frame, camera: Intrinsics, anchors: AnchorPoints | None
+    ) -> Prediction:
+        """Depth by the network that takes known depth, or by this one where there is too little."""
+        session = self.session.known_depth if _is_for_network(anchors) else None
+        if session is None:
+            return self._predict_batch([frame], [camera], [anchors])[0]
+        pipeline = Pipeline(session, self.detail)
+        camera = replace(camera, scale=None)  # which was measured for this network
+        return pipeline._predict_batch([frame], [camera], [anchors])[0]
+
     def _prompt(
         self, frame: Frame, layout: Layout, anchors: AnchorPoints | None
     ) -> Float32Array | None:
         """Known depth for the network, (C, H, W); None if it takes none, or there is too little."""
-        fits = {None, options.AnchorsFit.NETWORK}
-        is_enough = anchors is not None and len(anchors) >= ROBUST_FROM and anchors.fit in fits
+        is_enough = _is_for_network(anchors) and len(anchors or ()) >= ROBUST_FROM
         if self.card.input.known_depth is not None and not is_enough:
             raise InputError(
                 f"model {self.card.name!r} needs known depth of each image",
@@ -282,6 +296,13 @@ class Pipeline:
         )
 
 
+def _is_for_network(anchors: AnchorPoints | None) -> bool:
+    """Whether a network that takes known depth is to make depth of it."""
+    if anchors is None or anchors.fit is not None:
+        return anchors is not None and anchors.fit is options.AnchorsFit.NETWORK
+    return len(anchors) >= ROBUST_FROM
+
+
 def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Frame) -> RawOutputs:
     """Outputs with depth and a field of view in place of points."""
     from depthcli.inference.points import depth_of_points  # noqa: PLC0415 - few models need it
@@ -323,6 +344,7 @@ def _finished(
     frame: Frame,
     anchors: AnchorPoints | None,
     *,
+    is_prompted: bool = False,
     is_final: bool = False,
 ) -> Prediction:
     """Depth without any where the file has no pixels, fitted to known points."""
@@ -330,6 +352,9 @@ def _finished(
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
     found, of_anchors = fitted(depth, anchors, frame.windows, is_final=is_final)
+    if is_prompted and (made := found.provenance) and made.anchor_fit:
+        fit = made.anchor_fit._replace(fit=options.AnchorsFit.NETWORK)
+        found = replace(found, provenance=replace(made, anchor_fit=fit))
     source = depth.provenance and depth.provenance.camera_source
     if source is CameraSource.CARD and frame.focal_mm is not None and not anchors:
         told = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"

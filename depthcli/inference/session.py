@@ -2,8 +2,9 @@
 
 import re
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,6 +81,7 @@ class Session:
     Attributes:
         warnings: one-line texts, if ``auto`` fell back to a slower provider.
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
+        load_known_depth: loads :attr:`known_depth` when it is needed; None if there is none.
     """
 
     def __init__(
@@ -97,6 +99,7 @@ class Session:
             advice = "name one such as cuda with {provider}, or remove {provider_options}"
             raise UsageError(f"provider {provider!r} takes no options", advice)
         self.provider_options = dict(options)
+        self.load_known_depth: Callable[[], Session] | None = None
         self._session = _start(model, wanted, threads, options)
         self._run_options = ort.RunOptions()
         active = self._session.get_providers()[0]
@@ -161,9 +164,16 @@ class Session:
             found[name] = np.asarray(found[name], np.float32).reshape(len(batch))
         return RawOutputs(**found)
 
+    @cached_property
+    def known_depth(self) -> "Session | None":
+        """The session that takes the place of this one where depth is known; None for none."""
+        return self.load_known_depth and self.load_known_depth()
+
     def stop(self) -> None:
         """Terminate all runs, current and later ones, which fail then; from any thread."""
         self._run_options.terminate = True
+        if (other := vars(self).get("known_depth")) is not None:
+            other.stop()
 
     def _maps(self, raw: AnyArray, count: int) -> Float32Array:
         """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32.

@@ -56,6 +56,8 @@ def how_to_add(card: ModelCard, name: str) -> str:
 
 
 DEFAULT_MODEL = "default"
+KNOWN_DEPTH_MODEL = "prompted"
+"""The model that makes depth of known depth, where no model is named."""
 MODELS_VARIABLE = "DEPTHCLI_MODELS"
 CARD_NAME = "card.json"
 CARD_SUFFIX = ".card.json"

@@ -44,11 +44,35 @@ def test_a_sparse_map_scales_a_picture(inside: Cli, kind: str) -> None:
     assert found["unit"] == "m"
     residual_m = found["anchors"].pop("residual_m")
     assert residual_m == pytest.approx(0, abs=1e-3)
-    assert found["anchors"] == {"given": given, "used": given - wrong}
+    assert found["anchors"] == {"given": given, "used": given - wrong, "fit": "local"}
     done = inside("predict", "room.png", *words)
     assert f"depth fitted to {given - wrong} of {given} anchors, median error 0.000 m" in (
         done.stdout.decode()
     )
+
+
+def test_five_points_are_taken_by_a_bundled_network(inside: Cli) -> None:
+    """The commands give the same bytes, and say which network made them."""
+    write_picture(inside.folder / "in/a.png", synthetic_picture())
+    table = "x,y,depth_m\n" + "".join(f"{8 * i + 5},{7 * i + 4},{2 + i}\n" for i in range(5))
+    (inside.folder / "points.csv").write_text(table)
+    (inside.folder / "known").mkdir()
+    (inside.folder / "known/a.csv").write_text(table)
+    words = ("--format", "npy", "--json", "--anchors")
+    bundled = {"DEPTHCLI_MODELS": ""}
+    (alone,) = printed(inside("predict", "in/a.png", "-o", "x/", *words, "points.csv", **bundled))
+    assert (alone["model"], alone["anchors"]["fit"]) == ("prompted", "network")
+    assert inside("batch", "in", "-o", "y", *words, "known", **bundled).returncode == 0
+    assert rows(inside, "y")["a.png"]["anchors"]["fit"] == "network"
+    depth_m = (inside.folder / "x/a.depth.npy").read_bytes()
+    assert (inside.folder / "y/a.depth.npy").read_bytes() == depth_m
+    fitted = inside(
+        "predict", "in/a.png", "-o", "z/", "--anchors-fit", "local", *words, "points.csv"
+    )
+    assert printed(fitted)[0]["model"] == "default"
+    (inside.folder / "few.csv").write_text(table[: table.rindex("37,")])
+    few = inside("predict", "in/a.png", "-o", "w/", *words, "few.csv", **bundled)
+    assert (printed(few)[0]["model"], printed(few)[0]["anchors"]["fit"]) == ("default", "global")
 
 
 def test_points_of_a_table_are_those_of_the_option(inside: Cli) -> None:
@@ -277,7 +301,8 @@ def test_clouds_and_reconstructions_are_known_depth(inside: Cli) -> None:
     words = ("predict", "in/a.png", "--points", "cloud.ply", "--extrinsics", "pose.txt", "-o", "x/")
     words += ("--format", "npy", "--json")
     (found,) = printed(inside(*words, "--focal-px", "50", "--centre-px", "31.5,23.5"))
-    assert found["anchors"] == {"used": 1, "given": 1, "residual_m": pytest.approx(0, abs=1e-6)}
+    residual_m = pytest.approx(0, abs=1e-6)
+    assert found["anchors"] == {"used": 1, "given": 1, "residual_m": residual_m, "fit": "global"}
     assert np.load(inside.folder / "x/a.depth.npy")[24, 32] == pytest.approx(3)
     assert "1 of 2" in found["warnings"][0]
     assert inside(*words).returncode == 2

@@ -286,6 +286,24 @@ def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) ->
     assert reliefs[2] > 0.2
 
 
+def test_from_five_points_on_another_network_takes_them(
+    prompted: Pipeline, kinect: Pipeline
+) -> None:
+    kinect.session.load_known_depth = lambda: prompted.session
+    many = AnchorPoints(np.arange(0, 50, 8), np.arange(0, 42, 6), np.full(7, 2.0))
+    five, few = (
+        replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (5, 4)
+    )
+    known = [None, few, five, many, replace(many, fit=AnchorsFit.LOCAL)]
+    sources = [
+        one.depth.provenance for one in kinect.predict_many([gray(0, 48, 64)] * 5, anchors=known)
+    ]
+    own, other = kinect.card.name, prompted.card.name
+    assert [source.model for source in sources] == [own, own, other, other, own]
+    fits = [source.anchor_fit and source.anchor_fit.fit for source in sources]
+    assert fits == [None, "global", "network", "network", "local"]
+
+
 @pytest.mark.parametrize("fit", [AnchorsFit.GLOBAL, AnchorsFit.LOCAL, AnchorsFit.NETWORK])
 def test_fit_chooses_how_depth_follows(
     prompted: Pipeline, kinect: Pipeline, fit: AnchorsFit
@@ -316,7 +334,7 @@ def test_a_network_that_needs_known_depth_gets_it_everywhere(needing: Pipeline) 
     points = AnchorPoints.of_map(lidar_m)
     depth = needing.predict(gray(90, 120, 160), anchors=points).depth
     assert depth.provenance is not None
-    assert depth.provenance.anchor_fit == (36, 36, pytest.approx(0, abs=1e-6))
+    assert depth.provenance.anchor_fit == (36, 36, pytest.approx(0, abs=1e-6), "network")
     np.testing.assert_allclose(depth.values[:, :40], 2.0, rtol=1e-6)
     np.testing.assert_allclose(depth.values[:, 120:], 4.0, rtol=1e-6)
 

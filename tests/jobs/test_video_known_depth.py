@@ -51,7 +51,7 @@ def depths_m(clip: Path) -> list[float]:
 def test_points_of_all_frames_fit_each(clip: Path, loader: SessionLoader) -> None:
     done = run(clip, loader, (Anchor(5, 4, 5.2),))
     assert depths_m(clip) == pytest.approx([5.2] * FRAMES, abs=0.05)
-    assert done.metadata()["anchors"] == {"used": 1, "given": 1, "residual_m": 0}
+    assert done.metadata()["anchors"] == {"used": 1, "given": 1, "residual_m": 0, "fit": "global"}
 
 
 def test_a_folder_has_a_file_for_each_frame_by_its_number(
