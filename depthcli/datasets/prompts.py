@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from depthcli.core.anchors import ROBUST_FROM
 from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from depthcli.core.options import short_repr
 from depthcli.errors import UsageError
@@ -54,11 +53,6 @@ class Prompt:
         errors = {"noise": self.noise, "wrong": self.wrong}
         told = "".join(f",{name}={share:g}" for name, share in errors.items() if share)
         return f"{self.pattern}:{self.size}{told}"
-
-    @property
-    def has_many(self) -> bool:
-        """Whether it is enough for a network that takes known depth; of lidar, it always is."""
-        return self.pattern is Pattern.LIDAR or self.size >= ROBUST_FROM
 
     def draw(self, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Map:
         """Draw known depth from a map.

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from depthcli.core.anchors import AnchorPoints
+from depthcli.core.anchors import ROBUST_FROM, AnchorPoints
 from depthcli.core.camera import Intrinsics, hfov_deg
 from depthcli.core.options import DEFAULT_UPSAMPLING, AnchorsFit, DepthEncoding, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
@@ -19,7 +19,7 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.folders import as_dataset_error
-from depthcli.datasets.prompts import Prompt
+from depthcli.datasets.prompts import Pattern, Prompt
 from depthcli.errors import DatasetError
 from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
@@ -97,10 +97,11 @@ def open_model(
 ) -> ModelPredictor:
     """Find a model and load it; with known depth, its depth is metric.
 
-    In place of the default one, it is the one that takes much known depth.
+    In place of the default one, it is that which takes much known depth.
     """
     session = loader.load()
-    if prompt and prompt.has_many and fit in {None, AnchorsFit.NETWORK}:
+    has_many = prompt and (prompt.size >= ROBUST_FROM or prompt.pattern is Pattern.LIDAR)
+    if has_many and fit in {None, AnchorsFit.NETWORK}:
         session = session.known_depth or session
     pipeline = Pipeline(session, detail)
     name = str(loader.model or pipeline.card.name)

@@ -66,9 +66,8 @@ def test_five_points_are_taken_by_a_bundled_network(inside: Cli) -> None:
     assert rows(inside, "y")["a.png"]["anchors"]["fit"] == "network"
     depth_m = (inside.folder / "x/a.depth.npy").read_bytes()
     assert (inside.folder / "y/a.depth.npy").read_bytes() == depth_m
-    fitted = inside(
-        "predict", "in/a.png", "-o", "z/", "--anchors-fit", "local", *words, "points.csv"
-    )
+    local = ("-o", "z/", "--anchors-fit", "local", *words)
+    fitted = inside("predict", "in/a.png", *local, "points.csv", **bundled)
     assert printed(fitted)[0]["model"] == "default"
     (inside.folder / "few.csv").write_text(table[: table.rindex("37,")])
     few = inside("predict", "in/a.png", "-o", "w/", *words, "few.csv", **bundled)
@@ -282,7 +281,8 @@ def test_fit_of_the_option_is_used_and_is_for_known_depth(inside: Cli) -> None:
     affine = np.polynomial.Polynomial.fit(plain.ravel(), maps[0].ravel(), 1)(plain)
     np.testing.assert_allclose(maps[0], affine, rtol=1e-4)
     assert np.abs(maps[1] / affine - 1).max() > 0.05
-    assert inside(*words, "--anchors-fit", "network", "-o", "n.npy").returncode == 1
+    plain_model = ("--anchors-fit", "network", "--model", "default", "-o", "n.npy")
+    assert inside(*words, *plain_model).returncode == 1
     assert inside("predict", "in/a.png", "--anchors-fit", "local", "-o", "x/").returncode == 2
     batch = ("batch", "in", "-o", "out", "--anchors", "in", "--format", "npy")
     kept = [printed(inside(*batch, "--anchors-fit", fit, "--json")) for fit in ("local", "global")]
