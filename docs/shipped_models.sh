@@ -38,6 +38,6 @@ depthcli export-onnx runs/default-mean-0.ckpt -o models/default/ --name default 
 depthcli export-onnx runs/default-mean-0.ckpt -o models/float/ --name float --model-version 4.1.0 --license "MIT AND Apache-2.0" --fp16 $DEPTH
 depthcli export-onnx runs/fast-0/last.ckpt -o models/fast/ --name fast --model-version 4.0.0 --license "MIT AND Apache-2.0" --int8 IMAGES --float-model float --depth-factor 1.06
 
-# The network that takes known depth, on models/starts/lite0.ckpt (of 0.18); 957 steps on a GPU, where its cosine was made to end.
-depthcli train prompted --data NYU --init models/starts/lite0.ckpt --set precision=bf16-mixed --set optim.batch_size=64 --set optim.ema=0.99 --set optim.warmup_steps=100 --set optim.epochs_decay=74 --set data.aspects=[1.7778,0.75] --set seed=51 --out runs/prompted
+# The network that takes known depth; 957 steps on a GPU, where its cosine was made to end.
+depthcli train prompted --data NYU --init runs/large/last.ckpt --set precision=bf16-mixed --set optim.batch_size=64 --set optim.ema=0.99 --set optim.warmup_steps=100 --set optim.epochs_decay=74 --set data.aspects=[1.7778,0.75] --set seed=51 --out runs/prompted
 depthcli export-onnx runs/prompted/last.ckpt -o models/prompted/ --name prompted --model-version 4.1.0 --license "MIT AND Apache-2.0" --int8 IMAGES
