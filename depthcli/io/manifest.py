@@ -58,6 +58,7 @@ class AnchorEntry:
     residual_m: float  #: median absolute difference of all points, in metres
     sha256: str  #: checksum of the points, 64 hex digits
     fit: AnchorsFit | None = None  #: how depth follows them; None if that is not known
+    model: str | None = None  #: that made the depth, if it is not the key's
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,7 +63,8 @@ def test_five_points_are_taken_by_a_bundled_network(inside: Cli) -> None:
     (alone,) = printed(inside("predict", "in/a.png", "-o", "x/", *words, "points.csv", **bundled))
     assert (alone["model"], alone["anchors"]["fit"]) == ("prompted", "network")
     assert inside("batch", "in", "-o", "y", *words, "known", **bundled).returncode == 0
-    assert rows(inside, "y")["a.png"]["anchors"]["fit"] == "network"
+    (made,) = rows(inside, "y").values()
+    assert (made["anchors"]["fit"], made["anchors"]["model"]) == ("network", "prompted")
     depth_m = (inside.folder / "x/a.depth.npy").read_bytes()
     assert (inside.folder / "y/a.depth.npy").read_bytes() == depth_m
     local = ("-o", "z/", "--anchors-fit", "local", *words)

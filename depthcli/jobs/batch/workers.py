@@ -116,11 +116,11 @@ class ImageWorker:
             raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return task.failed_result(error, self.key, start_s, sha256)
-        fit = found.depth.provenance.anchor_fit if found.depth.provenance else None
-        anchors = None
-        if fit is not None and points is not None:
+        made, anchors = found.depth.provenance, None
+        if made is not None and (fit := made.anchor_fit) and points is not None:
             residual_m = round(fit.residual_m, 6)
-            anchors = AnchorEntry(fit.given, fit.used, residual_m, points.sha256(), fit.fit)
+            model = None if made.model == self.key.model else made.model
+            anchors = AnchorEntry(fit.given, fit.used, residual_m, points.sha256(), fit.fit, model)
         return task.result(
             self.key,
             start_s,
