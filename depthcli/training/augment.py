@@ -257,7 +257,7 @@ def _jitter_exposure(gray: Tensor, data: DataConfig, random: torch.Generator) ->
 
 
 def _noise_like(gray: Tensor, random: torch.Generator) -> Tensor:
-    """Standard normal noise, drawn on a GPU if the image is there, which takes a CPU 20 ms."""
+    """Standard normal noise, drawn on a GPU if the image is there."""
     if gray.is_cuda:
         seed = int(torch.randint(2**62, (), generator=random))
         random = torch.Generator(gray.device).manual_seed(seed)

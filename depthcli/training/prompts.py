@@ -144,12 +144,8 @@ def _lidar(sizes: Tensor, depth_m: Tensor, gray: Tensor, random: torch.Generator
     del gray
     (height, width), (y, x) = depth_m.shape[1:], _grid(depth_m)
     drawn = torch.rand((3, len(depth_m), 1, 1), generator=random, device=depth_m.device)
-    slope, density = (
-        prompts.SLOPE * (2 * drawn[0] - 1),
-        torch.lerp(
-            torch.full_like(drawn[1], prompts.LEAST_DENSITY), torch.ones_like(drawn[1]), drawn[1]
-        ),
-    )
+    slope = prompts.SLOPE * (2 * drawn[0] - 1)
+    density = prompts.LEAST_DENSITY + (1 - prompts.LEAST_DENSITY) * drawn[1]
     step = height / sizes
     line = (y - slope * (x - width / 2)) / step - drawn[2]
     is_line = (line - line.round()).abs() * step <= 0.5  # noqa: PLR2004 - half a pixel
