@@ -11,23 +11,17 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import torch
-
-from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.checkpoint import load_generator
+from depthcli.training.init_weights import load_init_weights
 
 
 def main(out: Path, *sources: Path) -> None:
     """Write the mean of the averaged weights."""
-    found = [Checkpoint.load(source) for source in sources]
-    states = [one.ema_generator or {} for one in found]
-    mean = {
-        name: torch.stack([state[name].float() for state in states]).mean(0)
-        if value.is_floating_point()
-        else value
-        for name, value in states[0].items()
-    }
+    generator, first = load_generator(sources[0])
+    load_init_weights(generator, sources, first.provenance)
+    mean = generator.state_dict()
     method = {f"generator.{name}": value for name, value in mean.items()}
-    replace(found[0], ema_generator=mean, method=method, optimizers={}).save(out)
+    replace(first, ema_generator=mean, method=method, optimizers={}).save(out)
 
 
 if __name__ == "__main__":
