@@ -199,7 +199,7 @@ def stream(count: int, alive: list[weakref.ref[Any]], most: list[int]) -> Iterat
         alive.append(weakref.ref(pixels))
         most.append(sum(ref() is not None for ref in alive))
         del pixels
-        yield frame  # type: ignore[misc]
+        yield frame
         del frame
 
 
@@ -429,7 +429,6 @@ def test_points_by_another_camera() -> None:
 
 def test_points_have_the_colours_of_the_image(depth: depthcli.DepthMap) -> None:
     cloud = depth.to_points()
-    assert cloud.rgb is not None
     np.testing.assert_array_equal(cloud.rgb, PIXELS.reshape(-1, 3))
     assert cloud.xyz_m[:, 2] == pytest.approx(depth.values.reshape(-1))
 
@@ -561,7 +560,7 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
     with pytest.raises(depthcli.UsageError):
         depth.colorize("jet")
     with pytest.raises(depthcli.UsageError):
-        depth.colorize("gray", near="cold")  # type: ignore[arg-type]
+        depth.colorize("gray", near="cold")
 
 
 # Older names

@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_type_hints
 
 import numpy as np
 import pytest
@@ -16,18 +16,7 @@ from helpers.videos import flat_frames, write_video
 from depthcli.cli import parse, profiles
 from depthcli.cli.app import main
 from depthcli.cli.groups import Given, grouped
-from depthcli.cli.options import (
-    AnchorOptions,
-    CameraOptions,
-    DetailOptions,
-    ExrOptions,
-    PlyOptions,
-    PngOptions,
-    PreviewOptions,
-    StereoOptions,
-    SurfaceOptions,
-    WritingOptions,
-)
+from depthcli.cli.options import PreviewOptions, WritingOptions
 from depthcli.cli.profiles import read_profiles
 from depthcli.cli.table import COMMANDS, plain_command
 from depthcli.core.options import Colormap, Near
@@ -134,23 +123,6 @@ def test_range_of_a_normalized_video_has_an_effect(inside: Cli) -> None:
     assert b"no effect" not in done.stderr
 
 
-def _writing(**values: object) -> WritingOptions:
-    kinds = {
-        "png": PngOptions,
-        "exr": ExrOptions,
-        "preview": PreviewOptions,
-        "surface": SurfaceOptions,
-        "ply": PlyOptions,
-        "stereo": StereoOptions,
-    }
-    return WritingOptions(
-        **{
-            name: kind(**{k: v for k, v in values.items() if k in kind.__dataclass_fields__})
-            for name, kind in kinds.items()
-        }
-    )
-
-
 @pytest.mark.parametrize(
     ("colormap", "near", "chosen"),
     [
@@ -163,50 +135,10 @@ def _writing(**values: object) -> WritingOptions:
 def test_near_white_and_black_select_gray(
     colormap: Colormap | None, near: Near | None, chosen: tuple[str, str]
 ) -> None:
-    made = parse.writer_options(_writing(colormap=colormap, near=near))
+    groups = {name: kind() for name, kind in get_type_hints(WritingOptions).items()}
+    preview = PreviewOptions(colormap=colormap, near=near)
+    made = parse.writer_options(WritingOptions(**groups | {"preview": preview}))
     assert (made.colormap, made.near) == chosen
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"colormap": Colormap.INFERNO, "near": Near.BLACK},
-        {"colormap": Colormap.GRAY, "near": Near.WARM},
-        {"vmin": 5.0, "vmax": 2.0},
-        {"vmin": 5.0, "vmax": 5.0},
-        {"png_scale": 256.0, "png_normalize": True},
-    ],
-)
-def test_options_that_contradict_each_other_are_refused(values: dict[str, object]) -> None:
-    with pytest.raises(UsageError):
-        parse.writer_options(_writing(**values))
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"focal_px": 50.0, "hfov": 60.0},
-        {"calibration": "a.yaml", "centre_px": "3,4"},
-        {"rectified": True},
-        {"centre_px": "3"},
-        {"centre_px": "nan,3"},
-    ],
-)
-def test_cameras_that_cannot_be_meant_are_refused(values: dict[str, object]) -> None:
-    with pytest.raises(UsageError):
-        parse.camera(CameraOptions(**values))
-
-
-@pytest.mark.parametrize("word", ["1,2", "1,2,3,4", "-1,2,3", "1.5,2,3", "1,2,nan", "1,2,0", "a"])
-def test_anchors_that_are_no_point_of_known_depth(word: str) -> None:
-    with pytest.raises(UsageError):
-        parse.anchors(AnchorOptions(anchor=[word]))
-
-
-@pytest.mark.parametrize("text", ["0", "-5", "half", "1.5", "", "9" * 5000])
-def test_tiles_that_are_no_width(text: str) -> None:
-    with pytest.raises(UsageError):
-        parse.detail(DetailOptions(tile=text))
 
 
 def test_errors_name_options_of_the_command_line(
@@ -218,13 +150,6 @@ def test_errors_name_options_of_the_command_line(
     assert "--png-scale" in capsys.readouterr().err
     assert main(["predict", "room.png", "--anchor", "1,2"]) == 2
     assert "--anchor: " in capsys.readouterr().err
-
-
-def test_json_of_every_input_is_one_line(inside: Cli) -> None:
-    for name in ("a.png", "b.png"):
-        write_picture(inside.folder / name)
-    done = inside("predict", "a.png", "b.png", "--json")
-    assert [json.loads(line)["input"] for line in done.stdout.splitlines()] == ["a.png", "b.png"]
 
 
 @pytest.mark.parametrize(

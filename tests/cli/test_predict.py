@@ -187,16 +187,6 @@ def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None
     assert "model.onnx" in line
 
 
-def test_a_second_run_replaces_its_outputs(inside: Cli) -> None:
-    room(inside)
-    inside("predict", "room.png")
-    first = (inside.folder / "room.depth.png").read_bytes()
-    inside("predict", "room.png", "--png-scale", "500")
-    assert (inside.folder / "room.depth.png").read_bytes() != first
-    assert inside("predict", "room.png").returncode == 0
-    assert (inside.folder / "room.depth.png").read_bytes() == first
-
-
 @pytest.mark.parametrize(
     "words",
     [
@@ -208,10 +198,16 @@ def test_a_second_run_replaces_its_outputs(inside: Cli) -> None:
         ("--png-scale", "5000", "--png-normalize"),
         ("--vmin", "inf"),
         ("--vmin", "2", "--vmax", "2"),
-        ("--anchor", "1,2"),
-        ("--anchor", "1,2,0"),
-        ("--anchor", "-1,2,3"),
-        ("--anchor", "a,b,c"),
+        ("--near", "black", "--colormap", "inferno"),
+        ("--near", "warm", "--colormap", "gray"),
+        *(
+            ("--anchor", word)
+            for word in ("1,2", "1,2,0", "-1,2,3", "a,b,c", "1,2,3,4", "1.5,2,3", "1,2,nan")
+        ),
+        *(("--tile", word) for word in ("0", "-5", "half", "1.5", "", "9" * 5000)),
+        *(("--centre-px", word) for word in ("3", "nan,3")),
+        ("--calibration", "a.yaml", "--centre-px", "3,4"),
+        ("--rectified",),
         ("-", "-"),
         ("b.png", "-o", "one.png"),
     ],
@@ -221,32 +217,6 @@ def test_options_that_do_not_fit_write_nothing(inside: Cli, words: tuple[str, ..
     done = inside("predict", "room.png", *words, code=2)
     assert len(error_lines(done)) == 1
     assert here(inside) == {"room.png", "b.png"}
-
-
-def test_a_focal_length_rescales_metres(inside: Cli) -> None:
-    room(inside)
-    write_model(inside.models / "camera", camera={"hfov_deg": 90.0})
-    for name, words in {"a": (), "b": ("--focal-px", "64"), "c": ("--hfov", "90")}.items():
-        done = inside("predict", "room.png", "--model", "camera", "-o", f"{name}.npy", *words)
-        assert done.returncode == 0
-    a, b, c = (np.load(inside.folder / f"{name}.npy") for name in "abc")
-    np.testing.assert_allclose(b, 2 * a, rtol=1e-5)  # 90 degrees at 64 px wide are 32 px
-    np.testing.assert_allclose(c, a, rtol=1e-5)
-
-
-def test_anchors_set_the_scale(inside: Cli) -> None:
-    room(inside)
-    words = ("--anchor", "5,40,2", "--anchor", "60,40,12")
-    done = inside("predict", "room.png", "-o", "d.depth.npy", *words)
-    depth = np.load(inside.folder / "d.depth.npy")
-    errors_m = np.abs(depth[40, [5, 60]] - (2, 12))
-    said = f"; depth fitted to 2 anchors, median error {np.median(errors_m):.3f} m\n"
-    assert done.stdout.decode().endswith(said)
-    assert (errors_m < 1).all()
-    assert inside("predict", "room.png", "-o", "d.depth.npy", *words[:2]).stdout.endswith(
-        b"1 anchor\n"
-    )
-    assert np.load(inside.folder / "d.depth.npy")[40, 5] == pytest.approx(2, rel=1e-5)
 
 
 @pytest.mark.parametrize("fault", ["missing", "checksum", "no card"])

@@ -117,17 +117,6 @@ def test_a_reader_that_leaves_ends_a_pipe_in_silence(cli: Cli, long_video: Path)
     assert (running.stderr.read(), running.wait(timeout=60)) == (b"", 1)
 
 
-def test_depth_without_a_unit_is_written_and_named_so(cli: Cli) -> None:
-    write_model(
-        cli.folder / "inverse", output__kind="inverse", output__min_m=None, output__max_m=None
-    )
-    ramp(cli, 6)
-    done = cli("video", "clip.mp4", "--out", "a.mkv", "--model", "inverse", "--smooth", "0.2")
-    assert done.returncode == 0
-    assert b"no unit" in done.stderr
-    assert DepthVideo(cli.folder / "a.mkv").scale is None
-
-
 @pytest.mark.parametrize(
     ("formats", "which"),
     [(("mkv", "mp4"), signal.SIGINT), (("webm",), signal.SIGHUP), (("mkv",), signal.SIGTERM)],

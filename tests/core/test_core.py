@@ -3,9 +3,10 @@
 import math
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +14,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core import options
-from depthcli.core.camera import Intrinsics, focal_px_of_35mm, focal_px_of_hfov, hfov_deg
+from depthcli.core.camera import (
+    UNKNOWN_CAMERA,
+    CameraScale,
+    Intrinsics,
+    focal_px_of_35mm,
+    focal_px_of_hfov,
+    hfov_deg,
+)
 from depthcli.core.imageops import luma, resize_area, resize_bilinear, rgb, value_channel
-from depthcli.core.options import AUTO_TILE, Upsampling, UpsamplingOptions, check_pixel_count
+from depthcli.core.options import (
+    AUTO_TILE,
+    DepthMask,
+    Upsampling,
+    UpsamplingOptions,
+    check_pixel_count,
+)
 from depthcli.core.types import (
     DepthCodec,
     DepthKind,
@@ -82,47 +96,98 @@ def test_float_pixels_are_kept_within_zero_and_one() -> None:
     assert value_channel(pixels).tolist() == [[0, 0.25, 1]]
 
 
-@pytest.mark.parametrize(
-    ("codec", "depth"),
-    [
-        (DepthCodec.linear_m(10), 9.0),
-        (DepthCodec.log_m(0.4, 10), 0.4 * 25**0.9),
-        (DepthCodec(Transform.RECIPROCAL, 0.5, 1), 1 / 1.4),
-    ],
-)
-def test_decoding_is_its_formula(codec: DepthCodec, depth: float) -> None:
-    assert codec.decode(np.float32([0.8]))[0] == pytest.approx(depth, rel=1e-6)
-    assert codec.times(1.03).decode(np.float32([0.8]))[0] == pytest.approx(1.03 * depth, rel=1e-6)
-
-
-def test_linear_coding_is_the_paper_s() -> None:
-    depth_m = DepthCodec.linear_m(10).decode(np.float32([-1, 0, 0.5, 1]))
-    assert depth_m == pytest.approx([0, 5, 7.5, 10])
-    assert DepthCodec().decode(np.float32([3])) == pytest.approx([3])
-
-
-def test_log_coding_puts_its_ends_at_minus_one_and_one() -> None:
-    ends = DepthCodec.log_m(0.4, 10).decode(np.array([-1, 1], np.float32))
-    assert ends == pytest.approx([0.4, 10], rel=1e-5)
+FORMULAS = {
+    Transform.LINEAR: lambda t: t,
+    Transform.EXP: math.exp,
+    Transform.RECIPROCAL: lambda t: 1 / t if t > 0 else math.inf,
+}
 
 
 @pytest.mark.parametrize("transform", Transform)
-def test_nonfinite_values_are_invalid(transform: Transform) -> None:
-    assert np.isnan(DepthCodec(transform).decode(np.float32([math.nan]))).all()
-
-
-def test_reciprocal_of_nothing_is_infinitely_far() -> None:
-    codec = DepthCodec(Transform.RECIPROCAL)
+def test_decoding_is_its_formula(transform: Transform) -> None:
+    codec, raw = DepthCodec(transform, 0.25, 0.5), [-4, -2, 0, 0.8, 3]  # 0.25 · -2 + 0.5 = 0
+    expected = [FORMULAS[transform](0.25 * value + 0.5) for value in raw]
     with np.errstate(all="raise"):
-        assert codec.decode(np.float32([0, -1, 4])).tolist() == [math.inf, math.inf, 0.25]
+        found = codec.decode(np.float32([*raw, math.nan]))
+        scaled = codec.times(1.03).decode(np.float32(raw))
+    assert found.tolist() == pytest.approx([*expected, math.nan], rel=1e-6, nan_ok=True)
+    assert scaled.tolist() == pytest.approx([1.03 * value for value in expected], rel=1e-6)
+
+
+def test_codings_put_their_ends_at_minus_one_and_one() -> None:
+    """Linear is the paper's."""
+    for codec, ends in (
+        (DepthCodec.linear_m(10), (0, 10)),
+        (DepthCodec.log_m(0.4, 10), (0.4, 10)),
+        (DepthCodec(), (-1, 1)),
+    ):
+        assert codec.decode(np.float32([-1, 1])) == pytest.approx(ends, rel=1e-5)
 
 
 def test_focal_lengths() -> None:
     assert focal_px_of_hfov(63.3, 640) == pytest.approx(518.86, rel=2e-3)
     assert focal_px_of_hfov(90, 1000) == pytest.approx(500)
     assert focal_px_of_35mm(36, 360, 240) == pytest.approx(360)
+    for camera, at_640 in (
+        (Intrinsics(500), 500),
+        (Intrinsics(500, 90), 320),
+        (Intrinsics(), None),
+    ):
+        assert camera.focal_for(640) == (at_640 and pytest.approx(at_640))
+        assert camera.has_focal == (at_640 is not None)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        *((focal_px, None) for focal_px in (-400, 0, math.nan, math.inf)),
+        *((None, hfov_deg) for hfov_deg in (180, -60, 0.09, 179.91)),
+        (400, 60),
+        *((None, None, centre_px) for centre_px in ((math.nan, 3), (3, math.inf))),
+    ],
+)
+def test_impossible_camera_is_refused(given: tuple[Any, ...]) -> None:
     with pytest.raises(UsageError):
-        Intrinsics(hfov_deg=180)
+        Intrinsics.given(*given)
+
+
+@pytest.mark.parametrize(("scale", "shift_m"), [(0, 0), (-1, 0), (math.inf, 0), (1, math.nan)])
+def test_impossible_scale_of_a_camera_is_refused(scale: float, shift_m: float) -> None:
+    CameraScale("a", "m", "", 1e-3, -1.0, None, 1, 1)
+    with pytest.raises(UsageError):
+        CameraScale("a", "m", "", scale, shift_m, None, 1, 1)
+
+
+CALIBRATED = Intrinsics(400.0, None, (319.5, 200.0), (640, 480), 1.0)
+
+
+def test_principal_point_is_resized_with_its_image() -> None:
+    half_x, half_y = (319.5 + 0.5) / 2 - 0.5, (200 + 0.5) / 2 - 0.5
+    for size in ((320, 240), (321, 240), (321, 241)):  # one side may be rounded
+        found = CALIBRATED.centre_for(*size)
+        assert found == pytest.approx((half_x, half_y), rel=0.004)
+    assert CALIBRATED.centre_for(640, 480) == (319.5, 200)
+    assert Intrinsics(centre_px=(3.0, 4.0)).centre_for(7, 9) == (3, 4)
+    for size in ((640, 360), (480, 640), (322, 240), (320, 241)):
+        with pytest.raises(InputError):
+            CALIBRATED.centre_for(*size)
+
+
+def test_doubts_about_a_calibration_are_warnings() -> None:
+    assert UNKNOWN_CAMERA.warnings == CALIBRATED.warnings == ()
+    for doubt, advice in ({"is_distorted": True}, "rectify"), ({"size_px": None}, "do not resize"):
+        (warning,) = replace(CALIBRATED, **doubt).warnings
+        assert warning.startswith("the ")
+        assert advice in warning
+
+
+def test_camera_of_one_image_keeps_the_common_scale_and_principal_point() -> None:
+    scale = CameraScale("a", "m", "", 2.0, 0.0, None, 1, 1)
+    common = replace(CALIBRATED, scale=scale)
+    assert common.of_image(None) is common
+    assert common.of_image(Intrinsics(5.0)) == Intrinsics(5.0, centre_px=(319.5, 200), scale=scale)
+    own = Intrinsics(5.0, centre_px=(1.0, 2.0))
+    assert common.of_image(own) == replace(own, scale=scale)
 
 
 @given(st.floats(0.1, 179.9), st.integers(1, 20_000))
@@ -239,14 +304,13 @@ def test_as_many_pixels_as_allowed_pass() -> None:
     assert "{max_pixels}" in refused.value.message.advice
 
 
-def test_choices_are_taken_as_plain_words_too() -> None:
-    assert UpsamplingOptions(upsampling="bilinear").upsampling is Upsampling.BILINEAR  # type: ignore[arg-type]
-
-
-def test_tiles_of_a_negative_width_are_refused() -> None:
-    assert UpsamplingOptions(tile_px=AUTO_TILE).tile_px == AUTO_TILE == 0
-    with pytest.raises(UsageError):
-        UpsamplingOptions(tile_px=-1)
+def test_choices_are_plain_words_too_and_others_are_refused() -> None:
+    made = UpsamplingOptions("bilinear", AUTO_TILE, "model")
+    assert made == UpsamplingOptions(Upsampling.BILINEAR, 0, DepthMask.MODEL)
+    assert (type(made.upsampling), type(made.mask)) == (Upsampling, DepthMask)
+    for wrong in ({"upsampling": "cubic"}, {"tile_px": -1}, {"mask": "sky"}):
+        with pytest.raises(UsageError):
+            UpsamplingOptions(**wrong)
 
 
 ROOT = Path(__file__).parents[2]

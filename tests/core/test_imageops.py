@@ -155,8 +155,8 @@ def test_shrinking_by_bands_equals_shrinking(
     monkeypatch.setattr(bands, "BAND_PIXELS", 1000)
     pixels = np.random.default_rng(4).integers(0, 256, (67, 101, 3), dtype=np.uint8)
     assert len(list(row_bands(101, 67))) == 8
-    expected = resize_area(plane(pixels), *size)  # type: ignore[operator]
-    found = shrink_bands(pixels, plane, *size)  # type: ignore[arg-type]
+    expected = resize_area(plane(pixels), *size)
+    found = shrink_bands(pixels, plane, *size)
     np.testing.assert_allclose(found, expected, atol=2e-6)
 
 

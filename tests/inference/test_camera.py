@@ -34,7 +34,7 @@ SHAPES = [(40, 30), (30, 40), (40, 40), (64, 36), (84, 36), (200, 20), (3, 500)]
 
 def black(width: int, height: int, **facts: float | None) -> Frame:
     """A picture in which the tiny network sees 1 m everywhere."""
-    return Frame(np.zeros((height, width), np.uint8), **facts)  # type: ignore[arg-type]
+    return Frame(np.zeros((height, width), np.uint8), **facts)
 
 
 def model(folder: Path, **changes: object) -> Pipeline:
@@ -89,10 +89,7 @@ def test_squeezed_pictures_have_the_metres_and_the_points_of_square_ones(
     assert depth.provenance.input_size_px == square.provenance.input_size_px
     assert depth.provenance.pixel_aspect == aspect
     assert depth.values[0, 0] == pytest.approx(square.values[0, 0], rel=1e-6)
-    clouds = []
-    for one in (square, depth):
-        assert one.provenance.focal_px is not None
-        clouds.append(point_cloud(one, one.provenance.focal_px).xyz_m)
+    clouds = [point_cloud(one, one.provenance.focal_px).xyz_m for one in (square, depth)]
     for cloud, pixel_width in zip(clouds, (1, aspect), strict=True):
         half_pixels = np.float32([(width - pixel_width) / 2, (height - 1) / 2])
         focal_px = square.provenance.focal_px
@@ -178,7 +175,6 @@ def test_a_point_cloud_has_the_camera_of_its_metres(tmp_path: Path) -> None:
     pipeline = model(tmp_path / "tiny", input__fit="keep-aspect")
     for words in ({}, {"focal_px": 25.0}):
         depth = pipeline.predict(black(30, 40), Intrinsics(**words)).depth
-        assert depth.provenance is not None
         warnings = PlyWriter().write(depth, tmp_path / "a.ply")
         assert bool(warnings) == (not words)
         data = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")[2]

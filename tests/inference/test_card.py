@@ -145,18 +145,12 @@ def test_file_that_is_not_a_card_is_refused(text: str | bytes) -> None:
         ModelCard.from_json(text)
 
 
-def test_an_input_may_be_one_pixel() -> None:
-    spec = read({"input.width": 1, "input.height": 1, "input.multiple_of": 1}).input
-    assert (spec.width, spec.height, spec.multiple_of) == (1, 1, 1)
-
-
-def test_three_channels_may_share_one_mean() -> None:
+def test_smallest_input_shared_mean_and_no_metres_are_a_card() -> None:
+    found = read({"input.width": 1, "input.height": 1, "input.multiple_of": 1}).input
+    assert (found.width, found.height, found.multiple_of) == (1, 1, 1)
     assert read({"input.colour": "rgb", "input.std": [0.1, 0.2, 0.3]}).input.mean == (0.5,)
-
-
-def test_a_relative_model_needs_no_metres() -> None:
-    spec = read({"output.kind": "relative", "output.min_m": None, "output.max_m": None}).output
-    assert (spec.min_m, spec.max_m) == (None, None)
+    found = read({"output.kind": "relative", "output.min_m": None, "output.max_m": None}).output
+    assert (found.min_m, found.max_m) == (None, None)
 
 
 @given(

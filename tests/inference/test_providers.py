@@ -177,7 +177,7 @@ def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
     write_model(tmp_path / "int8", name="int8", float_model="float")
     built_with(monkeypatch, *there)
 
-    class Working(REAL):  # type: ignore[misc, valid-type]
+    class Working(REAL):
         """A session on the CPU that states the first of the wanted providers."""
 
         def __init__(self, data: bytes, options: Any, stated: list[Any], **others: Any) -> None:

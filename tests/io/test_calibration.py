@@ -3,7 +3,6 @@
 import math
 import re
 import struct
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 
 import depthcli
-from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics, hfov_deg
+from depthcli.core.camera import Intrinsics, hfov_deg
 from depthcli.errors import InputError
 from depthcli.io.calibration import read_calibration
 
@@ -134,24 +133,6 @@ def test_file_that_is_not_a_calibration_is_refused(
     with pytest.raises(InputError):
         read_calibration(path)
     assert capfd.readouterr() == ("", "")
-
-
-def test_a_resized_picture_has_the_point_in_its_own_pixels() -> None:
-    half = EXPECTED.centre_for(320, 240)
-    assert half == pytest.approx(((337.8 + 0.5) / 2 - 0.5, (250.7 + 0.5) / 2 - 0.5))
-    assert EXPECTED.centre_for(640, 480) == pytest.approx((337.8, 250.7))
-    assert EXPECTED.centre_for(321, 240) == EXPECTED.centre_for(321, 241)
-    middle = calibration(640, 480, 400, (319.5, 239.5)).centre_for(1280, 960)
-    assert middle == (639.5, 479.5)
-    for size in ((640, 360), (480, 640), (323, 240)):
-        with pytest.raises(InputError):
-            EXPECTED.centre_for(*size)
-
-
-def test_a_distorted_lens_is_a_warning() -> None:
-    assert UNKNOWN_CAMERA.warnings == EXPECTED.warnings == ()
-    (warning,) = replace(EXPECTED, is_distorted=True).warnings
-    assert warning.endswith("rectify the pictures, and then add rectified")
 
 
 @pytest.mark.parametrize("name", ["projection_matrix", "P", "p"])

@@ -224,7 +224,6 @@ def test_primaries_of_screens_are_silent(stated: tuple[float, ...], tmp_path: Pa
 def test_colours_become_those_of_rec_709(stated: tuple[float, ...], tmp_path: Path) -> None:
     matrix, problem = primaries_matrix(stated)
     assert problem is None
-    assert matrix is not None
     np.testing.assert_allclose(matrix, PUBLISHED[stated], atol=2e-4)
     np.testing.assert_allclose(matrix @ np.ones(3), 1, atol=1e-5)  # white stays white
     light = np.random.default_rng(0).uniform(0, 2, (50, 40, 3)).astype(np.float32)

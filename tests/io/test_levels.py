@@ -121,7 +121,6 @@ def test_colours_under_transparency_have_no_effect(tmp_path: Path, suffix: str, 
     options: dict[str, Any] = {"lossless": True, "exact": True} if suffix == ".webp" else {}
     _sprite(under).save(path, **options)
     frame = read_image(path)
-    assert frame.transparent is not None
     np.testing.assert_array_equal(frame.transparent, np.broadcast_to(np.arange(32) >= 16, (24, 32)))
     assert frame.pixels.tolist() == np.full((24, 32, 3), 128).tolist()
     assert ["50%" in text for text in frame.warnings] == [True]
@@ -166,7 +165,6 @@ def test_transparency_of_rarer_formats(tmp_path: Path, name: str) -> None:
     else:
         data = heic(rgba)
     frame = read_image(None, data)
-    assert frame.transparent is not None
     assert frame.transparent[0].tolist() == [False] * 16 + [True] * 16
     assert abs(frame.pixels / np.iinfo(frame.pixels.dtype).max - 0.5).max() < 0.06
 
@@ -187,7 +185,6 @@ def test_transparency_is_turned_with_its_image(tmp_path: Path) -> None:
     exif[0x0112] = 6
     image.save(tmp_path / "a.png", exif=exif)
     frame = depthcli.read_image(tmp_path / "a.png")
-    assert frame.transparent is not None
     assert frame.transparent.shape == (32, 24)
     assert frame.transparent[16:].all()
     assert not frame.transparent[:16].any()

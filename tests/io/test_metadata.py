@@ -61,7 +61,6 @@ def test_a_file_says_which_camera(
         SidecarWriter().write(seen_by(source), path.with_suffix(".json"))
     assert read_metadata(path)["camera"] == WORDS[source]
     found = read_stored_depth(path).displayed.provenance
-    assert found is not None
     assert (found.focal_px, found.camera_source) == (2, source)
 
 
@@ -96,7 +95,6 @@ def test_focal_length_of_resized_depth_is_scaled(tmp_path: Path) -> None:
     path = _changed_by_another_program(_wide(tmp_path), slice(None, None, 4), slice(None, None, 4))
     stored = read_stored_depth(path)
     found = stored.displayed.provenance
-    assert found is not None
     assert found.focal_px == pytest.approx(55.4256 / 4)
     assert found.centre_px == pytest.approx((9.625, 4.625))
     assert stored.metadata["camera"] == "hfov 60.0° (given)"
@@ -110,7 +108,6 @@ def test_focal_length_of_cropped_depth_is_refused(tmp_path: Path) -> None:
     path = _changed_by_another_program(original, slice(0, 20), slice(10, 50))
     stored = read_stored_depth(path)
     found = stored.displayed.provenance
-    assert found is not None
     assert (found.focal_px, found.centre_px, found.is_cropped) == (None, None, True)
     assert not {"camera", "focal_px"} & set(stored.metadata)
     assert ["64" in text and "40×20" in text for text in stored.warnings] == [True]
@@ -118,7 +115,6 @@ def test_focal_length_of_cropped_depth_is_refused(tmp_path: Path) -> None:
         PlyWriter().write(stored.displayed, tmp_path / "a.ply")
     given = with_camera(stored.displayed, Intrinsics(focal_px=50.0))
     PlyWriter().write(given, tmp_path / "a.ply")
-    assert given.provenance is not None
     assert given.provenance.focal_px == 50
 
 
@@ -194,10 +190,10 @@ def test_a_png_that_is_saved_again_has_the_scale_of_its_sidecar(
     kind: DepthKind, options: dict[str, float], tmp_path: Path
 ) -> None:
     path, depth = tmp_path / "a.png", DepthMap(DEPTH_M, kind)
-    Png16Writer(**options).write(depth, path)  # type: ignore[arg-type]
-    SidecarWriter(**options).write(depth, tmp_path / "a.json")  # type: ignore[arg-type]
+    Png16Writer(**options).write(depth, path)
+    SidecarWriter(**options).write(depth, tmp_path / "a.json")
     before = read_stored_depth(path)
-    write_steps(path, cv2.imread(str(path), cv2.IMREAD_UNCHANGED))  # type: ignore[arg-type]
+    write_steps(path, cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
     after = read_stored_depth(path)
     assert (after.scale, after.depth.kind) == (before.scale, kind)
     np.testing.assert_allclose(after.depth.values, before.depth.values, rtol=1e-6)

@@ -118,7 +118,6 @@ def test_side_by_side_has_the_picture_at_the_left(tmp_path: Path) -> None:
     writer.write(DepthMap(RAMP_M), tmp_path / "a.png", Frame(deep))
     data = np.frombuffer((tmp_path / "a.png").read_bytes(), np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    assert image is not None
     assert image.shape == (60, 160, 3)
     np.testing.assert_array_equal(image[:, :80], Frame(deep).pixels_8bit())
     np.testing.assert_array_equal(image[:, 80:, ::-1], writer.render(DepthMap(RAMP_M)))
@@ -231,7 +230,6 @@ def made(height: int = 24, width: int = 40) -> DepthMap:
 
 def data_of(page: str) -> dict[str, Any]:
     found = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
-    assert found is not None
     data: dict[str, Any] = json.loads(found[1])
     return data
 

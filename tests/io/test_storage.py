@@ -215,7 +215,6 @@ def writer(folder: Path, *names: str) -> subprocess.Popen[str]:
 
 def test_of_a_live_process_nothing_is_removed_and_of_a_killed_one_all(tmp_path: Path) -> None:
     with writer(tmp_path) as process:
-        assert process.stdout is not None
         name = process.stdout.readline().strip()
         remove_stale(tmp_path)
         assert names(tmp_path) == [name]
@@ -227,7 +226,6 @@ def test_of_a_live_process_nothing_is_removed_and_of_a_killed_one_all(tmp_path: 
 
 def test_when_the_process_ends_its_files_go_whatever_its_threads_do(tmp_path: Path) -> None:
     with writer(tmp_path, "a.png", "b.exr", "c.npy") as process:
-        assert process.stdout is not None
         process.stdout.readline()
         while len(list(tmp_path.glob("[abc].*"))) < 3:
             time.sleep(0.001)

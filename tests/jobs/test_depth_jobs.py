@@ -287,7 +287,7 @@ def test_patterns_that_do_not_fit_are_refused(
     write_frames(tmp_path / "d.mkv", range(2))
     given = {"source": "d.mkv", "target": "a.#.exr"} | words
     with pytest.raises(UsageError):
-        list(convert_video(ConvertRequest(**given), 0))  # type: ignore[arg-type]
+        list(convert_video(ConvertRequest(**given), 0))
     assert [path.name for path in tmp_path.iterdir()] == ["d.mkv"]
 
 
@@ -390,7 +390,7 @@ def write_depth_exr(path: Path, data: Box, channel: str = "Z") -> np.ndarray:
 
 
 def converted(source: Path, target: str, **more: object) -> ConvertResult:
-    options = WriterOptions(**more)  # type: ignore[arg-type]
+    options = WriterOptions(**more)
     return convert(ConvertRequest(str(source), str(source.with_name(target)), writing=options))
 
 

@@ -65,7 +65,7 @@ def test_streams_are_those_of_the_request(tmp_path: Path, loader: SessionLoader)
 def test_a_picture_is_out_when_its_result_is_there(tmp_path: Path, loader: SessionLoader) -> None:
     name = str(write_picture(tmp_path / "a.png"))
     passed = BytesIO()
-    stream = BufferedWriter(passed, 1_000_000)  # type: ignore[arg-type]
+    stream = BufferedWriter(passed, 1_000_000)
     next(predict(predict_request([name], "-", model=loader, stdout=stream)))
     assert passed.getvalue().endswith(b"IEND\xaeB`\x82")
 

@@ -29,7 +29,7 @@ DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, no
 
 
 def _batches(size: int = 2, seed: int = 0, **changes: object) -> Batches:
-    data = replace(DATA, **changes)  # type: ignore[arg-type]
+    data = replace(DATA, **changes)
     return Batches(PairStore(rooms(), TRAIN, data), data, size, seed, CPU)
 
 
@@ -106,7 +106,7 @@ def _ramps(count: int) -> Rooms:
 def _seen(paired: bool, steps: int = 4, size: int = 60, **changes: float) -> TrainingBatch:
     """Some batches of ramps in one."""
     plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
-    data = replace(DATA, paired=paired, **(plain | changes))  # type: ignore[arg-type]
+    data = replace(DATA, paired=paired, **(plain | changes))
     batches = Batches(PairStore(_ramps(size), range(size), data), data, size, 0, CPU)
     seen = [batches[step] for step in range(steps)]
     return TrainingBatch(*(torch.cat(maps) for maps in zip(*(b[:2] for b in seen), strict=True)))
@@ -136,7 +136,7 @@ def test_zooms_are_the_same_for_a_pair_and_drawn_apart_for_two_lists(paired: boo
 
 def test_store_keeps_depth_to_five_millimetres() -> None:
     dataset = rooms()
-    flat_m = replace(dataset, depths_m=dataset.depths_m * 0 + 9.987)  # type: ignore[type-var]
+    flat_m = replace(dataset, depths_m=dataset.depths_m * 0 + 9.987)
     store = PairStore(flat_m, TRAIN, DATA)
     assert store.rgb.shape == (5, 3, 64, 64)
     assert float((store.depth_m.float() - 9.987).abs().max()) < 0.005

@@ -215,7 +215,6 @@ def test_metres_of_any_camera_become_those_of_the_trained_one(more: Path) -> Non
     """``batch`` multiplied them by the ratio of focal lengths, which the network cannot see."""
     pairs = open_paired_folder(more)
     labels = room_data().with_pseudo_labels(pairs).pseudo_labels
-    assert labels is not None
     assert pairs.ids == ("lens", "room", "wide")
     for i, ratio in enumerate((0.926, 1, 1.155)):
         # The input has whole pixels: up to a half percent from the ideal size.

@@ -158,7 +158,7 @@ def _border_levels(**changes: float) -> Tensor:
     """Levels of the outermost pixels of gray pictures with a white border."""
     rgb = torch.full((200, 3, 96, 128), 0.5)
     rgb[..., 0], rgb[..., -1], rgb[..., 0, :], rgb[..., -1, :] = 1, 1, 1, 1
-    data = replace(DATA, zoom=1.0, turn=0.0, **changes)  # type: ignore[arg-type]
+    data = replace(DATA, zoom=1.0, turn=0.0, **changes)
     gray = augment(rgb, torch.ones(200, 1, 96, 128), data, seeded(6)).network_input
     assert torch.all(gray[..., 4:-4, 4:-4] == 0)
     return (gray[:, 0, 20, 0] + 1) / 2

@@ -167,7 +167,6 @@ def test_transparent_pixels_of_a_video_have_no_depth(codec: str, tmp_path: Path)
     path = write_rgba(tmp_path / "a.mov", codec, [frame, frame, frame * 0])
     source, frames = read(path)
     hidden = frames[0].transparent
-    assert hidden is not None
     assert hidden[:, 40:].all()
     assert not hidden[:, :40].any()
     assert np.unique(frames[0].pixels).tolist() == [90]

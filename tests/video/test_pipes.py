@@ -115,7 +115,6 @@ def test_less_than_a_frame_is_an_error() -> None:
 def write_with_audio(path: Path, source: Path) -> tuple[str, ...]:
     """Four seconds at 25 frames a second, with the audio of a source; also its warnings."""
     with VideoSource(source) as video:
-        assert video.start_s is not None
         audio = AudioTrack(source, video.start_s)
     codec = preview_codec(path.suffix, None)
     timing = Timing(Fraction(25))

@@ -68,7 +68,7 @@ def test_regularized_l1_is_its_formula() -> None:
     distance = float(np.mean([abs(p - t) for p, t in pairs]))
     squares = 0.0
     for index in (0, 2):  # biases, norms and linear layers are no convolution weights
-        for w in network.get_submodule(str(index)).weight.flatten().tolist():  # type: ignore[operator,union-attr]
+        for w in network.get_submodule(str(index)).weight.flatten().tolist():
             squares += w * w
     found = regularized_l1(prediction, truth, network, penalty).item()
     assert found == pytest.approx(distance + penalty * squares, rel=1e-5)

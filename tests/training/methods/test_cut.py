@@ -96,7 +96,7 @@ def test_hnegsrc_s_gamma_follows_the_steps_of_a_run() -> None:
     for step in range(run.steps):
         run.state = replace(run.state, step=step)
         run.step(batch())
-        gammas.append(run.method.gamma)  # type: ignore[union-attr]
+        gammas.append(run.method.gamma)
     assert gammas == [50, 40, 30, 20]  # 10 would be the step after the last
 
 

@@ -60,7 +60,6 @@ def test_every_term_is_proportional_to_its_weight() -> None:
 def test_cycle_and_identity_are_equations_2_and_3() -> None:
     method, batch = _method(cycle=1.0, identity=1.0), tiny_methods.batch()
     forward, backward = method.generator, method.backward_generator
-    assert backward is not None
     x, y = batch.network_input, (batch.depth_m - 5) / 5
     terms = method(batch, "generator")
     cycle = (backward(forward(x)) - x).abs().mean() + (forward(backward(y)) - y).abs().mean()
@@ -78,7 +77,6 @@ def test_l1_is_equation_1_on_one_or_both_generators(both: bool) -> None:
     pairs = {"l1": (method.generator, x, y), "l1_backward": (method.backward_generator, y, x)}
     for name, value in terms.items():
         network, source, truth = pairs[name]
-        assert network is not None
         penalty = 0.01 * sum((w.detach() ** 2).sum().item() for w in conv_weights(network))
         wanted = 2 * ((network(source) - truth).abs().mean().item() + penalty)
         assert value.item() == pytest.approx(wanted, rel=1e-5)
@@ -121,9 +119,9 @@ def test_phases_move_their_own_networks_only(gan: str) -> None:
     method, batch = _method(adversarial=1.0, gan=gan), tiny_methods.batch()
     for phase, other in (("generator", "discriminator"), ("discriminator", "generator")):
         method.zero_grad()
-        sum(method(batch, phase).values()).backward()  # type: ignore[union-attr]
+        sum(method(batch, phase).values()).backward()
         for name, moves in ((phase, True), (other, False)):
-            grads = [w.grad for net in method.networks(name) for w in net.parameters()]  # type: ignore[arg-type]
+            grads = [w.grad for net in method.networks(name) for w in net.parameters()]
             assert any(g is not None and bool(g.any()) for g in grads) is moves
 
 

@@ -16,7 +16,7 @@ TAP_CHANNELS = {"input": 1, "down1": 128, "down2": 256, "block1": 256, "block5":
 
 def _small(**options: object) -> ResnetGenerator:
     torch.manual_seed(0)
-    return ResnetGenerator(8, 2, **{"residual": "none"} | options).eval()  # type: ignore[arg-type]
+    return ResnetGenerator(8, 2, **{"residual": "none"} | options).eval()
 
 
 def _grown(**options: object) -> ResnetGenerator:
@@ -36,7 +36,7 @@ def _parameters(network: nn.Module) -> int:
 @pytest.mark.parametrize(("residual", "more"), [("none", 0), ("stem", 0), ("input", 1)])
 def test_paper_size_has_the_papers_parameters(antialias: bool, residual: str, more: int) -> None:
     with torch.device("meta"):
-        network = ResnetGenerator(antialias=antialias, residual=residual)  # type: ignore[arg-type]
+        network = ResnetGenerator(antialias=antialias, residual=residual)
     assert _parameters(network) == 11_365_633 + more
 
 
@@ -177,7 +177,7 @@ def test_one_output_sees_a_70_by_70_patch() -> None:
     discriminator = PatchGan(width=2)
     for layer in discriminator.layers:  # a norm sees the whole image
         if isinstance(layer, torch.nn.InstanceNorm2d):
-            layer.forward = lambda x: x  # type: ignore[method-assign]
+            layer.forward = lambda x: x
     image = torch.rand(1, 1, 128, 128, requires_grad=True)
     output = discriminator(image)
     output[0, 0, output.shape[2] // 2, output.shape[3] // 2].backward()
