@@ -3,7 +3,6 @@
 import re
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,13 +14,17 @@ from depthcli.errors import UsageError
 _Map = Float32Array
 _Places = tuple[Int64Array, Int64Array]
 
-WRONG_RATIO = 1.2, 3.0  # of wrong to true depth, as seen past an edge
-NEARER = 0.25  # share of wrong points that are nearer by as much
-SLOPE = 0.1  # largest, of lidar lines
-LEAST_DENSITY = 0.3  # of the points of a lidar line
-CAMERA_RANGE_M = 5.0
-EDGE, EDGE_HOLES = 0.1, 0.7  # log ratio of neighbours at an edge, and share of them without depth
-CORNER_PX = 5
+Part = tuple[float, float, float, float]
+"""Left, top, right and bottom of a part of an image, as fractions of it."""
+WHOLE: Part = (0.0, 0.0, 1.0, 1.0)
+
+_WRONG_RATIO = 1.2, 3.0  # of wrong to true depth, as seen past an edge
+_NEARER = 0.25  # share of wrong points that are nearer by as much
+_SLOPE = 0.1  # largest, of lidar lines
+_LEAST_DENSITY = 0.3  # of the points of a lidar line
+_CAMERA_RANGE_M = 5.0
+_EDGE, _EDGE_HOLES = 0.1, 0.7  # log ratio of neighbours at an edge, and share of them without depth
+_CORNER_PX = 5
 
 
 class Pattern(StrEnum):
@@ -46,8 +49,7 @@ class Prompt:
     wrong: float = 0.0  #: share of points that are 1.2 to 3 times as far, or as near
     shift_px: tuple[float, float] = (0.0, 0.0)  #: columns and rows by which all points are off
     jitter_px: float = 0.0  #: standard deviation of further shifts of each point
-    #: left, top, right and bottom of the part that has points, as fractions of the image
-    part: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)
+    part: Part = WHOLE  #: the part of the image that has points
 
     def __str__(self) -> str:
         errors = {"noise": self.noise, "wrong": self.wrong}
@@ -81,17 +83,15 @@ class Prompt:
         return sparse
 
     def _with_errors(self, seen_m: Float64Array, random: np.random.Generator) -> Float64Array:
-        noise_m = self.noise * seen_m
-        if self.has_kinect_noise:
-            noise_m = kinect_noise_m(seen_m)
+        noise_m = _kinect_noise_m(seen_m) if self.has_kinect_noise else self.noise * seen_m
         seen_m = seen_m + noise_m * random.standard_normal(len(seen_m))
         is_wrong = random.random(len(seen_m)) < self.wrong
-        ratio = random.uniform(*WRONG_RATIO, len(seen_m))
-        ratio = np.where(random.random(len(seen_m)) < NEARER, 1 / ratio, ratio)
+        ratio = random.uniform(*_WRONG_RATIO, len(seen_m))
+        ratio = np.where(random.random(len(seen_m)) < _NEARER, 1 / ratio, ratio)
         return np.where(is_wrong, seen_m * ratio, seen_m)
 
 
-def kinect_noise_m(depth_m: Any) -> Any:  # noqa: ANN401 - of NumPy or torch
+def _kinect_noise_m(depth_m: Float64Array) -> Float64Array:
     """Standard deviation of a Kinect's depth.
 
     Source: Nguyen, Izadi, Lovell: Modeling Kinect sensor noise for improved 3D reconstruction and
@@ -110,12 +110,12 @@ def _uniform(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) 
 def _lidar(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
     del gray
     height, width = depth_m.shape
-    slope, phase = random.uniform(-SLOPE, SLOPE), random.random()
+    slope, phase = random.uniform(-_SLOPE, _SLOPE), random.random()
     x = np.arange(width)
     lines = (np.arange(size)[:, None] + phase) * height / size + slope * (x - width / 2)
     y, x = np.rint(lines).astype(np.int64).ravel(), np.tile(x, size)
     seen = (y >= 0) & (y < height)
-    seen &= random.random(len(x)) < random.uniform(LEAST_DENSITY, 1)
+    seen &= random.random(len(x)) < random.uniform(_LEAST_DENSITY, 1)
     return y[seen], x[seen]
 
 
@@ -126,8 +126,8 @@ def _camera(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) -
     x = ((np.arange(columns) + 0.5) * width / columns).astype(np.int64)
     y = ((np.arange(rows) + 0.5) * height / rows).astype(np.int64)
     seen_m = depth_m[y[:, None], x]
-    is_hole = _beside_edge(seen_m) & (random.random(seen_m.shape) < EDGE_HOLES)
-    found = np.nonzero((seen_m > 0) & (seen_m < CAMERA_RANGE_M) & ~is_hole)
+    is_hole = _beside_edge(seen_m) & (random.random(seen_m.shape) < _EDGE_HOLES)
+    found = np.nonzero((seen_m > 0) & (seen_m < _CAMERA_RANGE_M) & ~is_hole)
     return y[found[0]], x[found[1]]
 
 
@@ -136,13 +136,13 @@ def _beside_edge(depth_m: _Map) -> BoolArray:
     log_depth = np.log(np.where(depth_m > 0, depth_m, 1)).astype(np.float32)
     around = np.ones((3, 3), np.uint8)
     jump = np.asarray(cv2.dilate(log_depth, around)) - np.asarray(cv2.erode(log_depth, around))
-    return np.asarray(jump > EDGE)
+    return np.asarray(jump > _EDGE)
 
 
 def _corners(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
     del random
-    response = np.asarray(cv2.cornerMinEigenVal(gray, CORNER_PX))
-    around = np.ones((CORNER_PX, CORNER_PX), np.uint8)
+    response = np.asarray(cv2.cornerMinEigenVal(gray, _CORNER_PX))
+    around = np.ones((_CORNER_PX, _CORNER_PX), np.uint8)
     is_corner = (response == np.asarray(cv2.dilate(response, around))) & (depth_m > 0)
     y, x = np.nonzero(is_corner)
     best = np.argsort(-response[y, x], kind="stable")[:size]
