@@ -169,6 +169,16 @@ class Session:
         """The session that takes the place of this one where depth is known; None for none."""
         return self.load_known_depth and self.load_known_depth()
 
+    def identity(self, *, knows_depth: bool = False) -> tuple[object, ...]:
+        """What depth depends on besides an image and options, also where it is known if told so.
+
+        Providers differ in the last digits. The card matters as much as the weights, and is not
+        part of their file.
+        """
+        card, other = self.model.card, self.known_depth if knows_depth else None
+        own = self.model.sha256, card.input, card.output, card.camera
+        return (*own, self.provider, self.provider_options, other and other.identity())
+
     def stop(self) -> None:
         """Terminate all runs, current and later ones, which fail then; from any thread."""
         self._run_options.terminate = True

@@ -43,6 +43,11 @@ class MapOptions:
     detail: options.UpsamplingOptions = options.DEFAULT_UPSAMPLING
     max_pixels: int = options.MAX_PIXELS  #: larger images are refused
 
+    @property
+    def takes_known_depth(self) -> bool:
+        """Whether a network may get known depth."""
+        return bool(self.anchors) and self.anchors_fit in {None, options.AnchorsFit.NETWORK}
+
     def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:
         """An image; arguments and errors as of :func:`depthcli.io.images.read.read_image`."""
         from depthcli.io.images.read import read_image  # noqa: PLC0415 - needs numpy

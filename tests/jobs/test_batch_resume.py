@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.batches import NAMES, kept, outputs, pictures, request
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.tiny import prompted_onnx, synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_video
 
 from depthcli.core.camera import Anchor, Intrinsics
-from depthcli.core.options import AUTO_TILE, ReadOptions, Upsampling, UpsamplingOptions
+from depthcli.core.options import AUTO_TILE, AnchorsFit, ReadOptions, Upsampling, UpsamplingOptions
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
@@ -93,6 +93,30 @@ def test_a_changed_input_is_done_again(tmp_path: Path) -> None:
     (tmp_path / "in" / "z.png").replace(tmp_path / "in" / "a.png")
     assert kept(tmp_path) == {"a.png": False, "hall/b.png": True}
     assert outputs(tmp_path / "out")["a.depth.png"] == old["z.depth.png"] != old["a.depth.png"]
+
+
+def test_another_network_for_known_depth_does_again_what_it_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_picture(tmp_path / "in" / "a.png")
+    models = tmp_path / "models"
+    write_model(models / "default", camera={"hfov_deg": 60.0})
+    monkeypatch.setenv("DEPTHCLI_MODELS", str(models))
+    five = tuple(Anchor(8 * n + 5, 7 * n + 4, 2 + n) for n in range(5))
+
+    def is_kept(fit: AnchorsFit | None = None) -> bool:
+        asked = request(
+            tmp_path, "local" if fit else "out", BatchOptions(anchors=five, anchors_fit=fit)
+        )
+        (result,) = Batch(replace(asked, model=SessionLoader(None, "cpu")))
+        assert result.row.error is None
+        return result.is_kept
+
+    for shift, expected in ((2.0, (False, False)), (2.5, (False, True))):
+        output = {"output__transform": "exp", "output__scale": 2.0, "output__shift": shift}
+        write_model(models / "prompted", prompted_onnx(), input__prompt=True, **output)
+        assert (is_kept(), is_kept(AnchorsFit.LOCAL)) == expected
+        assert is_kept()
 
 
 @pytest.mark.parametrize("damage", ["missing", "changed", "cut"])

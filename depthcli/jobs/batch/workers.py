@@ -300,8 +300,6 @@ class WorkerSpec:
     def key(self, session: Session) -> CacheKey:
         """Fingerprint of the options, model and version that outputs are made with."""
         loaded, options = session.model, self.options
-        # Providers differ in the last digits; threads, workers and batch sizes do not. The card
-        # matters as much as the weights, and is not part of their file.
         checksum = fingerprint(
             sorted(set(options.formats)),
             options.writing,
@@ -309,9 +307,7 @@ class WorkerSpec:
             options.reading,
             options.detail,
             options.column,
-            session.provider,
-            self.model.provider_options,
-            (loaded.card.input, loaded.card.output, loaded.card.camera),
+            session.identity(knows_depth=options.takes_known_depth),
         )
         return CacheKey(checksum, loaded.card.name, loaded.sha256, __version__)
 

@@ -158,13 +158,11 @@ def _origin(
 ) -> str:
     # A broken link in a sequence costs no other image.
     states = [(path, path.stat() if path.exists() else path.lstat()) for path in source.paths]
-    card, session = pipeline.card, pipeline.session
     return fingerprint(
         __version__,
         plan.sha256 or [(path, state.st_size, state.st_mtime_ns) for path, state in states],
         plan.names,
-        (session.model.sha256, session.provider, sorted(session.provider_options.items())),
-        (card.input, card.output, card.camera),
+        pipeline.session.identity(knows_depth=settings.takes_known_depth),
         pipeline.detail,
         (settings.writing, settings.camera, settings.reading, settings.span),
         (settings.fps, settings.stream, settings.eye, settings.start_number),
