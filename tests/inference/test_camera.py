@@ -232,13 +232,18 @@ def test_a_focal_length_of_the_input_scales_metres(tmp_path: Path) -> None:
     assert depth.values[0, 0] == pytest.approx(100 / 10 / 20)  # of 16 columns from 160
 
 
+@pytest.mark.parametrize("pixel_aspect", [1.0, 4 / 3])
 @pytest.mark.parametrize(
     ("along", "factor"), [("width", 0.1), ("mean", (0.1 + 0.3) / 2), ("both", math.sqrt(0.1 * 0.3))]
 )
-def test_a_focal_length_is_along_the_card_s_axis(tmp_path: Path, along: str, factor: float) -> None:
-    pipeline = model(tmp_path, camera={"focal_px": 16.0, "along": along}, input__dynamic=False)
-    depth = pipeline.predict(black(160, 40), Intrinsics(focal_px=80)).depth
-    assert depth.values[0, 0] == pytest.approx(80 * factor / 16)
+def test_a_focal_length_is_along_the_card_s_axis(
+    tmp_path: Path, along: str, factor: float, pixel_aspect: float
+) -> None:
+    camera = {"focal_px": 16.0, "along": along}
+    changes = {"input__dynamic": False, "input__pixel_aspect": pixel_aspect}
+    depth = model(tmp_path, camera=camera, **changes).predict(black(160, 40), Intrinsics(80)).depth
+    learned_px = 16 * (1 if along == "width" else math.sqrt(pixel_aspect))
+    assert depth.values[0, 0] == pytest.approx(80 * factor / learned_px)
 
 
 @pytest.mark.parametrize(

@@ -25,10 +25,10 @@ from onnx import TensorProto, helper, numpy_helper
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, DepthMask, UpsamplingOptions
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError, ModelError, UsageError
-from depthcli.inference.measure import try_session
-from depthcli.inference.pipeline import Pipeline, Prediction
+from depthcli.inference.measure import depth_for_trial, try_session
+from depthcli.inference.pipeline import Pipeline, Prediction, _range_warnings
 from depthcli.inference.points import depth_of_points
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import coarse_depth, input_layout
@@ -118,6 +118,25 @@ def test_the_learned_field_of_view_changes_nothing(kinect: Pipeline) -> None:
     np.testing.assert_allclose(depth.values, 1, rtol=1e-6)
 
 
+def test_provenance_states_model_camera_and_image(kinect: Pipeline) -> None:
+    model = kinect.session.model
+    scale = CameraScale("robot", "tiny", model.sha256, 2.0, 0.0, None, 1, 1)
+    frame = gray(0, orientation=6, timestamp_s=2.5, pixel_aspect=2.0)
+    camera = Intrinsics(30.0, centre_px=(3.0, 4.0), scale=scale)
+    assert kinect.predict(frame, camera).depth.provenance == Provenance(
+        "tiny",
+        model.sha256,
+        (16, 12),
+        30.0,
+        6,
+        camera_source=CameraSource.OPTION,
+        centre_px=(3.0, 4.0),
+        time_s=2.5,
+        pixel_aspect=2.0,
+        camera_scale=scale,
+    )
+
+
 def test_a_trial_runs_the_model(model_folder: Path) -> None:
     try_session(Session(find_model(model_folder)))
 
@@ -191,20 +210,30 @@ def test_pictures_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize(
-    ("dark", "bright", "told"), [(0, 200, []), (0, 255, ["farther"]), (60, 120, [])]
+    ("end_m", "columns", "word"),
+    [
+        (1.02, 4, "nearer"),
+        (0.5, 4, "nearer"),
+        (17.7, 4, "farther"),
+        (17.7, 3, None),
+        (1.03, 4, None),
+        (17.6, 4, None),
+    ],
 )
-def test_pixels_at_range_ends_are_told(
-    tmp_path: Path, dark: int, bright: int, told: list[str]
+def test_many_pixels_at_an_end_of_the_range_are_told(
+    model_folder: Path, end_m: float, columns: int, word: str | None
 ) -> None:
-    folder = write_model(tmp_path / "m", camera={"hfov_deg": 60.0}, output__max_m=9.0)
-    pixels = np.full((48, 64), dark, np.uint8)
-    pixels[:, 32:] = bright
-    found = load(folder).predict(Frame(pixels), Intrinsics(hfov_deg=90.0))
-    assert [word in text for word, text in zip(told, found.warnings, strict=True)] == [True] * len(
-        told
-    )
-    factor = math.tan(math.radians(30)) / math.tan(math.radians(45))
-    assert all(f"{9 * factor:.3g} m" in text and "50%" in text for text in found.warnings)
+    """From a tenth of them on, within 2 % of the least or the largest depth."""
+    spec = load(model_folder).card.output  # 0.5 to 10 m
+    spec = replace(spec, max_m=9.0)
+    values = np.full((40, 40), 3, np.float32)
+    values[:, :columns] = end_m
+    values[:, 3 - columns % 4 : 3] = 3  # every fourth is counted
+    found = _range_warnings(spec, DepthMap(values), scale=2.0)
+    assert [word in text for text in found] == [True] * bool(word)
+    assert all(text.startswith("10%") and "1 to 18 m" in text for text in found)
+    for kind, other in ((DepthKind.RELATIVE, spec), (DepthKind.METRIC, replace(spec, min_m=None))):
+        assert not _range_warnings(other, DepthMap(values, kind), scale=2.0)
 
 
 @pytest.fixture
@@ -288,6 +317,8 @@ def test_a_network_that_needs_known_depth_gives_none_without(needing: Pipeline) 
     with pytest.raises(InputError, match="no tiles"):
         tiled.predict(gray(0), anchors=points)
     try_session(needing.session)
+    slope_m = depth_for_trial(needing, gray(0, 6, 8)).values
+    assert (slope_m[0, 0], slope_m[-1, -1]) == (1, 2)
 
 
 MASKED = UpsamplingOptions(mask=DepthMask.MODEL)

@@ -63,8 +63,11 @@ def test_auto_tries_the_best_first_and_never_tensorrt(
 @pytest.mark.parametrize("name", [n for n in providers.PROVIDERS if n != "cpu"])
 def test_a_named_provider_that_is_absent_fails(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     built_with(monkeypatch, "cpu")
-    with pytest.raises(ProviderError, match=rf"'{name}' is not in this onnxruntime \(it has cpu\)"):
+    with pytest.raises(ProviderError, match=rf"'{name}' is not in this .* \(it has cpu\)") as told:
         providers.wanted_providers(name)
+    assert ("pip install" in str(told.value)) == (name in providers._PACKAGES)
+    with pytest.raises(UsageError):
+        providers.wanted_providers(f"{name}s")
 
 
 @pytest.mark.parametrize("name", providers.PROVIDERS)
@@ -90,6 +93,21 @@ def test_a_named_provider_that_does_not_start_is_an_error(
     with pytest.raises(ProviderError):
         Session(find_model(model_folder), provider="cuda")
     assert wanted == [["CUDAExecutionProvider"]]
+
+
+def test_a_named_provider_is_never_replaced_in_silence(
+    monkeypatch: pytest.MonkeyPatch, model_folder: Path
+) -> None:
+    """onnxruntime falls back to the CPU by itself."""
+    built_with(monkeypatch, "cuda", "cpu")
+
+    def start(data: bytes, options: Any, _stated: list[Any], **others: Any) -> Any:
+        return REAL(data, options, ["CPUExecutionProvider"], **others)
+
+    monkeypatch.setattr(session.ort, "InferenceSession", start)
+    with pytest.raises(ProviderError):
+        Session(find_model(model_folder), provider="cuda")
+    assert len(Session(find_model(model_folder)).warnings) == 1
 
 
 @pytest.mark.parametrize("name", ["auto", "cpu"])
@@ -185,7 +203,10 @@ def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
             self.get_providers = lambda: [name for name, _ in stated]
 
     monkeypatch.setattr(session.ort, "InferenceSession", Working)
-    assert SessionLoader("int8", provider).load().model.card.name == expected
+    loaded = SessionLoader("int8", provider, threads=2).load()
+    assert loaded.model.card.name == expected
+    assert loaded.provider == (there[0] if provider == "auto" else provider)
+    assert loaded._session.get_session_options().intra_op_num_threads == 2
 
 
 def test_the_cpu_has_its_model_if_no_gpu_works(
@@ -196,6 +217,7 @@ def test_the_cpu_has_its_model_if_no_gpu_works(
     write_model(tmp_path / "int8", name="int8", float_model="float")
     built_with(monkeypatch, "cuda", "cpu")
     starting(monkeypatch, "cuda")
-    loaded = SessionLoader("int8").load()
+    loaded = SessionLoader("int8", threads=2).load()
+    assert loaded._session.get_session_options().intra_op_num_threads == 2
     assert (loaded.model.card.name, loaded.provider) == ("int8", "cpu")
     assert loaded.warnings == ("provider 'cuda' does not start here, running on 'cpu'",)

@@ -59,6 +59,16 @@ def test_a_size_that_does_not_fit_is_an_error(tmp_path: Path) -> None:
         session.run(np.zeros((1, 1, 5, 5), np.float32))
 
 
+def test_stopped_session_runs_no_more(model_folder: Path) -> None:
+    first, known = (Session(find_model(model_folder)) for _ in range(2))
+    first.load_known_depth = lambda: known
+    assert first.known_depth is known
+    first.stop()
+    for stopped in (first, known):
+        with pytest.raises(ModelError):
+            stopped.run(np.zeros((1, 1, 4, 4), np.float32))
+
+
 def test_channels_other_than_the_card_s_are_an_error(tmp_path: Path) -> None:
     model = find_model(write_model(tmp_path, tiny_onnx(channels=3)))
     with pytest.raises(ModelError):

@@ -178,8 +178,20 @@ def test_width_of_tiles(
     expected: int | None,
 ) -> None:
     frame = Frame(np.zeros((8, width), np.uint8))
-    spec = camera(UpsamplingOptions()).card.input
-    assert tile_width_px(spec, frame, UpsamplingOptions(tile_px=tile)) == expected
+    spec, options = camera(UpsamplingOptions()).card.input, UpsamplingOptions(tile_px=tile)
+    assert tile_width_px(spec, frame, options) == expected
+    told = [getattr(text, "option", "") for text in camera(options).predict(frame).warnings]
+    assert ("tile" in told) == bool(tile and not expected)
+
+
+def test_tiles_have_no_less_detail_than_the_network(
+    camera: Callable[[UpsamplingOptions], Pipeline],
+) -> None:
+    """16 × 12 pixels of the network, of which a pixel of the image has four at most."""
+    spec, frame = camera(UpsamplingOptions()).card.input, Frame(np.zeros((300, 400), np.uint8))
+    assert tile_width_px(spec, frame, UpsamplingOptions(tile_px=8)) == 8  # (192 / 4 · 4 / 3)^½
+    with pytest.raises(InputError):
+        tile_width_px(spec, frame, UpsamplingOptions(tile_px=7))
 
 
 @pytest.mark.parametrize("upsampling", list(Upsampling))
@@ -224,16 +236,37 @@ def _norms(side: int) -> npt.NDArray[np.float32]:
     return np.sqrt(1 + along**2 + along[:, np.newaxis] ** 2).astype(np.float32)
 
 
-def test_each_direction_keeps_its_distance() -> None:
-    rays = panorama_rays(256, 128)
-    distance_m = 3 + rays[..., 0] + rays[..., 1] / 2 + rays[..., 2] / 4
-    pixels = (distance_m / 5).astype(np.float32)
+VIEWS_DEG = [
+    *((yaw, 0) for yaw in range(0, 360, 45)),
+    *((yaw + 22.5, pitch) for pitch in (45, -45) for yaw in range(0, 360, 45)),
+    *((0, pitch) for pitch in (90, -90)),
+]
+
+
+def _directions(side: int, yaw: float, pitch: float) -> npt.NDArray[np.float64]:
+    """Unit vectors to the pixels of a view, which looks to the right by yaw and up by pitch."""
+    ahead = np.array([np.sin(yaw) * np.cos(pitch), -np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
+    right = np.array([np.cos(yaw), 0, -np.sin(yaw)])
+    down = np.array([np.sin(yaw) * np.sin(pitch), np.cos(pitch), np.cos(yaw) * np.sin(pitch)])
+    along = np.tan(np.radians(HFOV_DEG) / 2) * ((np.arange(side) + 0.5) * 2 / side - 1)
+    found = ahead + along[:, None] * right + along[:, None, None] * down
+    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+
+
+def test_each_direction_has_its_distance_in_the_metres_of_level_views() -> None:
+    """Colours of the panorama are its directions; views up and down are half as far again."""
+    rays, slope, turns = panorama_rays(256, 128), np.array([1, 0.5, 0.25]), iter(VIEWS_DEG)
 
     def predict(view: Frame) -> npt.NDArray[np.float32]:
-        return np.asarray(view.pixels * 5 / _norms(view.width), np.float32)
+        yaw, pitch = np.radians(next(turns))
+        directions = _directions(view.width, yaw, pitch)
+        np.testing.assert_allclose(view.pixels * 2 - 1, directions, atol=0.02)
+        metres = (3 + directions @ slope) / _norms(view.width) * (1.5 if pitch else 1)
+        return metres.astype(np.float32)
 
-    found = panorama_distance(Frame(pixels), predict)
-    np.testing.assert_allclose(found, distance_m, rtol=0.02)
+    found = panorama_distance(Frame((rays + 1) / 2), predict)
+    assert next(turns, None) is None
+    np.testing.assert_allclose(found, 3 + rays @ slope, rtol=3e-3)
 
 
 def test_views_that_differ_by_a_factor_are_joined_without_a_seam() -> None:
