@@ -1,21 +1,27 @@
 """What the network sees: colour at full precision, size, normalization."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame, Transform
+from depthcli.inference import transforms
 from depthcli.inference.transforms import (
     Layout,
+    _on_grid_of,
     blends_in_log,
     coarse_depth,
     full_size,
     input_layout,
     prepare,
 )
-from depthcli.models.card import Colour, Fit, InputSpec, OutputSpec
+from depthcli.models.card import Colour, Fit, InputSpec, OutputSpec, Resize
 
 
 def spec(
@@ -200,12 +206,56 @@ def test_no_depth_stays_no_depth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fit", "size", "seen"),
-    [(Fit.LOWER_BOUND, (16, 12), (20, 15)), (Fit.UPPER_BOUND, (18, 13), (15, 10))],
+    ("fit", "size", "picture", "seen"),
+    [
+        (Fit.LOWER_BOUND, (16, 12), (16, 12), (20, 15)),  # rounding would cross the bound
+        (Fit.UPPER_BOUND, (18, 13), (18, 13), (15, 10)),
+        (Fit.UPPER_BOUND, (20, 15), (18, 15), (20, 15)),
+        (Fit.MINIMAL, (160, 120), (320, 120), (320, 120)),
+        (Fit.MINIMAL, (160, 120), (160, 90), (160, 90)),
+        (Fit.LONGEST_SIDE, (100, 100), (50, 24), (100, 50)),
+    ],
 )
-def test_a_bound_holds_where_rounding_would_cross_it(
-    fit: Fit, size: tuple[int, int], seen: tuple[int, int]
+def test_sizes_without_padding(
+    fit: Fit, size: tuple[int, int], picture: tuple[int, int], seen: tuple[int, int]
 ) -> None:
     width, height = size
-    found = input_layout(spec(width=width, height=height, multiple_of=5, fit=fit), width, height)
+    found = input_layout(spec(width=width, height=height, multiple_of=5, fit=fit), *picture)
     assert found == Layout(*seen, 0, 0, *seen)
+
+
+def test_a_letterbox_of_squeezed_pixels() -> None:
+    squeezed = replace(spec(width=12, dynamic=False, fit=Fit.KEEP_ASPECT), pixel_aspect=4 / 3)
+    assert input_layout(squeezed, 40, 30) == Layout(12, 12, 0, 0, 12, 12)
+    assert input_layout(squeezed, 40, 40) == Layout(12, 12, 1, 0, 9, 12)
+    assert input_layout(squeezed, 40, 15) == Layout(12, 12, 0, 3, 12, 6)
+
+
+@pytest.mark.parametrize("resize", [Resize.AREA, Resize.CUBIC])
+def test_large_pictures_are_resized_as_small_ones(
+    resize: Resize, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    picture = Frame(np.random.default_rng(0).integers(0, 256, (50, 70, 3), np.uint8))
+    wanted, place = prepare(replace(spec(), resize=resize), picture)
+    monkeypatch.setattr(transforms, "_LARGE_PIXELS", 100)
+    monkeypatch.setattr(transforms.imageops, "BAND_PIXELS", 300)
+    found, same = prepare(replace(spec(), resize=resize), picture)
+    np.testing.assert_allclose(found, wanted, atol=2e-6)
+    assert place == same
+
+
+def test_known_depth_is_the_mean_logarithm_of_each_pixel_of_the_layout() -> None:
+    """As a plain loop has it; points outside of the file's pixels do not count."""
+    random, layout = np.random.default_rng(0), Layout(16, 12, 1, 2, 14, 8)
+    x = [*random.integers(0, 40, 60), 0, 39, 40, -1, 5, 5]
+    y = [*random.integers(0, 30, 60), 0, 29, 5, 5, 30, -1]
+    points = AnchorPoints(np.array(x), np.array(y), random.uniform(1, 9, 66))
+    cells: dict[tuple[int, int], list[float]] = {}
+    for column, row, depth_m in zip(x[:-4], y[:-4], points.depth_m, strict=False):
+        cell = 2 + int((row + 0.5) * 8 / 30), 1 + int((column + 0.5) * 14 / 40)
+        cells.setdefault(cell, []).append(math.log(depth_m))
+    log_m, known = _on_grid_of(points, Frame(np.zeros((30, 40), np.uint8)), layout)
+    for cell in np.ndindex(12, 16):
+        assert known[cell] == (cell in cells)
+        logs = cells.get(cell, [0.0])
+        assert log_m[cell] == pytest.approx(sum(logs) / len(logs))

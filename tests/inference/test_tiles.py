@@ -1,6 +1,7 @@
 """Tiles, and panoramas."""
 
 import io
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import onnx
 import OpenEXR
 import pytest
 from helpers.tiny import load, tiny_onnx, write_model
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
@@ -20,7 +23,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, Transfor
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.panorama import HFOV_DEG, panorama_distance
 from depthcli.inference.pipeline import Pipeline, tile_width_px
-from depthcli.inference.tiles import TileGrid, refine
+from depthcli.inference.tiles import TileGrid, _blend_weights, _pixels_of, refine
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
@@ -67,6 +70,24 @@ def test_tiles_cover_the_picture_and_overlap() -> None:
     assert len(tiles) == len({(r.start, c.start) for r, c in tiles})
     lefts = sorted({columns.start for _, columns in tiles})
     assert np.diff(lefts).max() <= 0.75 * grid.tile_width
+
+
+def test_tiles_weigh_least_at_their_borders() -> None:
+    down, across = ([math.sin(math.pi * (i + 0.5) / n) ** 2 for i in range(n)] for n in (3, 4))
+    expected = [[a * b + 1e-6 for b in across] for a in down]
+    np.testing.assert_allclose(_blend_weights(3, 4), expected, rtol=1e-5)
+
+
+@given(st.integers(1, 50), st.integers(1, 50), st.data())
+def test_pixels_of_cells_are_theirs_and_at_least_one(
+    size: int, cells: int, data: st.DataObject
+) -> None:
+    start = data.draw(st.integers(0, cells - 1))
+    stop = data.draw(st.integers(start + 1, cells))
+    found = _pixels_of(slice(start, stop), size, cells)
+    assert 0 <= found.start < found.stop <= size
+    assert abs(found.start - start * size / cells) <= 1
+    assert -0.5 <= found.stop - stop * size / cells <= 1
 
 
 @pytest.mark.parametrize("network", [seen, moody])

@@ -1,0 +1,219 @@
+"""Windows of frames, panoramas, pixels without depth, and what maps state, against plain loops."""
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from helpers.watched import Watched
+from hypothesis import given
+from hypothesis import strategies as st
+
+from depthcli.core.camera import CameraSource, Intrinsics
+from depthcli.core.imageops import (
+    filled_nearest,
+    resize_area,
+    resize_area_or_cubic,
+    resize_cubic,
+    transfer_warning,
+)
+from depthcli.core.options import one_line, short_repr
+from depthcli.core.progress import begin_bytes
+from depthcli.core.types import (
+    DepthKind,
+    DepthMap,
+    Frame,
+    Provenance,
+    Window,
+    Windows,
+    displayed_depth,
+    displayed_frame,
+    flat_warnings,
+    masked_to_data_window,
+    over_window,
+    panorama_rays,
+    pixel_aspect_of,
+    with_camera,
+)
+from depthcli.errors import InputError
+
+SIDES = st.integers(-3, 5)
+WINDOWS = st.builds(Window, SIDES, SIDES, SIDES, SIDES)
+FILLED = st.builds(
+    Window, st.integers(-3, 0), st.integers(-3, 0), st.integers(1, 4), SIDES.map(abs)
+)
+FILLED = FILLED.filter(lambda window: window.bottom > window.top)
+
+
+def pixels(window: Window) -> set[tuple[int, int]]:
+    """Column and row of each pixel."""
+    rows = range(window.top, window.bottom)
+    return {(x, y) for x in range(window.left, window.right) for y in rows}
+
+
+def counted(window: Window) -> np.ndarray:
+    """A number for each pixel, (H, W) float32."""
+    return np.arange(window.width * window.height, dtype=np.float32).reshape(window.height, -1)
+
+
+def moved(values: np.ndarray, covered: Window, wanted: Window, kept: Window) -> np.ndarray:
+    """Values of one window in another, NaN outside of a third one as well."""
+    found = np.full((wanted.height, wanted.width), np.nan, np.float32)
+    for x, y in pixels(covered) & pixels(wanted) & pixels(kept):
+        found[y - wanted.top, x - wanted.left] = values[y - covered.top, x - covered.left]
+    return found
+
+
+@given(WINDOWS, WINDOWS, SIDES, SIDES)
+def test_windows_are_sets_of_pixels(one: Window, other: Window, columns: int, rows: int) -> None:
+    assert len(pixels(one)) == one.width * one.height
+    assert one.is_empty == (not pixels(one))
+    assert pixels(one.intersection(other)) == pixels(one) & pixels(other)
+    assert pixels(one.moved(columns, rows)) == {(x + columns, y + rows) for x, y in pixels(one)}
+    if not one.is_empty and not other.is_empty:
+        x, y = zip(*(pixels(one) | pixels(other)), strict=True)
+        assert one.union(other) == (min(x), min(y), max(x) + 1, max(y) + 1)
+
+
+@given(FILLED, FILLED, FILLED)
+def test_values_of_a_window_are_those_of_its_pixels(
+    one: Window, other: Window, data: Window
+) -> None:
+    values = counted(one)
+    np.testing.assert_array_equal(over_window(values, one, other), moved(values, one, other, one))
+    depth, windows = DepthMap(values, DepthKind.RELATIVE), Windows(one, data, other)
+    found = masked_to_data_window(depth, windows).values
+    np.testing.assert_array_equal(found, moved(values, one, one, data))
+    found = displayed_depth(depth, windows).values
+    np.testing.assert_array_equal(found, moved(values, one, other, one))
+
+
+def test_frame_is_shown_without_overscan() -> None:
+    whole, shown = Window(-2, -1, 6, 4), Window(0, 0, 5, 3)
+    frame = Frame(counted(whole).astype(np.uint8), windows=Windows(whole, whole, shown))
+    found = displayed_frame(frame)
+    np.testing.assert_array_equal(found.pixels, moved(frame.pixels, whole, shown, shown))
+    assert (frame.display_size_px, found.windows) == ((5, 3), Windows(shown, whole, shown))
+    for same in (found, Frame(frame.pixels)):
+        assert displayed_frame(same) is same
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(2, 5)])
+def test_rays_of_a_panorama_are_those_of_a_plain_loop(rows: slice) -> None:
+    expected = []
+    for row in range(6)[rows]:
+        down = ((row + 0.5) / 6 - 0.5) * math.pi
+        rights = [((column + 0.5) / 12 - 0.5) * 2 * math.pi for column in range(12)]
+        across = math.cos(down)
+        expected.append(
+            [(across * math.sin(r), math.sin(down), across * math.cos(r)) for r in rights]
+        )
+    np.testing.assert_allclose(panorama_rays(12, 6, rows), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("stated", "is_turned", "aspect"),
+    [
+        *(
+            (None, False, 1),
+            (Fraction(0), False, 1),
+            (Fraction(2), False, 2),
+            (Fraction(2), True, 0.5),
+        ),
+        *((Fraction(1000), False, 1000), (Fraction(1001), False, 1), (Fraction(1, 1001), False, 1)),
+    ],
+)
+def test_pixel_aspect_is_that_of_the_upright_image(
+    stated: Fraction | None, is_turned: bool, aspect: float
+) -> None:
+    assert pixel_aspect_of(stated, is_turned=is_turned) == aspect
+
+
+@pytest.mark.parametrize(
+    ("values", "is_refused"),
+    [
+        *(([-0.5] * n + [0.5] * (10 - n), n > 1) for n in (1, 2)),  # mostly in another range
+        *(([-0.009] * 10, False), ([-0.011] * 10, True), ([1.009] * 10, False)),
+        *(([1.5] * n + [0.5] * (4 - n) + [0] * 6, n > 2) for n in (2, 3)),
+        *(([7] * n + [0] * (1000 - n), n > 5) for n in (5, 6)),  # highlights on black
+    ],
+)
+def test_few_pixels_may_be_outside_of_zero_and_one(values: list[float], is_refused: bool) -> None:
+    try:
+        Frame(np.float32([values]))
+    except InputError:
+        assert is_refused
+    else:
+        assert not is_refused
+
+
+def test_map_of_one_depth_is_told() -> None:
+    flat = np.full((70, 130), 2.5, np.float32)
+    (told,) = flat_warnings(DepthMap(flat))
+    assert ", 2.5 m;" in told
+    (told,) = flat_warnings(DepthMap(flat, DepthKind.RELATIVE))
+    assert ", 2.5;" in told
+    for row, column in ((64, 64), (1, 1), (69, 129)):
+        varied = flat.copy()
+        varied[row, column] = 2
+        assert flat_warnings(DepthMap(varied)) == ()
+    assert flat_warnings(DepthMap(flat[:1, :1])) == ()
+
+
+def test_map_states_what_of_its_camera_is_given() -> None:
+    source = Provenance("m", focal_px=3.0, is_cropped=True, camera_source=CameraSource.EXIF)
+    depth = DepthMap(np.ones((6, 8), np.float32), provenance=source)
+    assert with_camera(depth, Intrinsics()) is depth
+    found = with_camera(depth, Intrinsics(centre_px=(1.0, 2.0), pixel_aspect=2.0)).provenance
+    assert found == replace(source, centre_px=(1.0, 2.0), pixel_aspect=2.0)
+    found = with_camera(depth, Intrinsics(hfov_deg=90)).provenance
+    option = CameraSource.OPTION
+    wanted = replace(source, focal_px=pytest.approx(4), is_cropped=False, camera_source=option)
+    assert found == wanted
+    bare = replace(depth, provenance=None)
+    assert with_camera(bare, Intrinsics(5.0)).provenance == Provenance(
+        focal_px=5.0, camera_source=option
+    )
+    assert (depth.unit, DepthMap(depth.values, DepthKind.INVERSE).unit) == ("m", None)
+    for wrong in (depth.values.astype(float), depth.values[0]):
+        with pytest.raises(ValueError, match="float32"):
+            DepthMap(wrong)
+
+
+def test_missing_values_are_those_of_the_nearest_pixel() -> None:
+    random = np.random.default_rng(0)
+    values, valid = random.random((20, 30), np.float32), random.random((20, 30)) < 0.03
+    found, places = filled_nearest(values, valid), np.argwhere(valid)
+    for place in np.ndindex(20, 30):
+        apart = np.hypot(*(places - place).T)
+        near = {values[tuple(one)] for one in places[apart <= 1.1 * apart.min()]}
+        assert found[place] in near
+    assert filled_nearest(values, np.ones_like(valid)) is values
+
+
+def test_area_or_cubic_is_area_where_both_sides_shrink() -> None:
+    values = np.random.default_rng(0).random((6, 8), np.float32)
+    for size in ((8, 6), (4, 6), (8, 3), (9, 6), (8, 7), (4, 7), (16, 12)):
+        expected = (resize_area if size[0] <= 8 and size[1] <= 6 else resize_cubic)(values, *size)
+        np.testing.assert_array_equal(resize_area_or_cubic(values, *size), expected)
+
+
+def test_high_dynamic_range_is_named() -> None:
+    told = [transfer_warning(code, "photo", "SDR") for code in (1, 16, 18)]
+    assert told[0] is None
+    assert ["(PQ)" in told[1], "(HLG)" in told[2]] == [True, True]
+
+
+def test_text_of_strangers_is_short_and_printable() -> None:
+    assert one_line("a\x1b[2J\n\u202eé") == "a\\x1b[2J\\n\\u202eé"
+    assert short_repr("é") == "'\\xe9'"
+    assert [len(short_repr("a" * n)) for n in (58, 59)] == [60, 63]
+
+
+def test_bytes_are_shown_in_megabytes() -> None:
+    watched = Watched()
+    advance = begin_bytes(watched, "a", 2_500_001)
+    for count in (1, 999_999, 1_500_000, 1):
+        advance(count)
+    assert (watched.begun, watched.counts) == ([("a", 3, "MB")], [[1, 0, 2, 0]])
