@@ -129,12 +129,8 @@ def _antialiased_rows(
         centres = (np.arange(start, min(start + _ANTIALIAS_ROWS, size)) + 0.5) * step
         first = max(0, int(centres[0] - reach))
         last = min(rows, int(centres[-1] + reach) + 1)
-        # Pillow cuts the kernel at whole pixels
-        low = np.maximum((centres - reach + 0.5).astype(np.intp), 0)[:, None]
-        high = np.minimum((centres + reach + 0.5).astype(np.intp), rows)[:, None]
-        places = np.arange(first, last)
-        weights = _kernel(np.abs(places + 0.5 - centres[:, None]) / wide, cubic=cubic)
-        weights *= (places >= low) & (places < high)
+        places = np.arange(first, last) + 0.5
+        weights = _kernel(np.abs(places - centres[:, None]) / wide, cubic=cubic)
         weights /= weights.sum(axis=1, keepdims=True)
         if eight_bit:  # whole levels and fixed-point weights, as Pillow has them
             weights = np.rint(weights * _FIXED_POINT) / _FIXED_POINT

@@ -106,7 +106,7 @@ def is_flying(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[
 
 
 def _is_ramp(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[np.bool_]:
-    steps = np.pad(_steps(depth_m), ((0, 0), (1, 1)), constant_values=np.nan)
+    steps = np.pad(_steps(depth_m), ((0, 0), (1, 1)))
     # The step of a clean edge is on one side of a pixel only.
     return _stands_out(np.minimum(steps[:, :-1], steps[:, 1:]), _STEEPEST / focal_px)
 

@@ -310,8 +310,8 @@ def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Fra
     has_depth = None
     if spec.mask is not None and raw.mask is not None:
         has_depth = ~transforms.lacks_depth(spec.mask, raw.mask)
-    is_known = camera.focal_px is not None and camera.source is not CameraSource.CARD
-    known = hfov_deg(camera.focal_px, frame.width) if is_known and camera.focal_px else None
+    focal_px = None if camera.source is CameraSource.CARD else camera.focal_px
+    known = None if focal_px is None else hfov_deg(focal_px, frame.width)
     found = depth_of_points(raw.maps, has_depth, known)
     scale = 1 if raw.scale is None else raw.scale
     hfov = np.asarray(found.hfov_deg, np.float32)

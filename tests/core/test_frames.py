@@ -15,6 +15,7 @@ from depthcli.core.imageops import (
     filled_nearest,
     resize_area,
     resize_area_or_cubic,
+    resize_bilinear,
     resize_cubic,
     transfer_warning,
 )
@@ -36,7 +37,7 @@ from depthcli.core.types import (
     pixel_aspect_of,
     with_camera,
 )
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 
 SIDES = st.integers(-3, 5)
 WINDOWS = st.builds(Window, SIDES, SIDES, SIDES, SIDES)
@@ -148,6 +149,11 @@ def test_few_pixels_may_be_outside_of_zero_and_one(values: list[float], is_refus
         assert not is_refused
 
 
+def test_unknown_projection_is_refused() -> None:
+    with pytest.raises(UsageError):
+        Frame(np.zeros((4, 8), np.uint8), projection="fisheye")
+
+
 def test_map_of_one_depth_is_told() -> None:
     flat = np.full((70, 130), 2.5, np.float32)
     (told,) = flat_warnings(DepthMap(flat))
@@ -176,6 +182,7 @@ def test_map_states_what_of_its_camera_is_given() -> None:
         focal_px=5.0, camera_source=option
     )
     assert (depth.unit, DepthMap(depth.values, DepthKind.INVERSE).unit) == ("m", None)
+    assert DepthMap(depth.values, "inverse").kind is DepthKind.INVERSE
     for wrong in (depth.values.astype(float), depth.values[0]):
         with pytest.raises(ValueError, match="float32"):
             DepthMap(wrong)
@@ -197,6 +204,8 @@ def test_area_or_cubic_is_area_where_both_sides_shrink() -> None:
     for size in ((8, 6), (4, 6), (8, 3), (9, 6), (8, 7), (4, 7), (16, 12)):
         expected = (resize_area if size[0] <= 8 and size[1] <= 6 else resize_cubic)(values, *size)
         np.testing.assert_array_equal(resize_area_or_cubic(values, *size), expected)
+    colours = np.dstack([values] * 3)
+    assert resize_area(colours, 8, 6) is resize_bilinear(colours, 8, 6) is colours
 
 
 def test_high_dynamic_range_is_named() -> None:

@@ -20,12 +20,14 @@ class Colour(StrEnum):
 
 
 EVEN = Rule("an even number", lambda number: number % 2 == 0)
+RATIO = Rule("a ratio", lambda _: True)
 
 
 @dataclass(frozen=True, slots=True)
 class Inner:
     even: Annotated[int, EVEN] = 2
     share: float = 0.5
+    ratio: Annotated[float, RATIO] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +74,9 @@ def test_every_type_is_read() -> None:
         ({"flag": 1}, "flag has to be true or false, not 1"),
         ({"inner": {"even": 3}}, "inner.even has to be an even number, not 3"),
         ({"inner": {"share": math.nan}}, "inner.share has to be a number, not nan"),
+        ({"inner": {"ratio": math.inf}}, "inner.ratio has to be a ratio, not inf"),
         ({"inner": {"share": "1"}}, "inner.share has to be a number, not '1'"),
-        ({"perhaps": {"odd": 1}}, "perhaps.odd is unknown; choose from even, share"),
+        ({"perhaps": {"odd": 1}}, "perhaps.odd is unknown; choose from even, share, ratio"),
         ({"numbers": "12"}, "numbers has to be a list, not '12'"),
         ({"numbers": [1, "2"]}, "numbers.1 has to be a number, not '2'"),
         ({"counts": {"a": 1}}, "counts.a has to be an even number, not 1"),

@@ -93,8 +93,9 @@ def test_each_pixel_with_depth_is_a_point_on_its_ray() -> None:
     np.testing.assert_allclose(cloud.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
     assert (len(cloud), cloud.rgb) == (3, None)
     np.testing.assert_array_equal(np.asarray(cloud), cloud.xyz_m)
-    moved = point_cloud(with_camera(DEPTH, Intrinsics(centre_px=(0.0, 1.0))), 10.0)
-    rays = np.array([[0, -1, 10], [1, -1, 10], [2, 0, 10]]) / 10
+    camera = Intrinsics(centre_px=(0.0, 1.0), pixel_aspect=2.0)
+    moved = point_cloud(with_camera(DEPTH, camera), 10.0)
+    rays = np.array([[0, -0.5, 10], [1, -0.5, 10], [2, 0, 10]]) / 10
     np.testing.assert_allclose(moved.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
 
 
@@ -103,6 +104,19 @@ def test_points_have_the_colours_of_their_pixels() -> None:
     cloud = point_cloud(DEPTH, 10.0, frame=Frame(pixels))
     np.testing.assert_array_equal(cloud.rgb, pixels[[0, 0, 1], [0, 1, 2]])
     assert repr(cloud) == "<PointCloud 3 points, colours>"
+
+
+def test_normals_do_not_look_across_edges() -> None:
+    depth_m = box_before_wall()
+    depth_m[:3, :3] = np.nan
+    depth_m[1, 1] = 2  # without a neighbour, it faces the camera
+    surface = surface_of(DepthMap(depth_m), FOCAL_PX)
+    normals = surface.normals()
+    alone = surface.xyz_m[1, 1] / np.linalg.norm(surface.xyz_m[1, 1])
+    np.testing.assert_allclose(normals[1, 1], -alone, rtol=1e-5)
+    surface.depth_m[1, 1] = np.nan
+    flat = normals[surface.valid]
+    np.testing.assert_allclose(flat, np.broadcast_to([0, 0, -1], flat.shape), atol=1e-6)
 
 
 def test_points_are_thinned_and_far_ones_left_out() -> None:
@@ -114,6 +128,7 @@ def test_points_are_thinned_and_far_ones_left_out() -> None:
     ramp = np.broadcast_to(np.float32([1] * 9 + [2, 3] + [4] * 9), (9, 20)).copy()
     edged = point_cloud(DepthMap(ramp), 100.0, keep_edges=False)
     assert set(edged.xyz_m[:, 2]) == {1, 4}
+    assert len(point_cloud(DepthMap(ramp), 100.0)) == ramp.size
 
 
 def test_map_without_metres_has_no_points() -> None:

@@ -20,7 +20,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import AUTO_TILE, Projection, Upsampling, UpsamplingOptions
 from depthcli.core.surface import point_cloud
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, Transform, panorama_rays
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError
 from depthcli.inference.panorama import HFOV_DEG, panorama_distance
 from depthcli.inference.pipeline import Pipeline, tile_width_px
 from depthcli.inference.tiles import TileGrid, _blend_weights, _pixels_of, refine
@@ -349,11 +349,6 @@ def test_panorama_that_is_read_as_a_pinhole_image_is_a_warning(tmp_path: Path, n
         frame = read_image(path, projection=projection)
         assert isinstance(frame.projection, Projection)
         assert (frame.warnings, frame.projection) == ((), projection)
-
-
-def test_unknown_projection_is_a_usage_error() -> None:
-    with pytest.raises(UsageError):
-        Frame(np.zeros((4, 8), np.uint8), projection="fisheye")
 
 
 def test_panorama_that_was_cropped_is_refused(tmp_path: Path) -> None:
