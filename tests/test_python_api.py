@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.tiny import synthetic_picture, write_model, write_picture
-from helpers.videos import encode, write_video
+from helpers.videos import encode, write_depth_video, write_video
 from PIL import Image
 
 import depthcli
@@ -529,19 +529,7 @@ def test_the_picture_itself_is_never_replaced(model: depthcli.DepthModel, tmp_pa
 
 
 def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
-    from fractions import Fraction  # noqa: PLC0415
-
-    from depthcli.video.frames import Timing  # noqa: PLC0415
-    from depthcli.video.outputs import (  # noqa: PLC0415
-        DepthFrame,
-        DepthVideoOutput,
-    )
-
-    frame = depthcli.Frame(np.zeros((4, 6), np.uint8))
-    with DepthVideoOutput(tmp_path / "a.mkv", Timing(Fraction(25)), 1000, None) as output:
-        flat = depthcli.DepthMap(np.full((4, 6), 1.5, np.float32))
-        output.append(output.encode(DepthFrame(frame, flat, (1, 2))))
-        output.finish()
+    write_depth_video(tmp_path / "a.mkv", [np.full((4, 6), 1.5, np.float32)])
     (depth,) = depthcli.DepthVideo(tmp_path / "a.mkv")
     with pytest.raises(depthcli.InputError):
         depthcli.read_depth(tmp_path / "a.mkv")

@@ -57,18 +57,6 @@ def test_a_cloud_has_the_camera_that_its_input_states(inside: Cli, files: Path, 
     assert width_m(files / "a.ply") == pytest.approx(7 / 16 * 2, rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("options", "focal_px"), [(("--focal-px", "40"), 40), (("--hfov", "90"), 4)]
-)
-@pytest.mark.parametrize("name", ["d.png", "bare.npy"])
-def test_camera_options_override_the_stated_camera(
-    inside: Cli, files: Path, name: str, options: tuple[str, str], focal_px: float
-) -> None:
-    done = inside("convert", name, "a.ply", *options)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert width_m(files / "a.ply") == pytest.approx(7 / focal_px * 2, rel=1e-5)
-
-
 def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
     write_picture(files / "room.png", pixels)

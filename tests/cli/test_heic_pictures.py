@@ -43,18 +43,6 @@ def test_the_focal_length_in_exif_is_used_as_that_of_a_jpeg(inside: Cli) -> None
     assert facts[0][2].endswith("(from EXIF)")
 
 
-@pytest.mark.usefixtures("without_heif")
-def test_without_pillow_heif_the_other_pictures_are_done(inside: Cli) -> None:
-    tree(inside, "b.png")
-    (inside.folder / "a.heic").write_bytes(HEIC)
-    done = inside("predict", "a.heic", "in/b.png", "-o", "out/", "--format", "png16", code=1)
-    assert (
-        done.stderr.splitlines()[0]
-        == b"depthcli: error: a.heic is HEIC, which needs pillow-heif; pip install '.[heif]'"
-    )
-    assert contents(inside, "out").keys() == {"b.depth.png"}
-
-
 def test_a_batch_reads_heic_by_pillow_heif(inside: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     tree(inside, "a.png")
     (inside.folder / "in" / "b.HEIC").write_bytes(HEIC)

@@ -97,18 +97,6 @@ def test_added_listed_shown_used_and_removed(inside: Cli, download: Path, pictur
     assert inside("predict", picture, "--model", "midas-small").returncode == 3
 
 
-def test_a_taken_name_is_refused_without_force(inside: Cli, download: Path) -> None:
-    add = ("models", "add", download, "--card", "midas-small", "--name", "mine")
-    assert inside(*add, "--json").returncode == 0
-    again = inside(*add)
-    assert (again.returncode, again.stdout) == (2, b"")
-    assert b"named 'mine' already exists" in again.stderr
-    forced = inside(*add, "--force", "--json")
-    told = json.loads(forced.stdout)
-    assert (forced.returncode, told["name"]) == (0, "mine")
-    assert Path(told["path"]) == inside.models / "mine"
-
-
 def test_a_bundled_model_is_hidden_with_force_and_comes_back(cli: Cli, download: Path) -> None:
     own = {"DEPTHCLI_MODELS": str(cli.folder / "own")}
     bundled = json.loads(cli("models", "show", "default", **own).stdout)

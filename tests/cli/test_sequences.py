@@ -1,9 +1,7 @@
 """Image sequences: patterns and folders."""
 
 import json
-import signal
 import subprocess
-import time
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
@@ -14,8 +12,6 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers.command_line import Cli
-from helpers.file_trees import contents
-from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.commands.video import parse_fps
 from depthcli.errors import UsageError
@@ -171,26 +167,6 @@ def test_plates_become_a_depth_video_and_depth_plates(inside: Cli) -> None:
         assert read_exr_rate(inside.folder / "out" / name) == FILM
 
 
-def test_the_first_number_can_be_chosen(inside: Cli) -> None:
-    write_video(inside.folder / "clip.avi", flat_frames(range(6)))
-    options = ("--out", "d.%03d.png", "--start-number", "1001", "--every", "2")
-    assert inside("video", "clip.avi", *options).returncode == 0
-    names = {path.name for path in inside.folder.iterdir()}
-    assert names == {"clip.avi", "d.1001.png", "d.1003.png", "d.1005.png"}
-
-
-def test_a_hole_and_a_damaged_plate(inside: Cli) -> None:
-    pattern = plates(inside.folder / "shot", range(1001, 1007))
-    (inside.folder / "shot" / "plate.1003.exr").unlink()
-    (inside.folder / "shot" / "plate.1005.exr").write_bytes(b"v/1\x01 no more")
-    done = inside("video", pattern, "--out", "d.%d.png", "--json", code=1)
-    facts = report(done)
-    assert "plate.1005.exr" in facts["error"]
-    assert facts["warnings"][0] == "missing frames: 1003; the other frames keep their times"
-    names = {path.name for path in inside.folder.glob("d.*")}
-    assert names == {f"d.{number}.png" for number in (1001, 1002, 1004, 1006)}
-
-
 def test_missing_and_damaged_plates_are_named_by_their_numbers(tmp_path: Path) -> None:
     pattern = plates(tmp_path / "shot", range(1001, 1012))
     for number in (1004, 1005, 1006, 1010):
@@ -232,33 +208,6 @@ def test_plates_are_never_overwritten(inside: Cli) -> None:
     done = inside("video", pattern, "--out", "link/plate.%04d.exr", code=2)
     assert b"is the input" in done.stderr
     assert (inside.folder / "shot" / "plate.0001.exr").read_bytes() == before
-
-
-def stopped(cli: Cli, *words: str, files: int) -> None:
-    """Run a command, and stop it when so many files are there."""
-    running = cli.started(*words)
-    until = time.monotonic() + 60
-    while time.monotonic() < until and len(list((cli.folder / "out").glob("*.png"))) < files:
-        time.sleep(0.01)
-    running.send_signal(signal.SIGTERM)
-    running.communicate(timeout=60)
-    assert running.returncode == 143
-
-
-def test_a_stopped_sequence_keeps_its_frames_and_goes_on(inside: Cli) -> None:
-    write_video(inside.folder / "long.avi", flat_frames([i % 250 for i in range(800)], 16, 16))
-    words = ("video", "long.avi", "--format", "png16", "--format", "npy", "--out")
-    stopped(inside, *words, "out/", files=40)
-    (journal,) = (inside.folder / "out").glob(".*")
-    numbers = [int(line) for line in journal.read_text().splitlines()[1:]]
-    assert numbers == list(range(len(numbers)))
-    assert 20 < len(numbers) < 800
-    kept = inside.folder / "out" / "long.depth.000010.png"
-    written_ns = kept.stat().st_mtime_ns
-    assert inside(*words, "out/").returncode == 0
-    assert kept.stat().st_mtime_ns == written_ns
-    assert inside(*words, "whole/").returncode == 0
-    assert contents(inside.folder / "out") == contents(inside.folder / "whole")
 
 
 def test_a_single_image_is_for_predict(inside: Cli) -> None:

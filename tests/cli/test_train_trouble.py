@@ -1,15 +1,11 @@
 """``depthcli train`` when something goes wrong: one line, and nothing that was there is lost."""
 
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 import torch
 from helpers.command_line import unmeasured
@@ -144,72 +140,3 @@ def test_damaged_checkpoint_is_refused_and_kept(folder: Path, content: bytes, re
     assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
     assert reason in done.stderr
     assert _snapshot(folder / "run") == before
-
-
-def _write_depth(folder: Path, change: Any) -> None:
-    for path in sorted((folder / "data" / "depth").iterdir()):
-        stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        assert cv2.imwrite(str(path), change(stored))
-
-
-def _rename(folder: Path, old: str, new: str) -> None:
-    (folder / "data" / old).rename(folder / "data" / new)
-
-
-def _empty(folder: Path, part: str) -> None:
-    for path in (folder / "data" / part).iterdir():
-        path.unlink()
-
-
-def _as_tiff(folder: Path) -> None:
-    """Metres as floating point."""
-    for path in sorted((folder / "data" / "depth").iterdir()):
-        metres = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.float32) / 1000
-        assert cv2.imwrite(str(path.with_suffix(".tiff")), metres)
-        path.unlink()
-
-
-TROUBLE: dict[str, tuple[Any, str]] = {
-    "missing": (lambda f: shutil.rmtree(f / "data"), "data does not exist"),
-    "empty": (lambda f: [shutil.rmtree(f / "data"), (f / "data").mkdir()], "data/rgb is missing"),
-    "no depth folder": (lambda f: _rename(f, "depth", "depths"), "data/depth is missing"),
-    "no picture": (lambda f: _empty(f, "rgb"), "data/rgb holds no"),
-    "no depth": (lambda f: _empty(f, "depth"), "data/depth holds no"),
-    "picture without depth": (
-        lambda f: (f / "data/depth/0004.png").unlink(),
-        "6 pictures and 5 depth images, 1 without a partner (first: 0004)",
-    ),
-    "depth without picture": (
-        lambda f: (f / "data/rgb/0001.png").unlink(),
-        "5 pictures and 6 depth images, 1 without a partner (first: 0001)",
-    ),
-    "8 bit": (lambda f: _write_depth(f, lambda d: (d // 32).astype(np.uint8)), "16-bit gray PNG"),
-    "colour": (lambda f: _write_depth(f, lambda d: np.dstack([d] * 3)), "16-bit gray PNG"),
-    "float": (_as_tiff, "data/depth holds no .png file"),
-    "whole metres": (lambda f: _write_depth(f, lambda d: d // 1000), "check the unit"),
-    "times 5000": (
-        lambda f: _write_depth(f, lambda d: (d.astype(int) * 5).astype(np.uint16)),
-        "check the unit",
-    ),
-    "all zero": (lambda f: _write_depth(f, lambda d: d * 0), "check the unit"),
-    "one all zero": (
-        lambda f: cv2.imwrite(str(f / "data/depth/0003.png"), np.zeros((48, 64), np.uint16)),
-        "pair 0003 has almost no depth",
-    ),
-    "truncated picture": (
-        lambda f: (f / "data/rgb/0003.png").write_bytes(b"\x89PNG\r\n"),
-        "0003.png cannot be decoded",
-    ),
-    "truncated depth": (
-        lambda f: (f / "data/depth/0003.png").write_bytes(
-            (f / "data/depth/0003.png").read_bytes()[:80]
-        ),
-        "0003.png cannot be decoded",
-    ),
-    "all held out": (
-        lambda f: (f / "small.toml").write_text(
-            SMALL.replace("every = 4", "every = 1").replace("offset = 1", "offset = 0")
-        ),
-        "no pair to train on",
-    ),
-}

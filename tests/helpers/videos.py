@@ -10,11 +10,16 @@ import av
 import numpy as np
 from av.video.stream import VideoStream
 
+from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.io.formats.preview import PreviewWriter
+from depthcli.video.frames import Timing
+from depthcli.video.outputs import DepthFrame, DepthVideoOutput, PreviewVideoOutput
+
 NTSC = Fraction(30000, 1001)
 
 
 def encode(
-    path: Path,
+    path: Any,
     frames: Iterable[np.ndarray[Any, Any]],
     rate: Fraction,
     codec: str,
@@ -28,21 +33,25 @@ def encode(
     timecode: str | None = None,
     transfer: int | None = None,
     container: str | None = None,
+    aspect: Fraction | None = None,
 ) -> Path:
-    """RGB frames, (H, W, 3) uint8 or uint16, or (H, W) uint16, with any codec of FFmpeg's.
+    """Frames, RGB(A) in uint8, RGB or gray in uint16, with any codec of FFmpeg's, also to a pipe.
 
     The container follows from the path's suffix, unless its name is given; ``times_s`` from the
     first frame's, ``numbers`` count intervals of the rate, and ``matrix`` of nine numbers asks for
     a turn. ``timecode`` is of the first frame, ``transfer`` the
-    number of the transfer characteristics in H.273.
+    number of the transfer characteristics in H.273, ``aspect`` the width of a pixel by its height.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if isinstance(path, Path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     clock = 1 / rate if times_s is None else Fraction(1, 10_000)  # MPEG-4 takes up to 65535
-    output = av.open(str(path), "w", format=container)
+    output = av.open(str(path) if isinstance(path, Path) else path, "w", format=container)
     output.metadata.update({"timecode": timecode} if timecode else {})
     stream = cast("VideoStream", output.add_stream(codec, rate=rate, options=dict(options or {})))
     stream.time_base = stream.codec_context.time_base = clock
     stream.pix_fmt = pixel_format
+    if aspect is not None:
+        stream.codec_context.sample_aspect_ratio = aspect
     stream.set_display_matrix(matrix)
     for index, pixels in enumerate(frames):
         if index == 0:
@@ -50,8 +59,8 @@ def encode(
             if transfer is not None:
                 stream.codec_context.color_trc = transfer
             stream.codec_context.colorspace = 1 if colours == "itu709" else 5
-        name = {"uint8": "rgb24", "uint16": "rgb48le"}[pixels.dtype.name]
-        kind = name if pixels.ndim == 3 else "gray16le"
+        kinds = {(3, 1): "rgb24", (4, 1): "rgba", (3, 2): "rgb48le"}
+        kind = kinds.get((pixels.shape[-1], pixels.itemsize), "gray16le")
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), kind)
         frame = frame.reformat(format=pixel_format, dst_colorspace=colours)
         place = index if numbers is None else numbers[index]
@@ -78,6 +87,44 @@ def write_mp4(
 ) -> Path:
     """RGB frames as MPEG-4 with the exact rate, or with times of their own."""
     return encode(path, frames, rate, "mpeg4", "yuv420p", times_s=times_s, options={"b": "4M"})
+
+
+def shot(
+    values: np.ndarray[Any, Any], time_s: float = 0.0, kind: DepthKind = DepthKind.METRIC
+) -> DepthFrame:
+    """Depth of a black frame, shown from 0 to 1."""
+    frame = Frame(np.zeros(values.shape, np.uint8), timestamp_s=time_s)
+    return DepthFrame(frame, DepthMap(values, kind), (0.0, 1.0))
+
+
+def write_depth_video(
+    path: Path,
+    maps: Sequence[np.ndarray[Any, Any]],
+    rate: Fraction = NTSC,
+    scale: float = 1000.0,
+    times_s: Sequence[float] | None = None,
+    kind: DepthKind = DepthKind.METRIC,
+) -> tuple[str, ...]:
+    """Lossless depth; the result are the warnings."""
+    with DepthVideoOutput(path, Timing(rate), scale, None) as output:
+        for i, values in enumerate(maps):
+            time_s = float(i / rate) if times_s is None else times_s[i]
+            output.append(output.encode(shot(values, time_s, kind)))
+        return output.finish()
+
+
+def write_preview_video(
+    path: Path,
+    maps: Sequence[np.ndarray[Any, Any]],
+    rate: Fraction = NTSC,
+    first_s: float = 0.0,
+    **options: Any,
+) -> tuple[str, ...]:
+    """A preview, with codec and audio as options; the result are the warnings."""
+    with PreviewVideoOutput(path, Timing(rate), PreviewWriter(), None, **options) as output:
+        for i, values in enumerate(maps):
+            output.append(output.encode(shot(values, first_s + float(i / rate))))
+        return output.finish()
 
 
 def damage_frames(path: Path, *numbers: int) -> None:

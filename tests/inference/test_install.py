@@ -15,7 +15,7 @@ from onnx import external_data_helper
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic import workspace
 from depthcli.jobs.models import add_model, remove_model, verify_models
-from depthcli.models.catalog import find_model, list_locations, roots, user_root
+from depthcli.models.catalog import find_model, list_locations
 from depthcli.models.onnx_file import read_facts
 
 
@@ -136,18 +136,6 @@ def test_a_taken_name_needs_force(own: Path, file: Path, tmp_path: Path) -> None
     assert after.card.file != before.card.file  # so that the old one stays whole to the end
     assert find_model("tiny").sha256 == after.sha256
     assert [p.name for p in own.iterdir()] == ["tiny"]
-
-
-def test_a_bundled_model_is_hidden_only_with_force(own: Path, file: Path, tmp_path: Path) -> None:
-    card = write_card(tmp_path / "c.json")
-    bundled = find_model("default").sha256
-    with pytest.raises(UsageError):
-        add_model(file, card, name="default")
-    add_model(file, card, name="default", force=True)
-    assert find_model().sha256 != bundled
-    remove_model("default")
-    assert find_model().sha256 == bundled
-    assert not list(own.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -356,18 +344,6 @@ def test_a_link_is_removed_and_not_what_it_leads_to(own: Path, tmp_path: Path) -
     remove_model("linked")
     assert not list(own.iterdir())
     assert (elsewhere / "card.json").is_file()
-
-
-def test_the_user_s_folder_is_by_variables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("DEPTHCLI_MODELS", raising=False)
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    assert user_root() == tmp_path / "data" / "depthcli" / "models"
-    assert user_root() in roots()
-    monkeypatch.setenv("XDG_DATA_HOME", "relative")
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert (tmp_path / "home") in user_root().parents
-    monkeypatch.setenv("DEPTHCLI_MODELS", f"{tmp_path / 'a'}:{tmp_path / 'b'}")
-    assert user_root() == tmp_path / "a"
 
 
 def test_incomplete_models_are_not_listed(own: Path) -> None:

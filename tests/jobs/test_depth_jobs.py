@@ -11,7 +11,7 @@ import OpenEXR
 import pytest
 from helpers.command_line import Cli
 from helpers.plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, written
-from helpers.videos import NTSC, damage_frames, encode, flat_frames
+from helpers.videos import NTSC, damage_frames, encode, flat_frames, write_depth_video
 
 from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.core.options import DepthEncoding
@@ -74,11 +74,7 @@ FRAMES_M = np.float32([[[1, 2, 3, np.nan]] * 2, [[np.nan] * 4] * 2, [[7, 0.5, 6,
 def depth_mkv(tmp_path: Path) -> Path:
     """Three frames of 4 x 2 pixels in centimetres, the second without depth."""
     path = tmp_path / "d.mkv"
-    with DepthVideoOutput(path, Timing(NTSC), 100, None) as output:
-        for number, values in enumerate(FRAMES_M):
-            frame = Frame(np.zeros((2, 4), np.uint8), timestamp_s=float(number / NTSC))
-            output.append(output.encode(DepthFrame(frame, DepthMap(values), (0, 1))))
-        output.finish()
+    write_depth_video(path, FRAMES_M, scale=100)
     return path
 
 

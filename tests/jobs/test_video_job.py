@@ -623,16 +623,6 @@ def test_depth_follows_the_focal_length_of_the_file(clip: Path, tmp_path: Path) 
     np.testing.assert_allclose(done.depth.values, plain.depth.values * ratio, atol=0.002)
 
 
-def test_a_broken_link_costs_its_own_frame(tmp_path: Path, loader: SessionLoader) -> None:
-    for number in range(3):
-        write_picture(tmp_path / "shot" / f"{number}.png")
-    (tmp_path / "shot" / "1.png").unlink()
-    (tmp_path / "shot" / "1.png").symlink_to("missing.png")
-    done = run(tmp_path / "shot", tmp_path / "d.%d.png", loader)
-    assert list(done.numbers) == [0, 2]
-    assert "1.png" in done.problem
-
-
 def test_a_name_that_is_too_long_ends_before_any_frame(clip: Path, loader: SessionLoader) -> None:
     longest = clip.rename(clip.with_name("a" * 247 + ".mp4"))
     progress = Watched()

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 import pytest
-from av.container import OutputContainer
 from helpers.tiny import write_model
-from helpers.videos import NTSC, damage_frames, encode, flat_frames, write_video
+from helpers.videos import (
+    NTSC,
+    damage_frames,
+    encode,
+    flat_frames,
+    write_depth_video,
+    write_video,
+)
 
-from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.video.plan import VideoRequest, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, DepthVideoOutput
 from depthcli.video.source import VideoSource
 
 _TS_PACKET_BYTES = 188
@@ -32,12 +34,7 @@ def random_steps(count: int) -> np.ndarray[Any, np.dtype[np.uint16]]:
 
 
 def write_own(path: Path, count: int) -> Path:
-    with DepthVideoOutput(path, Timing(NTSC), 1000, None) as output:
-        for index, steps in enumerate(random_steps(count)):
-            frame = Frame(np.zeros((48, 64), np.uint8), timestamp_s=float(index / NTSC))
-            depth = DepthMap((steps / 1000).astype(np.float32))
-            output.append(output.encode(DepthFrame(frame, depth, (0.0, 1.0))))
-        output.finish()
+    write_depth_video(path, (random_steps(count) / 1000).astype(np.float32))
     return path
 
 
@@ -133,50 +130,14 @@ def test_messages_of_ffmpeg_are_not_logged(
     assert caplog.records == []
 
 
-def write_at(path: Path, places: Sequence[int]) -> Path:
-    """Motion JPEG at multiples of 1/25 s; AVI has a chunk without data for each of the others."""
-    with av.open(str(path), "w") as output:
-        stream = output.add_stream("mjpeg", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
-        for pixels, place in zip(flat_frames(range(len(places))), places, strict=True):
-            frame = av.VideoFrame.from_ndarray(pixels, "rgb24")
-            frame.pts, frame.time_base = place, Fraction(1, 25)
-            output.mux(stream.encode(frame))
-        output.mux(stream.encode(None))
-    return path
-
-
-def write_maps(path: Path, times_s: Sequence[float], timing: Timing) -> Path:
-    with DepthVideoOutput(path, timing, 1000, None) as output:
-        for time_s in times_s:
-            depth = DepthMap(np.ones((16, 16), np.float32))
-            frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=time_s)
-            output.append(output.encode(DepthFrame(frame, depth, (0.0, 1.0))))
-        output.finish()
-    return path
-
-
 def test_dropped_frames_of_an_avi_are_no_missing_end(tmp_path: Path) -> None:
-    path = write_at(tmp_path / "a.avi", [*range(10), *range(16, 46)])
+    numbers, frames = [*range(10), *range(16, 46)], flat_frames(range(40))
+    path = tmp_path / "a.avi"  # which has a chunk without data for each frame that is missing
+    encode(path, frames, Fraction(25), "mjpeg", "yuvj420p", numbers=numbers)
     with VideoSource(path) as source:
         assert source.frames_stated == 46
         assert len(list(source.frames())) == 40
         assert source.problem is None
-
-
-def write_avi(file: OneWay | str, count: int) -> OutputContainer:
-    """Motion JPEG in a file that is not closed yet."""
-    output = av.open(file, "w", format="avi")
-    stream = output.add_stream("mjpeg", rate=25)
-    stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p"
-    noise = np.random.default_rng(0)
-    for index in range(count):
-        pixels = noise.integers(0, 256, (48, 64, 3), np.uint8)
-        frame = av.VideoFrame.from_ndarray(pixels, "rgb24")
-        frame.pts, frame.time_base = index, Fraction(1, 25)
-        output.mux(stream.encode(frame))
-    output.mux(stream.encode(None))
-    return output
 
 
 class OneWay:
@@ -192,7 +153,8 @@ class OneWay:
 
 def test_an_avi_from_a_pipe_states_no_end(tmp_path: Path) -> None:
     pipe, path = OneWay(), tmp_path / "a.avi"
-    write_avi(pipe, 12).close()
+    noise = np.random.default_rng(0).integers(0, 256, (12, 48, 64, 3), np.uint8)
+    encode(pipe, noise, Fraction(25), "mjpeg", "yuvj420p", container="avi")
     assert pipe.data[4:8] == b"\xff" * 4
     path.write_bytes(pipe.data)
     with VideoSource(path) as source:

@@ -159,12 +159,15 @@ def test_a_panorama_is_read_as_one_on_request(
     assert len(source.warnings) == (projection is None)
 
 
-@pytest.mark.parametrize("codec", ["png", "qtrle"])
-def test_transparent_pixels_of_a_video_have_no_depth(codec: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("codec", "pixel_format"), [("png", "rgba"), ("qtrle", "argb")])
+def test_transparent_pixels_of_a_video_have_no_depth(
+    codec: str, pixel_format: str, tmp_path: Path
+) -> None:
     frame = np.full((48, 64, 4), 90, np.uint8)
     frame[..., 3] = 255
     frame[:, 40:] = (255, 255, 255, 0)
-    path = write_rgba(tmp_path / "a.mov", codec, [frame, frame, frame * 0])
+    frames = [frame, frame, frame * 0]
+    path = encode(tmp_path / "a.mov", frames, Fraction(25), codec, pixel_format)
     source, frames = read(path)
     hidden = frames[0].transparent
     assert hidden[:, 40:].all()
@@ -175,19 +178,6 @@ def test_transparent_pixels_of_a_video_have_no_depth(codec: str, tmp_path: Path)
     source, frames = read(path, options=ReadOptions(ignore_alpha=True))
     assert frames[0].transparent is None
     assert frames[0].pixels[0, 50].tolist() == [255, 255, 255]
-
-
-def write_rgba(path: Path, codec: str, frames: Sequence[np.ndarray[Any, Any]]) -> Path:
-    with av.open(str(path), "w") as output:
-        stream = output.add_stream(codec, rate=25)
-        stream.width, stream.height = frames[0].shape[1::-1]
-        stream.pix_fmt = {"png": "rgba", "qtrle": "argb"}[codec]
-        for index, pixels in enumerate(frames):
-            frame = av.VideoFrame.from_ndarray(pixels, "rgba").reformat(format=stream.pix_fmt)
-            frame.pts, frame.time_base = index, Fraction(1, 25)
-            output.mux(stream.encode(frame))
-        output.mux(stream.encode(None))
-    return path
 
 
 def test_levels_stretch_the_range_of_a_thermal_video(tmp_path: Path) -> None:

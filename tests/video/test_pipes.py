@@ -9,7 +9,7 @@ from typing import Any
 import av
 import numpy as np
 import pytest
-from helpers.videos import with_sound
+from helpers.videos import with_sound, write_preview_video
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError
@@ -116,16 +116,8 @@ def write_with_audio(path: Path, source: Path) -> tuple[str, ...]:
     """Four seconds at 25 frames a second, with the audio of a source; also its warnings."""
     with VideoSource(source) as video:
         audio = AudioTrack(source, video.start_s)
-    codec = preview_codec(path.suffix, None)
-    timing = Timing(Fraction(25))
-    with PreviewVideoOutput(
-        path, timing, PreviewWriter(), None, codec=codec, audio=audio
-    ) as output:
-        for index in range(100):
-            frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=index / 25)
-            depth = DepthMap(np.ones((16, 16), np.float32))
-            output.append(output.encode(DepthFrame(frame, depth, (0.0, 1.0))))
-        return output.finish()
+    codec, maps = preview_codec(path.suffix, None), [np.ones((16, 16), np.float32)] * 100
+    return write_preview_video(path, maps, Fraction(25), codec=codec, audio=audio)
 
 
 def pictures_and_sound(path: Path) -> tuple[int, str, int, float]:
@@ -146,16 +138,9 @@ def test_the_sound_begins_with_the_first_frame(codec: str, layout: str, tmp_path
     source = with_sound(tmp_path / "a.mkv", codec, layout=layout)
     for start_s in (Fraction(509, 1000), Fraction(1.1), Fraction(1.2), Fraction(1509, 1000)):
         path = tmp_path / f"{start_s.numerator}.mov"
-        timing = Timing(Fraction(25))
         audio, coded = AudioTrack(source, start_s), preview_codec(".mov", None)
-        with PreviewVideoOutput(
-            path, timing, PreviewWriter(), None, codec=coded, audio=audio
-        ) as output:
-            for index in range(30):
-                frame = Frame(np.zeros((16, 16), np.uint8), timestamp_s=index / 25)
-                depth = DepthMap(np.ones((16, 16), np.float32))
-                output.append(output.encode(DepthFrame(frame, depth, (0.0, 1.0))))
-            assert output.finish() == ()
+        maps = [np.ones((16, 16), np.float32)] * 30
+        assert write_preview_video(path, maps, Fraction(25), codec=coded, audio=audio) == ()
         assert 0 <= tone_begins_s(path) - max(0, 1 - float(start_s)) < 0.025
 
 

@@ -2,7 +2,6 @@
 
 import os
 import wave
-from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,16 +15,19 @@ from helpers.videos import (
     encode,
     flat_frames,
     header_first,
+    shot,
     trimmed,
     with_sound,
+    write_depth_video,
     write_mp4,
+    write_preview_video,
     write_video,
 )
 from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core.imageops import value_channel
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import DepthKind
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.metadata import normalized
 from depthcli.io.formats.preview import PreviewWriter
@@ -33,7 +35,7 @@ from depthcli.video.audio import AudioTrack
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import Codec, preview_codec
 from depthcli.video.frames import Point, Span, Timing, exact_rate, rate_text
-from depthcli.video.outputs import DepthFrame, DepthVideoOutput, PreviewVideoOutput
+from depthcli.video.outputs import PreviewVideoOutput
 from depthcli.video.source import VideoSource
 
 RATES = [
@@ -41,28 +43,6 @@ RATES = [
     *(Fraction(25), Fraction(1, 60), Fraction(10000, 1001), Fraction(1001, 37)),
 ]
 TURN = tuple(range(0, 256, 3))
-
-
-def shot(
-    values: np.ndarray[Any, Any], kind: DepthKind = DepthKind.METRIC, time_s: float = 0.0
-) -> DepthFrame:
-    frame = Frame(np.zeros(values.shape, np.uint8), timestamp_s=time_s)
-    return DepthFrame(frame, DepthMap(values, kind), (0.0, 1.0))
-
-
-def write_depth(
-    path: Path,
-    maps: Sequence[np.ndarray[Any, Any]],
-    rate: Fraction = NTSC,
-    scale: float = 1000.0,
-    times_s: Sequence[float] | None = None,
-    kind: DepthKind = DepthKind.METRIC,
-) -> tuple[str, ...]:
-    times_s = times_s or [float(i / rate) for i in range(len(maps))]
-    with DepthVideoOutput(path, Timing(rate), scale, None) as output:
-        for values, time_s in zip(maps, times_s, strict=True):
-            output.append(output.encode(shot(values, kind, time_s)))
-        return output.finish()
 
 
 def seen_times_ms(path: Path) -> tuple[float, list[float]]:
@@ -101,7 +81,7 @@ def test_rates_that_containers_round_are_known(fps: float, rate: Fraction) -> No
 @pytest.mark.parametrize("rate", RATES, ids=rate_text)
 def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) -> None:
     frames = 200
-    write_depth(tmp_path / "a.mkv", [np.ones((16, 16), np.float32)] * frames, rate)
+    write_depth_video(tmp_path / "a.mkv", [np.ones((16, 16), np.float32)] * frames, rate)
     fps, times_ms = seen_times_ms(tmp_path / "a.mkv")
     assert exact_rate(fps) == rate
     assert DepthVideo(tmp_path / "a.mkv").rate == rate
@@ -112,11 +92,7 @@ def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Pa
 
 @pytest.mark.parametrize("rate", RATES, ids=rate_text)
 def test_a_preview_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) -> None:
-    with PreviewVideoOutput(tmp_path / "a.mp4", Timing(rate), PreviewWriter(), None) as output:
-        for i in range(40):
-            depth = shot(np.ones((16, 16), np.float32), time_s=float(i / rate))
-            output.append(output.encode(depth))
-        output.finish()
+    write_preview_video(tmp_path / "a.mp4", [np.ones((16, 16), np.float32)] * 40, rate)
     fps, times_ms = seen_times_ms(tmp_path / "a.mp4")
     assert fps == float(rate)
     assert times_ms == pytest.approx([float(i * 1000 / rate) for i in range(40)], abs=0.01)
@@ -136,7 +112,7 @@ def test_times_far_from_the_mean_rate_are_kept(
     tmp_path: Path, times_s: list[float], rate: Fraction
 ) -> None:
     maps = [np.full((16, 16), 1 + 0.001 * i, np.float32) for i in range(len(times_s))]
-    write_depth(tmp_path / "a.mkv", maps, rate, times_s=times_s)
+    write_depth_video(tmp_path / "a.mkv", maps, rate, times_s=times_s)
     wanted_ms = [round(time_s * 1000) for time_s in times_s]
     assert seen_times_ms(tmp_path / "a.mkv")[1] == pytest.approx(wanted_ms)
     steps = [int(frame[0, 0]) for frame in DepthVideo(tmp_path / "a.mkv").steps()]
@@ -146,10 +122,10 @@ def test_times_far_from_the_mean_rate_are_kept(
 def test_uneven_times_are_kept(tmp_path: Path) -> None:
     times_s = [0, 0.033, 0.067, 0.2, 0.233, 1.5]
     maps = [np.ones((16, 16), np.float32)] * 6
-    write_depth(tmp_path / "a.mkv", maps, times_s=times_s)
+    write_depth_video(tmp_path / "a.mkv", maps, times_s=times_s)
     assert seen_times_ms(tmp_path / "a.mkv")[1] == pytest.approx([t * 1000 for t in times_s])
     mean = Fraction(300_000, 91_001)  # takes more digits than nanoseconds a frame have
-    write_depth(tmp_path / "b.mkv", maps, mean, times_s=times_s)
+    write_depth_video(tmp_path / "b.mkv", maps, mean, times_s=times_s)
     assert DepthVideo(tmp_path / "b.mkv").rate == mean
     write_mp4(tmp_path / "a.mp4", flat_frames(range(6)), times_s=times_s)
     with VideoSource(tmp_path / "a.mp4") as source:
@@ -164,7 +140,7 @@ def test_millimetres_come_back_frame_for_frame(size: tuple[int, int], tmp_path: 
     rng = np.random.default_rng(0)
     steps = rng.integers(0, 65536, (30, *size), dtype=np.uint16)
     maps = [np.where(s == 0, np.nan, s / 1000).astype(np.float32) for s in steps]
-    write_depth(tmp_path / "a.mkv", maps)
+    write_depth_video(tmp_path / "a.mkv", maps)
     video = DepthVideo(tmp_path / "a.mkv")
     np.testing.assert_array_equal(list(video.steps()), steps)
     for depth, values in zip(video, maps, strict=True):
@@ -176,7 +152,7 @@ def test_millimetres_come_back_frame_for_frame(size: tuple[int, int], tmp_path: 
 
 def test_another_scale_is_labelled_and_obeyed(tmp_path: Path) -> None:
     values = np.full((8, 8), 2.5, np.float32)
-    write_depth(tmp_path / "a.mkv", [values], scale=256)
+    write_depth_video(tmp_path / "a.mkv", [values], scale=256)
     assert next(DepthVideo(tmp_path / "a.mkv").steps())[0, 0] == 640
     assert next(iter(DepthVideo(tmp_path / "a.mkv"))).values[0, 0] == 2.5
     assert next(iter(DepthVideo(tmp_path / "a.mkv", scale=640))).values[0, 0] == 1
@@ -184,7 +160,7 @@ def test_another_scale_is_labelled_and_obeyed(tmp_path: Path) -> None:
 
 def test_depth_out_of_range_saturates_with_a_warning(tmp_path: Path) -> None:
     values = np.array([[70, np.inf, np.nan, 0, -3, 1e-5]], np.float32)
-    (warning,) = write_depth(tmp_path / "a.mkv", [values] * 3)
+    (warning,) = write_depth_video(tmp_path / "a.mkv", [values] * 3)
     assert "3 pixels" in warning
     steps = next(DepthVideo(tmp_path / "a.mkv").steps())
     assert steps.tolist() == [[65535, 0, 0, 0, 0, 1]]
@@ -192,7 +168,7 @@ def test_depth_out_of_range_saturates_with_a_warning(tmp_path: Path) -> None:
 
 def test_depth_without_a_unit_is_normalized_and_says_so(tmp_path: Path) -> None:
     values = np.array([[0, 0.5, 1, np.nan, 2, -1]], np.float32)
-    (warning,) = write_depth(tmp_path / "a.mkv", [values], kind=DepthKind.INVERSE)
+    (warning,) = write_depth_video(tmp_path / "a.mkv", [values], kind=DepthKind.INVERSE)
     assert "no unit" in warning
     video = DepthVideo(tmp_path / "a.mkv")
     assert (video.scale, video.kind) == (None, DepthKind.INVERSE)
@@ -220,11 +196,8 @@ def test_a_colour_video_is_no_depth(tmp_path: Path) -> None:
 
 def test_a_size_that_the_codec_does_not_take_is_one_line(tmp_path: Path) -> None:
     wide = np.zeros((2, 20_000), np.float32)
-    with (
-        pytest.raises(OutputError),
-        PreviewVideoOutput(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output,
-    ):
-        output.append(output.encode(shot(wide)))
+    with pytest.raises(OutputError):
+        write_preview_video(tmp_path / "a.mp4", [wide])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -332,7 +305,7 @@ def test_frames_with_facts_that_pyav_does_not_know_are_read(
 def cut_mkv(tmp_path: Path) -> Path:
     rng = np.random.default_rng(0)
     path = tmp_path / "a.mkv"
-    write_depth(path, [rng.random((48, 64), np.float32) + 1 for _ in range(60)])
+    write_depth_video(path, [rng.random((48, 64), np.float32) + 1 for _ in range(60)])
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     return path
 
@@ -344,9 +317,7 @@ def cut_avi(tmp_path: Path) -> Path:
 
 
 def cut_mp4(tmp_path: Path) -> Path:
-    rng = np.random.default_rng(0)
-    frames = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(60)]
-    path = write_mp4(tmp_path / "a.mp4", frames)
+    path = write_mp4(tmp_path / "a.mp4", noise_frames(60))
     whole = header_first(path.read_bytes())
     path.write_bytes(whole)
     with VideoSource(path) as source:
@@ -372,7 +343,7 @@ def test_a_cut_video_gives_what_there_is_and_says_so(make: Any, tmp_path: Path) 
 
 
 def test_a_whole_video_has_no_problem(tmp_path: Path) -> None:
-    write_depth(tmp_path / "a.mkv", [np.ones((48, 64), np.float32)] * 20)
+    write_depth_video(tmp_path / "a.mkv", [np.ones((48, 64), np.float32)] * 20)
     write_mp4(tmp_path / "a.mp4", flat_frames(range(20)))
     write_video(tmp_path / "a.avi", flat_frames(range(20)))
     for path in tmp_path.iterdir():
@@ -407,15 +378,8 @@ def test_a_damaged_place_costs_its_frames_and_not_the_rest(tmp_path: Path, place
 
 @pytest.mark.parametrize("ratio", [None, Fraction(1), Fraction(4, 3)])
 def test_frames_have_the_shape_of_their_pixels(tmp_path: Path, ratio: Fraction | None) -> None:
-    path = tmp_path / "a.mkv"
-    with av.open(str(path), "w") as output:
-        stream = output.add_stream("mpeg4", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        if ratio is not None:
-            stream.codec_context.sample_aspect_ratio = ratio
-        for pixels in flat_frames(range(3)):
-            output.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, "rgb24")))
-        output.mux(stream.encode(None))
+    frames = flat_frames(range(3))
+    path = encode(tmp_path / "a.mkv", frames, Fraction(25), "mpeg4", "yuv420p", aspect=ratio)
     with VideoSource(path) as source:
         assert source.warnings == ()
         assert {frame.pixel_aspect for frame in source.frames()} == {float(ratio or 1)}
@@ -487,7 +451,7 @@ def test_colours_follow_the_files_own_matrix(colours: str, tmp_path: Path) -> No
 def test_a_damaged_slice_of_a_depth_video_is_never_taken_for_depth(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     steps = rng.integers(1, 65536, (10, 48, 64), dtype=np.uint16)
-    write_depth(tmp_path / "a.mkv", [(s / 1000).astype(np.float32) for s in steps])
+    write_depth_video(tmp_path / "a.mkv", [(s / 1000).astype(np.float32) for s in steps])
     data = bytearray((tmp_path / "a.mkv").read_bytes())
     middle = len(data) // 2
     data[middle : middle + 20] = bytes(20)
@@ -505,7 +469,7 @@ def test_a_damaged_slice_of_a_depth_video_is_never_taken_for_depth(tmp_path: Pat
 def test_a_gap_in_matroska_is_noticed(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     maps = [rng.random((48, 64), np.float32) + 1 for _ in range(60)]
-    write_depth(tmp_path / "a.mkv", maps)
+    write_depth_video(tmp_path / "a.mkv", maps)
     data = bytearray((tmp_path / "a.mkv").read_bytes())
     middle, gap = len(data) // 2, len(data) // 12
     data[middle : middle + gap] = bytes(gap)
@@ -557,9 +521,7 @@ def test_previews_of_every_codec(
 
 
 def test_a_preview_can_be_played_while_it_is_loaded(tmp_path: Path) -> None:
-    with PreviewVideoOutput(tmp_path / "a.mp4", Timing(NTSC), PreviewWriter(), None) as output:
-        output.append(output.encode(shot(np.ones((16, 16), np.float32))))
-        output.finish()
+    write_preview_video(tmp_path / "a.mp4", [np.ones((16, 16), np.float32)])
     data = (tmp_path / "a.mp4").read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
 
@@ -604,13 +566,8 @@ def test_the_sound_comes_along_and_stays_in_time(
     with VideoSource(path) as video:
         audio = AudioTrack(path, video.start_s)
     which = preview_codec(out.suffix, None)
-    with PreviewVideoOutput(
-        out, Timing(Fraction(25)), PreviewWriter(), None, codec=which, audio=audio
-    ) as output:
-        for i in range(50):
-            values = np.ones((16, 16), np.float32)
-            output.append(output.encode(shot(values, time_s=first_s + i / 25)))
-        assert output.finish() == ()
+    maps = [np.ones((16, 16), np.float32)] * 50
+    assert write_preview_video(out, maps, Fraction(25), first_s, codec=which, audio=audio) == ()
     name, loud_s, end_s = heard(out)
     assert name == expected
     assert loud_s == pytest.approx(1 - first_s, abs=0.06)
