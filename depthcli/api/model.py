@@ -79,7 +79,7 @@ def load_model(
 
     Args:
         model: a name in the catalog, a folder, or an ``.onnx`` file; None for ``default``, in whose
-            place ``prompted`` makes depth of five or more known points.
+            place ``prompted`` makes depth of two or more known points.
         provider: ``auto`` for the best that works, or a name such as ``cpu`` or ``cuda``, which is
             then required.
         threads: threads within one run of the network; None for all cores.

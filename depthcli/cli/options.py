@@ -250,7 +250,7 @@ class AnchorOptions:
     anchors_fit: choices.AnchorsFit | None = option(
         "How depth follows known points: global by scale and shift alone; local also by what that "
         "leaves, spread over the image; network by a model that takes them. Default: network, if "
-        "the model does, else local; without --model, prompted takes five or more."
+        "the model does, else local; without --model, prompted takes two or more."
     )
 
 

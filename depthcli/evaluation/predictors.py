@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from depthcli.core.anchors import ROBUST_FROM, AnchorPoints
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics, hfov_deg
 from depthcli.core.options import DEFAULT_UPSAMPLING, AnchorsFit, DepthEncoding, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
@@ -23,7 +23,7 @@ from depthcli.datasets.prompts import Pattern, Prompt
 from depthcli.errors import DatasetError
 from depthcli.evaluation.report import Source
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions, StoredDepth, read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
@@ -97,10 +97,10 @@ def open_model(
 ) -> ModelPredictor:
     """Find a model and load it; with known depth, its depth is metric.
 
-    In place of the default one, it is that which takes much known depth.
+    In place of the default one, it is that which takes known depth.
     """
     session = loader.load()
-    has_many = prompt and (prompt.size >= ROBUST_FROM or prompt.pattern is Pattern.LIDAR)
+    has_many = prompt and (prompt.size >= NETWORK_FROM or prompt.pattern is Pattern.LIDAR)
     if has_many and fit in {None, AnchorsFit.NETWORK}:
         session = session.known_depth or session
     pipeline = Pipeline(session, detail)

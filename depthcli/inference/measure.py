@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from depthcli.core.anchors import ROBUST_FROM, AnchorPoints
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import ModelError
-from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.inference.session import Session
 
 _ROUNDS = 3
@@ -107,5 +107,5 @@ def depth_for_trial(pipeline: Pipeline, frame: Frame) -> DepthMap:
     if pipeline.card.input.known_depth is None:
         return pipeline.predict(frame).depth
     columns, rows = frame.display_size_px
-    slope = np.linspace((0, 0, 1), (columns - 1, rows - 1, 2), ROBUST_FROM)
+    slope = np.linspace((0, 0, 1), (columns - 1, rows - 1, 2), NETWORK_FROM)
     return pipeline.predict(frame, anchors=AnchorPoints.of_table(slope)).depth

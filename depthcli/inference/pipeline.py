@@ -31,6 +31,9 @@ _STEP = 4  # pixels between those that are counted
 _END_SHARE, _MANY = 0.02, 0.1  # of the depth at an end of the range; of the pixels
 _MAX_CELLS_A_PIXEL = 4  # of a tiled map; more show nothing of the picture
 
+NETWORK_FROM = 2
+"""Number of known points from which a network takes them; of one, a fit is as good."""
+
 
 class Prediction(NamedTuple):
     """The depth of an image."""
@@ -152,11 +155,11 @@ class Pipeline:
         self, frame: Frame, layout: Layout, anchors: AnchorPoints | None
     ) -> Float32Array | None:
         """Known depth for the network, (C, H, W); None if it takes none, or there is too little."""
-        is_enough = _is_for_network(anchors) and len(anchors or ()) >= ROBUST_FROM
+        is_enough = _is_for_network(anchors) and len(anchors or ()) >= NETWORK_FROM
         if self.card.input.known_depth is not None and not is_enough:
             raise InputError(
                 f"model {self.card.name!r} needs known depth of each image",
-                f"give {{anchors}} of {ROBUST_FROM} points or more, or another {{model}}",
+                f"give {{anchors}} of {NETWORK_FROM} points or more, or another {{model}}",
             )
         if not anchors:
             return None
@@ -300,7 +303,7 @@ def _is_for_network(anchors: AnchorPoints | None) -> bool:
     """Whether a network that takes known depth is to make depth of it."""
     if anchors is None or anchors.fit is not None:
         return anchors is not None and anchors.fit is options.AnchorsFit.NETWORK
-    return len(anchors) >= ROBUST_FROM
+    return len(anchors) >= NETWORK_FROM
 
 
 def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Frame) -> RawOutputs:
@@ -351,6 +354,8 @@ def _finished(
     depth = masked_to_data_window(depth, frame.windows)
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
+    # A fit to few points follows wrong ones, which the network leaves out.
+    is_final |= is_prompted and len(anchors or ()) < ROBUST_FROM
     found, of_anchors = fitted(depth, anchors, frame.windows, is_final=is_final)
     if is_prompted and (made := found.provenance) and made.anchor_fit:
         fit = made.anchor_fit._replace(fit=options.AnchorsFit.NETWORK)

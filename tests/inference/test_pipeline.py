@@ -255,15 +255,13 @@ def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) ->
     assert reliefs[2] > 0.2
 
 
-def test_from_five_points_on_another_network_takes_them(
+def test_from_two_points_on_another_network_takes_them(
     prompted: Pipeline, kinect: Pipeline
 ) -> None:
     kinect.session.load_known_depth = lambda: prompted.session
     many = AnchorPoints(np.arange(0, 50, 8), np.arange(0, 42, 6), np.full(7, 2.0))
-    five, few = (
-        replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (5, 4)
-    )
-    known = [None, few, five, many, replace(many, fit=AnchorsFit.LOCAL)]
+    two, one = (replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (2, 1))
+    known = [None, one, two, many, replace(many, fit=AnchorsFit.LOCAL)]
     sources = [
         one.depth.provenance for one in kinect.predict_many([gray(0, 48, 64)] * 5, anchors=known)
     ]
@@ -271,6 +269,18 @@ def test_from_five_points_on_another_network_takes_them(
     assert [source.model for source in sources] == [own, own, other, other, own]
     fits = [source.anchor_fit and source.anchor_fit.fit for source in sources]
     assert fits == [None, "global", "network", "network", "local"]
+
+
+def test_depth_of_a_network_follows_few_points_as_that_makes_it(prompted: Pipeline) -> None:
+    """Far from them, it gives 1 m; a fit would follow a wrong one."""
+    many = AnchorPoints(np.arange(5, 10), np.arange(5, 10), np.full(5, 40.0))
+    few = replace(many, x=many.x[:4], y=many.y[:4], depth_m=many.depth_m[:4])
+    far_m = [
+        prompted.predict(gray(0, 48, 64), anchors=points).depth.values[40, 60]
+        for points in (few, many)
+    ]
+    assert far_m[0] == pytest.approx(1, rel=0.01)
+    assert far_m[1] != pytest.approx(1, rel=0.01)
 
 
 @pytest.mark.parametrize("fit", [AnchorsFit.GLOBAL, AnchorsFit.LOCAL, AnchorsFit.NETWORK])
@@ -309,8 +319,8 @@ def test_a_network_that_needs_known_depth_gets_it_everywhere(needing: Pipeline) 
 
 def test_a_network_that_needs_known_depth_gives_none_without(needing: Pipeline) -> None:
     points = AnchorPoints(np.arange(5), np.arange(5), np.full(5, 2.0))
-    few = AnchorPoints(points.x[:4], points.y[:4], points.depth_m[:4])
-    for known in (None, few, replace(points, fit=AnchorsFit.GLOBAL)):
+    one = AnchorPoints(points.x[:1], points.y[:1], points.depth_m[:1])
+    for known in (None, one, replace(points, fit=AnchorsFit.GLOBAL)):
         with pytest.raises(InputError, match="needs known depth"):
             needing.predict(gray(0), anchors=known)
     tiled = Pipeline(needing.session, UpsamplingOptions(tile_px=20))
