@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 import depthcli
 from depthcli.core.anchors import AnchorPoints, fit_anchors
+from depthcli.core.options import AnchorsFit
 from depthcli.core.types import DepthMap
 from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
@@ -136,7 +138,8 @@ def errors(
     nearest = NearestNDInterpolator(places, points.depth_m)(x, y)
     alone = abs_rel(np.where(np.isnan(between), nearest, between), true_m)
     try:
-        fits = [fit_anchors(depth, points, local=local).values for local in (False, True)]
+        rough = replace(points, fit=AnchorsFit.GLOBAL)
+        fits = [fit_anchors(depth, some).values for some in (rough, points)]
     except UsageError:
         return alone, np.nan, np.nan
     return alone, abs_rel(fits[0], true_m), abs_rel(fits[1], true_m)

@@ -238,7 +238,7 @@ def of_picture(
     card, points, prompts = session.model.card, None, None
     if "known" in theirs:
         points = known_points(theirs["known"], frame)
-        prompts = prompt_input(card, points, frame, prepare(card.input, frame)[1])[None]
+        prompts = [prompt_input(card, points, frame, prepare(card.input, frame)[1])]
     ours, wrong = (session.run(one, prompts)[0] for one in (batch, batch + OFF))
     if ours.ndim > raw.ndim:  # points, of which z is compared
         ours, wrong = ours[..., 2], wrong[..., 2]

@@ -226,7 +226,7 @@ def fit_anchors(
     points: Sequence[Anchor] | AnchorPoints,
     windows: Windows | None = None,
     *,
-    local: bool = True,
+    by_network: bool = False,
     is_final: bool = False,
 ) -> DepthMap:
     """Metric depth that fits known points best.
@@ -236,15 +236,17 @@ def fit_anchors(
     alone. Of metric maps, errors are relative to the map's depth, and the shift is expected to be
     small; points of one region, such as a wall, say little about it, however many they are.
     Relative maps are fitted in depth, inverse maps in inverse depth. Of five or more points, the
-    rest is then spread over the map by :func:`depthcli.core.local_correction.spread_log_ratio`.
+    rest is then spread over the map by :func:`depthcli.core.local_correction.spread_log_ratio`,
+    unless they state the fit ``global``.
 
     Args:
         depth: map of any kind.
         points: pixels of the map, or of its part in the display window, and their depth. Of five or
             more, those where the map has no depth are ignored.
         windows: of the image of the map; None if all of it is displayed.
-        local: whether depth follows five or more points locally.
-        is_final: whether the map is to stay as it is, because a network made it of the points.
+        by_network: whether a network made the map of the points. It leaves wrong ones out, which a
+            fit to fewer than five would follow; then, the map stays as it is.
+        is_final: whether it does, however many there are.
 
     Returns:
         A metric map of the same size, with the points and the fit in its provenance; NaN where the
@@ -260,7 +262,8 @@ def fit_anchors(
     wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
     cells = _cells_of(points, shown.width, shown.height)[known]
     fit, used = ScaleShift(1.0, 0.0), np.ones(len(wanted), np.bool_)
-    how = AnchorsFit.GLOBAL
+    how = AnchorsFit.NETWORK if by_network else AnchorsFit.GLOBAL
+    is_final |= by_network and given < ROBUST_FROM
     if not is_final:
         fit, used = _fit(values[known], wanted, depth.kind, cells)
     if (values[known][used] * fit.scale + fit.shift <= 0).any():
@@ -272,10 +275,9 @@ def fit_anchors(
         fitted = np.float32(1) / fitted
     fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
     result = DepthMap(fitted, DepthKind.METRIC)
-    is_local = local and not is_final and points.fit is not AnchorsFit.GLOBAL
-    if is_local and len(used) >= ROBUST_FROM:
+    if len(used) >= ROBUST_FROM and not is_final and points.fit is not AnchorsFit.GLOBAL:
         result, used = _followed(result, points, known, used, windows)
-        how = AnchorsFit.LOCAL
+        how = AnchorsFit.NETWORK if by_network else AnchorsFit.LOCAL
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
@@ -296,13 +298,12 @@ def _followed(
 ) -> tuple[DepthMap, BoolArray]:
     """Fitted depth that follows the points locally, and which points it follows."""
     x, y = pixels_of(points, windows)
+    x, y, known_m = x[known], y[known], points.depth_m[known]
     mapped_m = depth.values[y, x]
-    chosen = np.flatnonzero(known)
-    is_fitted = np.isfinite(mapped_m[chosen])
-    some = np.flatnonzero(is_fitted)[:: 1 + int(is_fitted.sum()) // _MOST]
-    at = chosen[some]
-    log_ratio = np.log(points.depth_m[at] / mapped_m[at])
-    field, used[some] = spread_log_ratio(log_ratio, x[at], y[at], depth.values, used[some])
+    some = np.flatnonzero(np.isfinite(mapped_m))
+    some = some[:: 1 + len(some) // _MOST]
+    log_ratio = np.log(known_m[some] / mapped_m[some])
+    field, used[some] = spread_log_ratio(log_ratio, x[some], y[some], depth.values, used[some])
     return replace(depth, values=depth.values * np.exp(field)), used
 
 
@@ -317,6 +318,7 @@ def fitted(
     points: AnchorPoints | None,
     windows: Windows | None = None,
     *,
+    by_network: bool = False,
     is_final: bool = False,
 ) -> tuple[DepthMap, tuple[str, ...]]:
     """Depth of one of several images, by :func:`fit_anchors`, and warnings about it.
@@ -333,7 +335,7 @@ def fitted(
     try:
         shown = displayed_depth(depth, windows)
         inside = points.within(shown.width, shown.height)
-        found = fit_anchors(depth, points, windows, is_final=is_final)
+        found = fit_anchors(depth, points, windows, by_network=by_network, is_final=is_final)
     except UsageError as error:
         raise InputError(str(error)) from error
     return found, (*inside.warnings, *lost_in_fit(depth, found))

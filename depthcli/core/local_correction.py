@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 _Values = npt.NDArray[np.float64]
 
-# All constants were chosen on held-out pairs; docs/cameras.md has the errors.
+# All constants were chosen on held-out pairs; docs/known-depth.md has the errors.
 _SCALES = tuple(0.4 / 2**level for level in range(7))  # standard deviations, in widths of the image
 _SURFACE, _LEAST_SURFACE = 0.3, 0.1  # those of log depth, at the coarsest scale and at the finest
 _STIFFNESS = 0.3  # weight of no correction, in points

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from depthcli.core import options
-from depthcli.core.anchors import ROBUST_FROM, AnchorPoints, fitted
+from depthcli.core.anchors import AnchorPoints, fitted
 from depthcli.core.arrays import Float32Array
 from depthcli.core.camera import (
     DEPTH_M_RANGE,
@@ -155,13 +155,12 @@ class Pipeline:
         self, frame: Frame, layout: Layout, anchors: AnchorPoints | None
     ) -> Float32Array | None:
         """Known depth for the network, (C, H, W); None if it takes none, or there is too little."""
-        is_enough = _is_for_network(anchors) and len(anchors or ()) >= NETWORK_FROM
-        if self.card.input.known_depth is not None and not is_enough:
-            raise InputError(
-                f"model {self.card.name!r} needs known depth of each image",
-                f"give {{anchors}} of {NETWORK_FROM} points or more, or another {{model}}",
-            )
-        if not anchors:
+        if anchors is None or not _is_for_network(anchors):
+            if self.card.input.known_depth is not None:
+                raise InputError(
+                    f"model {self.card.name!r} needs known depth of each image",
+                    f"give {{anchors}} of {NETWORK_FROM} points or more, or another {{model}}",
+                )
             return None
         if not self.card.input.prompt_inputs:
             if anchors.fit is options.AnchorsFit.NETWORK:
@@ -169,8 +168,6 @@ class Pipeline:
                     f"model {self.card.name!r} takes no known depth",
                     "give another {model}, or another {anchors_fit}",
                 )
-            return None
-        if not is_enough:
             return None
         try:
             points = anchors.within(*frame.display_size_px)
@@ -273,11 +270,7 @@ class Pipeline:
         for members in sizes.values():
             together = [inputs[i] for i in members]
             batch = together[0] if len(together) == 1 else np.concatenate(together)
-            prompts = None
-            if any(known[i] is not None for i in members):
-                nothing = np.zeros((2, *batch.shape[2:]), np.float32)
-                prompts = np.stack([nothing if (k := known[i]) is None else k for i in members])
-            raw = self.session.outputs(batch, prompts)
+            raw = self.session.outputs(batch, [known[i] for i in members])
             outputs |= {member: raw.picture(i) for i, member in enumerate(members)}
         return [outputs[i] for i in range(len(inputs))]
 
@@ -301,9 +294,9 @@ class Pipeline:
 
 def _is_for_network(anchors: AnchorPoints | None) -> bool:
     """Whether a network that takes known depth is to make depth of it."""
-    if anchors is None or anchors.fit is not None:
-        return anchors is not None and anchors.fit is options.AnchorsFit.NETWORK
-    return len(anchors) >= NETWORK_FROM
+    if anchors and anchors.fit is None:
+        return len(anchors) >= NETWORK_FROM
+    return bool(anchors and anchors.fit is options.AnchorsFit.NETWORK)
 
 
 def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Frame) -> RawOutputs:
@@ -354,12 +347,9 @@ def _finished(
     depth = masked_to_data_window(depth, frame.windows)
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
-    # A fit to few points follows wrong ones, which the network leaves out.
-    is_final |= is_prompted and len(anchors or ()) < ROBUST_FROM
-    found, of_anchors = fitted(depth, anchors, frame.windows, is_final=is_final)
-    if is_prompted and (made := found.provenance) and made.anchor_fit:
-        fit = made.anchor_fit._replace(fit=options.AnchorsFit.NETWORK)
-        found = replace(found, provenance=replace(made, anchor_fit=fit))
+    found, of_anchors = fitted(
+        depth, anchors, frame.windows, by_network=is_prompted, is_final=is_final
+    )
     source = depth.provenance and depth.provenance.camera_source
     if source is CameraSource.CARD and frame.focal_mm is not None and not anchors:
         told = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"

@@ -2,7 +2,7 @@
 
 import re
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -23,6 +23,7 @@ _NAMES = frozenset({"depth", "disparity", "predicted_depth", "metric_depth"})
 _INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 _IMAGE_RANK = 4
 _POINT = 3  # numbers
+_Prompts = Sequence[Float32Array | None] | None
 
 
 def _output_names(session: ort.InferenceSession, model: Model) -> dict[str, str]:
@@ -121,15 +122,15 @@ class Session:
         self._input_type = _INPUT_TYPES[self._session.get_inputs()[0].type]
         self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
 
-    def run(self, batch: Float32Array, prompts: Float32Array | None = None) -> Float32Array:
+    def run(self, batch: Float32Array, prompts: _Prompts = None) -> Float32Array:
         """The maps of :meth:`outputs`, (N, h, w) float32."""
         return self.outputs(batch, prompts).maps
 
-    def outputs(self, batch: Float32Array, prompts: Float32Array | None = None) -> RawOutputs:
+    def outputs(self, batch: Float32Array, prompts: _Prompts = None) -> RawOutputs:
         """Run the network on (N, C, H, W) float32, normalized as the card says.
 
-        ``prompts`` are known depth for a network that takes it, (N, C, H, W) float32 with an input
-        in each channel; None where nothing is known.
+        ``prompts`` are known depth for a network that takes it, (C, H, W) float32 of each image
+        with an input in each channel; None where nothing is known.
         """
         if self._batch_size == 1 and len(batch) > 1:  # exported without a dynamic batch
             rows = [slice(i, i + 1) for i in range(len(batch))]
@@ -142,11 +143,12 @@ class Session:
         feed = {self._input: batch}
         spec = self.model.card.input
         if spec.prompt_inputs:
-            if prompts is None:
-                known = spec.known_depth
-                size = batch.shape[2:] if known is None else (known.height, known.width)
-                prompts = np.zeros((len(batch), len(spec.prompt_inputs), *size), np.float32)
-            feed |= {name: prompts[:, i : i + 1] for i, name in enumerate(spec.prompt_inputs)}
+            known = spec.known_depth
+            size = batch.shape[2:] if known is None else (known.height, known.width)
+            nothing = np.zeros((len(spec.prompt_inputs), *size), np.float32)
+            each = [None] * len(batch) if prompts is None else prompts
+            stacked = np.stack([nothing if one is None else one for one in each])
+            feed |= {name: stacked[:, i : i + 1] for i, name in enumerate(spec.prompt_inputs)}
         if spec.layout is TensorLayout.NHWC:
             feed[self._input] = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         feed = {name: values.astype(self._input_type, copy=False) for name, values in feed.items()}

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from depthcli.core import local_correction
 from depthcli.core.anchors import ERROR_SD, SHIFT_SD, AnchorPoints, fit_anchors, fitted
 from depthcli.core.camera import Anchor as Point
+from depthcli.core.options import AnchorsFit
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 
@@ -250,6 +252,11 @@ def points(count: int, *, noise: float = 0, wrong: float = 0, seed: int = 1) -> 
     return AnchorPoints.of_table(np.stack([x, y, depth_m], axis=1))
 
 
+def _both(depth: DepthMap, seen: AnchorPoints) -> tuple[DepthMap, DepthMap]:
+    """The map as it is fitted, and as it follows the points."""
+    return fit_anchors(depth, replace(seen, fit=AnchorsFit.GLOBAL)), fit_anchors(depth, seen)
+
+
 def abs_rel(depth: DepthMap) -> float:
     return float(np.abs(depth.values / scene_m() - 1).mean())
 
@@ -258,7 +265,7 @@ def abs_rel(depth: DepthMap) -> float:
 def test_map_follows_points_on_both_sides_of_an_edge(kind: DepthKind) -> None:
     values = 0.5 / mapped_m() if kind is DepthKind.INVERSE else mapped_m() / 3
     depth = DepthMap(values, kind)
-    alone, followed = (fit_anchors(depth, points(300), local=local) for local in (False, True))
+    alone, followed = _both(depth, points(300))
     assert abs_rel(alone) > 0.04
     assert abs_rel(followed) < 0.015
     step = followed.values[30, 21] - followed.values[30, 20]
@@ -287,7 +294,7 @@ def test_depth_far_from_all_points_is_that_of_the_fit() -> None:
     seen = points(2000)
     corner = (seen.x < 12) & (seen.y < 12)
     some = AnchorPoints(seen.x[corner], seen.y[corner], seen.depth_m[corner])
-    alone, followed = (fit_anchors(depth, some, local=local) for local in (False, True))
+    alone, followed = _both(depth, some)
     changed = np.abs(np.log(followed.values / alone.values))
     assert changed[:, 60:].max() < 0.02
     assert np.isfinite(followed.values).all()
@@ -295,7 +302,7 @@ def test_depth_far_from_all_points_is_that_of_the_fit() -> None:
 
 def test_fewer_than_five_points_are_fitted_alone() -> None:
     depth = DepthMap(mapped_m(), DepthKind.METRIC)
-    alone, followed = (fit_anchors(depth, points(4), local=local) for local in (False, True))
+    alone, followed = _both(depth, points(4))
     np.testing.assert_array_equal(alone.values, followed.values)
 
 

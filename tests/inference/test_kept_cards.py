@@ -66,7 +66,7 @@ def test_output_at_the_size_of_the_network_is_that_of_the_authors(name: str) -> 
     assert batch.shape[2:] == tuple(kept["size"])
     points = known_points(kept, frame)
     card = session.model.card
-    prompts = None if points is None else prompt_input(card, points, frame, layout)[np.newaxis]
+    prompts = None if points is None else [prompt_input(card, points, frame, layout)]
     ours = session.run(batch, prompts)[0]
     z = ours[..., 2] if ours.ndim > kept["raw"].ndim else ours
     assert_same(z[::STEP, ::STEP], kept["raw"].reshape(kept["raw"].shape[-2:]))

@@ -199,7 +199,7 @@ def test_pictures_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.M
     pipeline = load(write_model(tmp_path, input__fit="keep-aspect"))
     run, shapes = pipeline.session.outputs, []
 
-    def noted(batch: np.ndarray, prompts: np.ndarray | None = None) -> RawOutputs:
+    def noted(batch: np.ndarray, prompts: list[np.ndarray | None]) -> RawOutputs:
         shapes.append(batch.shape)
         return run(batch, prompts)
 
