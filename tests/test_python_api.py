@@ -408,15 +408,6 @@ def test_numbers_of_files_read_mean_what_is_stated(tmp_path: Path) -> None:
 # Points
 
 
-def test_points_lie_on_the_rays_of_the_pixels() -> None:
-    cloud = metric([[2, math.nan], [0, 4]], focal_px=10.0).to_points()
-    # (column + half a pixel - middle) / focal * depth
-    np.testing.assert_allclose(cloud.xyz_m, [[-0.1, -0.1, 2], [0.2, 0.2, 4]], rtol=1e-6)
-    assert cloud.rgb is None
-    assert np.asarray(cloud).shape == (len(cloud), 3)
-    assert repr(cloud) == "<PointCloud 2 points, no colours>"
-
-
 def test_points_by_another_camera() -> None:
     depth = metric([[2.0, 2.0]], focal_px=10.0)
     np.testing.assert_allclose(

@@ -25,7 +25,6 @@ from depthcli.datasets.training_data import NYU_PAPER, TrainingData
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import TrainConfig, updated
 from depthcli.training.methods.registry import default_config
-from depthcli.training.networks.build import build_generator
 from depthcli.training.run import fit
 
 SMALL = {
@@ -122,22 +121,6 @@ def test_table_equals_a_plain_loop_over_seeds_and_held_out_pictures(
     (alone,) = [_plainly(trained / "proposed-seed0" / "evaluated.onnx", data)]
     assert rows["proposed"]["scores"]["abs_rel"] == pytest.approx(alone["abs_rel"], abs=1e-6)
     assert rows["proposed"]["standard_deviation"] is None
-
-
-def test_run_states_training(trained: Path, data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run(trained, data, "--json", "--no-trivial", "--no-published") == 0
-    document = _json(capsys)
-    fastcut, proposed = (row["training"] for row in document["rows"])
-    assert (fastcut["paired"], proposed["paired"]) == (False, True)
-    assert (fastcut["seeds"], proposed["seeds"]) == ([0, 1], [0])
-    assert (fastcut["epochs"], fastcut["steps"]) == ([2, 2], [8, 8])
-    assert (proposed["epochs"], proposed["steps"], proposed["epochs_planned"]) == ([1], [5], 2)
-    assert all(minutes > 0 for minutes in fastcut["minutes"])
-    assert fastcut["latency_ms"] > 0
-    generator = build_generator(_config("fastcut").generator)
-    weights = sum(parameters.numel() for parameters in generator.parameters())
-    assert fastcut["parameters"] == weights
-    assert any("proposed-seed0" in note and "before" in note for note in document["notes"])
 
 
 def test_text_csv_and_page_show_the_same_table(

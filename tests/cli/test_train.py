@@ -114,10 +114,6 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
         (("proposed",), "--data"),
         (("proposed", "--preset", "huge"), "no preset 'huge'"),
         (("proposed", "--set", "optim.speed=1"), "optim.speed is unknown"),
-        (
-            ("proposed", "--set", "optim.batch_size=0"),
-            "optim.batch_size has to be a whole number from 1 up",
-        ),
         (("cut", "--set", "method=proposed", "--data", "data"), "of method proposed, not cut"),
         (("proposed", "--config", "none.toml"), "none.toml"),
         (("proposed", "--data", "data", "--accelerator", "abacus"), "abacus"),
@@ -143,26 +139,6 @@ def test_wrong_use_is_one_line(
     assert not (folder / "runs").exists()
 
 
-def _without_pairs(folder: Path) -> None:
-    """Let pictures and depth have nothing in common, not even their number."""
-    (folder / "data" / "index.csv").unlink()
-    for number, file in enumerate(sorted((folder / "data" / "rgb").iterdir())):
-        file.rename(file.with_name(f"photo-{number}.png"))
-    (folder / "data" / "depth" / "0000.png").unlink()
-
-
-def test_pairs_of_one_s_own_have_subfolders_for_scenes(folder: Path) -> None:
-    (folder / "data" / "index.csv").unlink()
-    for part in ("rgb", "depth"):
-        for number, file in enumerate(sorted((folder / "data" / part).iterdir())):
-            scene = file.parent / f"scene-{number // 2}"
-            scene.mkdir(exist_ok=True)
-            file.rename(scene / file.name)
-    done = _train(folder, "--json", "--quiet")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout.splitlines()[-1])["scores"]["rmse"] > 0
-
-
 def test_without_scenes_nothing_is_validated_and_a_warning_says_so(folder: Path) -> None:
     (folder / "data" / "index.csv").unlink()
     done = _train(folder, "--json")
@@ -170,23 +146,3 @@ def test_without_scenes_nothing_is_validated_and_a_warning_says_so(folder: Path)
     assert done.stderr.startswith("depthcli: warning: ")
     assert json.loads(done.stdout.splitlines()[-1])["scores"] == {}
     assert _train(folder, "--set", "seed=1", "--out", "other", "--quiet").stderr == ""
-
-
-def test_pairs_that_init_weights_have_seen_are_counted(folder: Path) -> None:
-    every = ("--set", "data.holdout_every=0", "--max-minutes", "0")
-    assert _train(folder, *every, "--out", "first").returncode == 0
-    done = _train(folder, "--init", "first/last.ckpt", "--json")
-    (seen,) = done.stderr.splitlines()
-    assert " 1 of the held-out pairs" in seen
-    epoch = json.loads(done.stdout.splitlines()[0])
-    assert not [name for name in epoch if "ids" in name or "pairs" in name]
-
-
-def test_a_method_without_pairs_takes_two_lists(folder: Path) -> None:
-    _without_pairs(folder)
-    common = ("--data", "data", "--out", "run", "--preset", "reduced", "--accelerator", "cpu")
-    small = ("data.width=32", "data.height=32", "generator.width=4", "generator.blocks=1")
-    settings = [word for setting in (*small, "optim.epochs_decay=0") for word in ("--set", setting)]
-    done = _run(folder, "cyclegan", *common, *settings, "--threads", "1", "--max-minutes", "0")
-    assert done.returncode == 0, done.stderr
-    assert (folder / "run" / "last.ckpt").is_file()

@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 
 import pytest
-import torch
 from helpers.command_line import unmeasured
 from helpers.rooms import write_rooms
 from helpers.runs import ENVIRONMENT, finished, inside, same, saved
@@ -105,38 +104,3 @@ def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
 
 def _snapshot(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
-
-
-def test_diverging_run_stops_at_the_last_good_checkpoint(folder: Path) -> None:
-    wild = "optim.learning_rate=1e30"
-    assert inside(folder, *_command(wild)[3:], "--max-minutes", "0").returncode == 0
-    before = _snapshot(folder / "run")
-    done = _run(folder, wild)
-    assert (done.returncode, done.stderr.count("\n")) == (3, 1)
-    assert _snapshot(folder / "run") == before
-
-
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
-        (b"", "not a complete checkpoint"),
-        (b"half", "not a complete checkpoint"),
-        (b"foreign", "was not made by"),
-    ],
-)
-def test_damaged_checkpoint_is_refused_and_kept(folder: Path, content: bytes, reason: str) -> None:
-    path = folder / "run" / "last.ckpt"
-    path.parent.mkdir()
-    if content == b"foreign":
-        torch.save({"state_dict": {}}, path)
-    elif content:
-        torch.save({"weights": torch.zeros(1000)}, path)
-        path.write_bytes(path.read_bytes()[:2000])
-    else:
-        path.touch()
-    (folder / "run" / "metrics.jsonl").write_text('{"epoch": 1, "step": 5}\n')
-    before = _snapshot(folder / "run")
-    done = _run(folder)
-    assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
-    assert reason in done.stderr
-    assert _snapshot(folder / "run") == before

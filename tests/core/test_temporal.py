@@ -116,14 +116,6 @@ def test_cuts_are_those_of_a_plain_loop(steps: list[float]) -> None:
     assert cuts(steps) == expected
 
 
-def test_a_cut_stands_out_from_the_changes_of_its_own_scene() -> None:
-    assert cuts([0.06] * 5 + [0.11]) == [False] * 6  # 3 × (1 − 0.8⁵) × 0.06 = 0.121
-    assert cuts([0.06] * 5 + [0.13]) == [False] * 5 + [True]
-    assert cuts([0.06] * 5 + [0.13, 0.09]) == [False] * 5 + [True, True]  # a new scene
-    assert cuts([0.02] * 20 + [0.079, 0.081]) == [False] * 22
-    assert cuts([0.02] * 20 + [0.081]) == [False] * 20 + [True]
-
-
 STATIC = Change(np.zeros((12, 16), np.float32), is_cut=False)
 STEADY = Correction(np.zeros((3, 4), np.float32), np.ones((3, 4), np.float32))
 

@@ -86,18 +86,6 @@ def test_row_of_a_model_trained_on_test_images_is_flagged(
     assert "note" not in default
 
 
-@pytest.mark.usefixtures("models")
-def test_table_names_protocol_split_images(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run(data, "--split", "val") == ExitCode.OK
-    output = capsys.readouterr()
-    lines = output.out.splitlines()
-    assert lines[0] == "NYU Depth v2 · val split, 2 of 134 images · protocol: headline"
-    assert lines[3].split()[:5] == ["row", "align", "images", "pixels", "abs_rel"]
-    assert {len(line) for line in lines[3:9]} == {len(lines[3])}
-    note = "not all of pairs 1-1000 are here, so the held-out scenes are not those of all of them"
-    assert note in lines
-
-
 def test_inverse_needs_alignment(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -128,15 +116,6 @@ def test_models_are_compared_with_known_depth(
     assert scores[0] > 0.5
     assert scores[1] == scores[2] < 0.03
     assert scores[3] < 0.05
-
-
-def test_csv_file(data: Path, tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    assert _run(data, "--split", "val", "--no-model", "--csv", str(path)) == ExitCode.OK
-    with path.open() as file:
-        lines = list(csv.DictReader(file))
-    assert [line["align"] for line in lines] == ["none", "median"] * 2
-    assert [item.name for item in tmp_path.iterdir()] == ["table.csv"]
 
 
 def test_paper_split_of_the_first_thousand(data: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,16 +26,6 @@ def _write_png(folder: Path, value: int = 3000) -> None:
         assert cv2.imwrite(str(folder / f"{name}.png"), np.full((4, 6), value, np.uint16))
 
 
-def test_npy_in_metres(tmp_path: Path) -> None:
-    _write_npy(tmp_path)
-    predictor = open_predictions(tmp_path, SAMPLES)
-    depth = predictor.predict(Sample(small_set(), 1))
-    assert predictor.kind is DepthKind.METRIC
-    assert predictor.name == str(tmp_path)
-    assert depth.values.shape == (4, 6)
-    assert depth.values[0, 0] == 2.0
-
-
 def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
     png, integers, stated = (tmp_path / name for name in ("png", "npy", "stated"))
     for folder in (png, integers, stated):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pytest
 from helpers import made
 from helpers.bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded
-from helpers.command_line import ROOT, Cli
+from helpers.command_line import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
@@ -199,23 +199,6 @@ def test_hundred_megapixels_are_read(tmp_path: Path) -> None:
     frame = read_image(path)
     assert frame.pixels.shape == (10_000, 10_000)
     assert (frame.pixels[::999, ::999] == 7).all()
-
-
-def test_each_bad_image_costs_a_line_and_no_more(inside: Cli) -> None:
-    folder = inside.folder / "in"
-    folder.mkdir()
-    for number, data in enumerate(BAD.values()):
-        (folder / f"{number:03d}.bin").write_bytes(data)
-    (folder / "good.jpg").write_bytes(JPEGS["progressive"])
-    names = sorted(path.name for path in folder.iterdir())
-    done = inside("predict", *(f"in/{name}" for name in names), "-o", "out/", "--format", "png16")
-    assert done.returncode == 1
-    assert [path.name for path in (inside.folder / "out").iterdir()] == ["good.depth.png"]
-    *lines, total = done.stderr.decode().splitlines()
-    assert total.startswith(f"{len(BAD)} of {len(BAD) + 1} inputs failed: ")
-    for number, line in enumerate(lines):
-        assert line.startswith(f"depthcli: error: in/{number:03d}.bin ")
-    assert len(lines) == len(BAD)
 
 
 PALETTE = made.chunk(b"PLTE", bytes([255, 0, 0, 0, 255, 0, 10, 20, 30]))

@@ -1,6 +1,5 @@
 """Pictures come in at their own precision and upright; bad ones are refused with a reason."""
 
-import json
 import struct
 from io import BytesIO
 from pathlib import Path
@@ -10,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import made
-from helpers.tiny import write_model
-from helpers.videos import NTSC
+from helpers.videos import write_preview_video
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -20,18 +18,12 @@ from PIL.TiffImagePlugin import IFDRational
 
 from depthcli.core.camera import focal_px_of_35mm
 from depthcli.core.options import Eye
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap
 from depthcli.errors import InputError
-from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.images.pixels import PANORAMA
 from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import EXIF_IFD, parse_exif
-from depthcli.jobs.batch.plan import plan_folder
-from depthcli.jobs.batch.run import Batch, BatchRequest
-from depthcli.jobs.predict import PredictRequest, picture_destination, predict
-from depthcli.video.frames import Timing
-from depthcli.video.outputs import DepthFrame, PreviewVideoOutput
 from depthcli.video.source import VideoSource
 
 PICTURE = np.random.default_rng(0).integers(0, 255, (6, 9, 3), dtype=np.uint8)
@@ -239,20 +231,6 @@ def test_animation_is_told(kind: str, options: dict[str, Any]) -> None:
     assert read_image(None, saved(kind, 1)).warnings == ()
 
 
-def test_it_is_a_warning_of_the_picture(tmp_path: Path) -> None:
-    source = tmp_path / "in" / "a.tiff"
-    source.parent.mkdir()
-    source.write_bytes(saved("TIFF", 3))
-    loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
-    (result,) = predict(
-        PredictRequest((str(source),), picture_destination(f"{tmp_path / 'one'}/"), model=loader)
-    )
-    assert result.warnings == TOLD
-    plan = plan_folder(str(source.parent), str(tmp_path / "out"))
-    assert [one.row.warnings for one in Batch(BatchRequest(plan, model=loader))] == [TOLD]
-    assert json.loads((tmp_path / "out" / "manifest.jsonl").read_text())["warnings"] == [*TOLD]
-
-
 def test_image_for_each_eye_is_told() -> None:
     data = saved("MPO", 2)
     assert read_image(None, data).warnings == ()  # Pillow states no kind
@@ -273,16 +251,10 @@ def test_image_for_each_eye_is_told() -> None:
 @pytest.mark.parametrize(("width", "height"), [(63, 48), (64, 47), (63, 47)])
 def test_odd_rows_and_columns_are_doubled(width: int, height: int, tmp_path: Path) -> None:
     path = tmp_path / "a.mp4"
-    depth = DepthMap(np.full((height, width), 2, np.float32))
-    writer = PreviewWriter(colormap="viridis")
-    picture = np.zeros((height, width), np.uint8)
-    with PreviewVideoOutput(path, Timing(NTSC), writer, None) as output:
-        for time_s in (0, 1 / 30):
-            shot = DepthFrame(Frame(picture, timestamp_s=time_s), depth, (1, 3))
-            output.append(output.encode(shot))
-        output.finish()
+    values = np.full((height, width), 0.5, np.float32)
+    write_preview_video(path, [values] * 2)
     with VideoSource(path) as source:
         frames = [frame.pixels.astype(int) for frame in source.frames()]
-    colour = writer.render(depth, None, (1, 3))[0, 0].astype(int)
+    colour = PreviewWriter().render(DepthMap(values), None, (0, 1))[0, 0].astype(int)
     assert [frame.shape for frame in frames] == [(48, 64, 3)] * 2
     assert max(np.abs(frame - colour).max() for frame in frames) < 16

@@ -12,7 +12,7 @@ import pytest
 from helpers.command_line import Cli
 from helpers.plates import CROP, DISPLAY, time_code_of, write_plate
 from helpers.requests import predict_request, video_request
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import write_model
 from helpers.videos import NTSC, encode, flat_frames, with_sound
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,7 +24,7 @@ from depthcli.io.images.read import read_image
 from depthcli.jobs.batch.plan import plan_files
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
-from depthcli.jobs.convert import ConvertRequest, convert, convert_video
+from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict import predict
 from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.run import video
@@ -328,31 +328,3 @@ def test_frames_stored_in_another_order_have_even_times(suffix: str, tmp_path: P
         packets = [packet.dts for packet in container.demux(video=0)]
         assert len(packets) > 25
     assert times_s(clip) == pytest.approx([float(i / NTSC) for i in range(25)], abs=1e-3)
-
-
-def test_numbers_of_a_depth_video_are_those_of_files(tmp_path: Path, loader: SessionLoader) -> None:
-    for number in range(1001, 1013):
-        write_picture(tmp_path / "in" / f"p.{number}.png")
-    uneven = encode(
-        tmp_path / "v.mp4",
-        flat_frames(range(40)),
-        NTSC,
-        "mpeg4",
-        "yuv420p",
-        times_s=[i / 30 + 0.004 * (i % 3) for i in range(40)],
-    )
-    sequence = str(tmp_path / "in" / "p.%04d.png")
-    for source, fps, every in (
-        (sequence, Fraction(1500), Point(Fraction(1), in_frames=True)),
-        (sequence, Fraction(2500), Point(Fraction(3), in_frames=True)),
-        (str(uneven), None, Point(Fraction(1, 20), in_frames=False)),
-        (str(uneven), None, Point(Fraction(1, 10), in_frames=False)),
-    ):
-        out = tmp_path / f"{fps}-{every.value.denominator}-{every.value.numerator}"
-        settings = VideoSettings(fps=fps, span=Span(every=every))
-        formats = (VideoFormat.MKV, VideoFormat.NPY)
-        done = video(video_request(source, f"{out}/", formats, model=loader, settings=settings))
-        (depth,) = out.glob("*.mkv")
-        list(convert_video(ConvertRequest(str(depth), str(out / "c.%06d.npy")), 2))
-        converted = sorted(int(path.stem[-6:]) for path in out.glob("c.*.npy"))
-        assert converted == list(done.numbers)

@@ -46,16 +46,6 @@ def test_defaults_never_change() -> None:
     )
 
 
-def test_later_changes_win(tmp_path: Path) -> None:
-    first, second = tmp_path / "a.toml", tmp_path / "b.toml"
-    first.write_text("seed = 1\n[optim]\nbatch_size = 4\nepochs_decay = 7\n")
-    second.write_text("[optim]\nbatch_size = 8\n")
-    config = apply_overrides(TrainConfig(), [first, second], ["seed=2", "data.zoom=2"])
-    assert (config.seed, config.data.zoom) == (2, 2.0)
-    assert (config.optim.batch_size, config.optim.epochs_decay) == (8, 7)
-    assert config.generator == TrainConfig().generator
-
-
 @pytest.mark.parametrize(
     ("setting", "group", "name", "wanted"),
     [

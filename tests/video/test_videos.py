@@ -342,16 +342,6 @@ def test_a_cut_video_gives_what_there_is_and_says_so(make: Any, tmp_path: Path) 
             list(DepthVideo(path))
 
 
-def test_a_whole_video_has_no_problem(tmp_path: Path) -> None:
-    write_depth_video(tmp_path / "a.mkv", [np.ones((48, 64), np.float32)] * 20)
-    write_mp4(tmp_path / "a.mp4", flat_frames(range(20)))
-    write_video(tmp_path / "a.avi", flat_frames(range(20)))
-    for path in tmp_path.iterdir():
-        with VideoSource(path) as source:
-            assert len(list(source.frames())) == 20
-            assert source.problem is None
-
-
 def noise_frames(count: int) -> list[np.ndarray[Any, Any]]:
     rng = np.random.default_rng(0)
     return [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(count)]

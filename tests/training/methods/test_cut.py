@@ -11,6 +11,7 @@ from lightning_fabric import Fabric
 from torch import Tensor
 
 from depthcli.training.losses import hdce, patch_nce, semantic_relation
+from depthcli.training.methods.table import PAPER_METHODS
 from depthcli.training.run import Run
 
 
@@ -110,7 +111,7 @@ def test_weight_of_zero_leaves_the_discriminator_out(name: str) -> None:
     assert set(alone(batch(), "generator")) == {"adversarial"}
 
 
-@pytest.mark.parametrize("name", ["cut", "fastcut", "hnegsrc", "dclgan", "simdcl", "cyclegan"])
+@pytest.mark.parametrize("name", PAPER_METHODS)
 def test_phases_move_their_own_networks_only(name: str) -> None:
     method = tiny_method(name)
     for phase in method.phases:

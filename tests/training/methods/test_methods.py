@@ -9,6 +9,7 @@ import onnxruntime
 import pytest
 import torch
 from helpers.rooms import PAPER, room_data, rooms
+from helpers.runs import same
 from helpers.tiny import load
 from helpers.tiny_methods import batch, tiny, tiny_method
 from lightning_fabric import Fabric
@@ -43,31 +44,20 @@ def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:
 
 
 @pytest.mark.parametrize("name", PAPER_METHODS)
-def test_method_steps_saves_and_resumes(tmp_path: Path, name: str) -> None:
+def test_method_learns_saves_and_resumes_bit_exactly(tmp_path: Path, name: str) -> None:
     config = tiny(name)
-    assert _two_steps(config, tmp_path) == 2
-    first = Checkpoint.load(tmp_path / CHECKPOINT)
+    assert _two_steps(config, tmp_path / "broken") == 2
+    first = Checkpoint.load(tmp_path / "broken" / CHECKPOINT)
     fresh = build_method(config).state_dict()
     assert first.method.keys() == fresh.keys()
-    assert _two_steps(config, tmp_path) == 4
-    second = Checkpoint.load(tmp_path / CHECKPOINT)
-    moved = {n for n in fresh if not torch.equal(first.method[n], second.method[n])}
+    assert _two_steps(config, tmp_path / "broken") == 4
+    assert _two_steps(config, tmp_path / "whole", steps=4) == 4
+    broken, whole = (Checkpoint.load(tmp_path / run / CHECKPOINT) for run in ("broken", "whole"))
+    for part in ("method", "extra", "rng"):
+        assert same(getattr(broken, part), getattr(whole, part)), part
+    moved = {n for n in fresh if not torch.equal(first.method[n], broken.method[n])}
     phases = {n.partition(".")[0] for n in fresh}
     assert {n.partition(".")[0] for n in moved} == phases  # every network learns
-
-
-@pytest.mark.parametrize("name", PAPER_METHODS)
-def test_method_resumes_bit_exactly(tmp_path: Path, name: str) -> None:
-    config = tiny(name)
-    _two_steps(config, tmp_path / "broken")
-    _two_steps(config, tmp_path / "broken")
-    _two_steps(config, tmp_path / "whole", steps=4)
-    broken, whole = (Checkpoint.load(tmp_path / run / CHECKPOINT) for run in ("broken", "whole"))
-    for key, weights in whole.method.items():
-        assert torch.equal(weights, broken.method[key]), key
-    for key, images in whole.extra.items():
-        assert all(map(torch.equal, images, broken.extra[key])), key
-    assert torch.equal(whole.rng, broken.rng)
 
 
 @pytest.mark.parametrize("name", PAPER_METHODS)
@@ -82,23 +72,6 @@ def test_method_trains_on_colour(tmp_path: Path, name: str) -> None:
     assert float(differing.abs().max()) > 0
     if isinstance(method := build_method(checkpoint.config), TwoWay) and method.backward_generator:
         assert method.backward_generator(picture).shape == picture.shape
-
-
-@pytest.mark.parametrize("name", PAPER_METHODS)
-def test_methods_generator_maps_a_picture_to_depth(tmp_path: Path, name: str) -> None:
-    config = tiny(name)
-    _two_steps(config, tmp_path)
-    generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
-    method = build_method(config)
-    method.load_state_dict(checkpoint.method)
-    pictures = torch.rand(2, 1, 32, 48) * 2 - 1
-    with torch.no_grad():
-        raw = generator(pictures).numpy()
-        forward = method.generator.eval()(pictures).numpy()
-    np.testing.assert_array_equal(raw, forward)  # G, never F, which some methods have beside it
-    assert raw.shape == (2, 1, 32, 48)
-    depth_m = checkpoint.config.output.codec.decode(raw)
-    assert bool(np.all((depth_m >= 0) & (depth_m <= 10)))
 
 
 @pytest.mark.parametrize("name", PAPER_METHODS)
@@ -129,8 +102,12 @@ def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> Non
     assert depth.values.shape == (frame.height, frame.width)
     generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
     given = prepare(pipeline.card.input, frame)[0]
+    method = build_method(tiny(name))
+    method.load_state_dict(checkpoint.method)
     with torch.no_grad():
         raw = generator(torch.from_numpy(given))[0].numpy()
+        forward = method.generator.eval()(torch.from_numpy(given))[0].numpy()
+    np.testing.assert_array_equal(raw, forward)  # G, never F, which some methods have beside it
     wanted = checkpoint.config.output.codec.decode(raw)
     assert float(np.mean(depth.values)) == pytest.approx(float(wanted.mean()), rel=0.01)
     session = onnxruntime.InferenceSession(tmp_path / "model.onnx")
@@ -253,12 +230,6 @@ def test_schedules_pools_and_pairing_are_the_published_ones(name: str) -> None:
     assert config.data.paired == (name not in UNPAIRED)
     assert config.generator.antialias == (name not in {"cyclegan", "proposed"})
     assert config.generator.residual == ("stem" if name == "proposed" else "none")
-
-
-def test_the_generator_has_the_published_size() -> None:
-    for name in ("cyclegan", "cut", "proposed"):
-        generator = build_method(default_config(name)).generator
-        assert sum(w.numel() for w in generator.parameters()) == pytest.approx(11.37e6, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", PAPER_METHODS)

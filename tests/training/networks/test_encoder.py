@@ -75,11 +75,6 @@ def test_network_of_colour_trains_and_exports_with_parity(weights: Path, tmp_pat
     assert exported.parity.max_abs < 1e-3
 
 
-@pytest.mark.parametrize("name", FAMILIES)
-def test_output_is_half_the_size(name: str) -> None:
-    assert _generator(name)(torch.rand(2, 1, 36, 64)).shape == (2, 1, 18, 32)
-
-
 @pytest.mark.parametrize("norm", ["batch", "decoder"])
 def test_pretrained_weights_are_read_by_order_for_gray_input(norm: str, weights: Path) -> None:
     network = _generator(norm=norm)
