@@ -128,7 +128,7 @@ def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     np.testing.assert_allclose(*depths, rtol=1e-6)
     assert sidecars[0]["centre_px"] == sidecars[1]["centre_px"] == [30.5, 25.25]
     (folder / "cam.yaml").write_text(CALIBRATION.replace("48", "20"))
-    done = inside("video", "clip.avi", "--out", "c.mkv", "--calibration", "cam.yaml", code=1)
+    inside("video", "clip.avi", "--out", "c.mkv", "--calibration", "cam.yaml", code=1)
     assert not (folder / "c.mkv").exists()
 
 
