@@ -316,11 +316,8 @@ def test_a_map_tells_where_it_came_from(depth: depthcli.DepthMap) -> None:
     assert np.shares_memory(np.asarray(depth), depth.values)
 
 
-def test_a_model_is_one_line_at_a_prompt(model: depthcli.DepthModel) -> None:
+def test_models_and_frames_are_one_line_at_a_prompt(model: depthcli.DepthModel) -> None:
     assert repr(model) == "<DepthModel tiny 1.0.0, cpu>"
-
-
-def test_a_frame_is_one_line_at_a_prompt() -> None:
     gray = depthcli.Frame(np.zeros((3, 4), np.uint16), Path("a.png"))
     assert repr(gray) == "<Frame 4×3, gray uint16, a.png>"
     assert repr(depthcli.Frame(np.zeros((3, 4, 3), np.uint8))) == "<Frame 4×3, RGB uint8>"

@@ -34,11 +34,6 @@ def points_m(path: Path) -> np.ndarray:
     ]
 
 
-def width_m(path: Path) -> float:
-    """From the leftmost to the rightmost point."""
-    return float(np.ptp(points_m(path)[:, 0]))
-
-
 @pytest.fixture
 def files(inside: Cli) -> Path:
     """One map, which states a focal length of 16 pixels, in every format that is read."""
@@ -54,7 +49,7 @@ def files(inside: Cli) -> Path:
 def test_a_cloud_has_the_camera_that_its_input_states(inside: Cli, files: Path, name: str) -> None:
     done = inside("convert", name, "a.ply")
     assert (done.returncode, done.stderr) == (0, b"")
-    assert width_m(files / "a.ply") == pytest.approx(7 / 16 * 2, rel=1e-5)
+    assert np.ptp(points_m(files / "a.ply")[:, 0]) == pytest.approx(7 / 16 * 2, rel=1e-5)
 
 
 def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> None:

@@ -167,23 +167,6 @@ def test_device_names_of_other_programs_lead_to_the_option(
     assert meant in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["predict", "a.png", "-o", "/dev/stdout", "--format", "npy"],
-        ["batch", ".", "--out", "out", "--shard", ""],
-        ["predict", "a.png", "-o", "a.obj"],
-    ],
-)
-def test_values_that_choose_nothing_are_usage_errors(
-    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    write_picture(tmp_path / "a.png")
-    assert main(words) == 2
-    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
-
-
 def test_unknown_suffix_of_out_is_told_with_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
     main(["predict", "a.png", "-o", "a.obj"])
     problem = capsys.readouterr().err

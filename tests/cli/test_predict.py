@@ -209,6 +209,8 @@ def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None
         ("--calibration", "a.yaml", "--centre-px", "3,4"),
         ("--rectified",),
         ("-", "-"),
+        ("-o", "/dev/stdout", "--format", "npy"),
+        ("-o", "a.obj"),
         ("b.png", "-o", "one.png"),
     ],
 )

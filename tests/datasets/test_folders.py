@@ -25,6 +25,11 @@ def _write(path: Path, value: int, *, depth: bool, size: tuple[int, int] = (6, 8
     assert cv2.imwrite(str(path), pixels)
 
 
+def _pair(folder: Path, picture: str, value: int, depth: str, millimetres: int) -> None:
+    _write(folder / "rgb" / picture, value, depth=False)
+    _write(folder / "depth" / depth, millimetres, depth=True)
+
+
 def test_subfolders_are_scenes(tmp_path: Path) -> None:
     for i, name in enumerate(["hall/1", "hall/2", "lab/1"]):
         _write(tmp_path / "rgb" / f"{name}.png", 10 * i, depth=False)
@@ -48,21 +53,18 @@ def test_predicted_depth_belongs_to_its_picture(tmp_path: Path) -> None:
 
 
 def test_other_unit(tmp_path: Path) -> None:
-    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
-    _write(tmp_path / "depth" / "a.png", 512, depth=True)
+    _pair(tmp_path, "a.jpg", 10, "a.png", 512)
     assert open_paired_folder(tmp_path, DepthReadOptions(256)).depth_m(0)[0, 0] == 2.0
 
 
 def test_depth_that_cannot_be_millimetres(tmp_path: Path) -> None:
-    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
-    _write(tmp_path / "depth" / "a.png", 20, depth=True)
+    _pair(tmp_path, "a.jpg", 10, "a.png", 20)
     with pytest.raises(DatasetError):
         open_paired_folder(tmp_path)
 
 
 def test_hidden_files_and_folders_are_passed_over(tmp_path: Path) -> None:
-    _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
-    _write(tmp_path / "depth" / "a.png", 2000, depth=True)
+    _pair(tmp_path, "a.jpg", 10, "a.png", 2000)
     (tmp_path / "rgb" / "._a.jpg").write_bytes(b"resource fork")
     (tmp_path / "rgb" / "b.png").mkdir()
     (tmp_path / "depth" / "notes.txt").write_text("hello")

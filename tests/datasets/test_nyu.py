@@ -70,22 +70,16 @@ def _text(name: str, content: str) -> Callable[[Path], object]:
     return lambda root: (root / name).write_text(content)
 
 
-def _drop_row(root: Path) -> None:
-    lines = (root / "index.csv").read_text().splitlines()
-    (root / "index.csv").write_text("\n".join(lines[:-1]))
+def _index(change: Callable[[list[str]], list[str]]) -> Callable[[Path], object]:
+    """Change the lines of the index."""
+    path = Path("index.csv")
+    return lambda root: (root / path).write_text(
+        "\n".join(change((root / path).read_text().splitlines()))
+    )
 
 
-def _repeat_row(root: Path) -> None:
-    lines = (root / "index.csv").read_text().splitlines()
-    (root / "index.csv").write_text("\n".join([*lines, lines[-1]]))
-
-
-def _eight_bits(root: Path) -> None:
-    cv2.imwrite(str(root / "depth" / "0003.png"), np.full((12, 16), 200, np.uint8))
-
-
-def _colour(root: Path) -> None:
-    cv2.imwrite(str(root / "depth" / "0003.png"), np.full((12, 16, 3), 2000, np.uint16))
+def _picture(name: str, pixels: np.ndarray) -> Callable[[Path], object]:
+    return lambda root: cv2.imwrite(str(root / name), pixels)
 
 
 def _rescale(units_per_metre: float) -> Callable[[Path], None]:
@@ -95,10 +89,6 @@ def _rescale(units_per_metre: float) -> Callable[[Path], None]:
             cv2.imwrite(str(path), stored.astype(np.uint16))
 
     return apply
-
-
-def _other_size(root: Path) -> None:
-    cv2.imwrite(str(root / "rgb" / "0000.png"), np.zeros((6, 9, 3), np.uint8))
 
 
 def _empty(kind: str) -> Callable[[Path], None]:
@@ -116,16 +106,16 @@ BROKEN: dict[str, Callable[[Path], object]] = {
     "empty depth": _empty("depth"),
     "lost depth": lambda root: (root / "depth" / "0003.png").unlink(),
     "no index": lambda root: (root / "index.csv").unlink(),
-    "short index": _drop_row,
-    "doubled index": _repeat_row,
+    "short index": _index(lambda lines: lines[:-1]),
+    "doubled index": _index(lambda lines: [*lines, lines[-1]]),
     "index without column": _text("index.csv", "id,scene\n0000,a\n"),
     "index with other part": _text("index.csv", "id,scene,official_split\n0000,a,val\n"),
-    "8-bit depth": _eight_bits,
-    "colour depth": _colour,
+    "8-bit depth": _picture("depth/0003.png", np.full((12, 16), 200, np.uint8)),
+    "colour depth": _picture("depth/0003.png", np.full((12, 16, 3), 2000, np.uint16)),
     "depth is no PNG": _text("depth/0001.png", "not a picture at all, really"),
     "metres × 256": _rescale(256),
     "metres × 5000": _rescale(5000),
-    "other size": _other_size,
+    "other size": _picture("rgb/0000.png", np.zeros((6, 9, 3), np.uint8)),
     "image is no image": _text("rgb/0000.png", "no"),
     "two pictures of one name": lambda root: shutil.copy(
         root / "rgb" / "0002.png", root / "rgb" / "0002.jpg"

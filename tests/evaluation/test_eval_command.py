@@ -86,21 +86,6 @@ def test_row_of_a_model_trained_on_test_images_is_flagged(
     assert "note" not in default
 
 
-def test_inverse_needs_alignment(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for i in range(COUNT):
-        np.save(tmp_path / f"{i:04d}.npy", 7 / _depth_m(i) + 2)
-    arguments = ["--split", "val", "--no-trivial", "--json", "--predictions", str(tmp_path)]
-    arguments += ["--predictions-kind", "inverse"]
-    assert _run(data, *arguments) == ExitCode.USAGE
-    assert "disparity" in capsys.readouterr().err
-    assert _run(data, *arguments, "--align", "disparity") == ExitCode.OK
-    (row,) = _rows(capsys)
-    assert row["align"] == "disparity"
-    assert row["scores"]["abs_rel"] < 1e-3
-
-
 def test_models_are_compared_with_known_depth(
     data: Path, models: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,15 +109,6 @@ def test_paper_split_of_the_first_thousand(data: Path, capsys: pytest.CaptureFix
     assert output.out == ""
     assert len(output.err.splitlines()) == 1
     assert "--split" in output.err
-
-
-def test_data_may_come_from_the_environment(
-    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("DEPTHCLI_NYU", str(data))
-    arguments = ["eval", "nyu", "--split", "val", "--no-model", "--limit", "1"]
-    assert main(arguments) == ExitCode.OK
-    assert "1 of 134" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

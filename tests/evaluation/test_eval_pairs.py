@@ -76,16 +76,6 @@ def test_depth_up_to_the_farthest_counts(data: Path, capsys: pytest.CaptureFixtu
     assert row["scores"]["abs_rel"] == pytest.approx((0 + 1) / 2, abs=0.1)
 
 
-def test_depth_may_be_in_other_units(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for file in data.glob("depth/*/*.png"):
-        millimetres = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-        cv2.imwrite(str(file), np.round(millimetres * 0.256).astype(np.uint16))
-    assert _row(data, capsys, "--png-scale", "256")["scores"]["abs_rel"] < 0.03
-    rows = [f"{name},,test" for name in FACTORS]
-    (data / "index.csv").write_text("\n".join(["id,scene,official_split", *rows, ""]))
-    assert _row(data, capsys, "--png-scale", "256")["scores"]["abs_rel"] < 0.03
-
-
 def test_predictions_scale_is_not_png_scale(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, millimetres in _millimetres(data).items():
         for path in (data.parent / f"files/{name}.png", data / f"depth/{name}.png"):

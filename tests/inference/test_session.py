@@ -25,13 +25,6 @@ def test_the_provider_that_runs_is_reported(model_folder: Path) -> None:
     assert "cpu" in available_providers()
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_threads_are_passed_on(model_folder: Path, threads: int) -> None:
-    session = Session(find_model(model_folder), threads=threads)
-    options = session._session.get_session_options()
-    assert options.intra_op_num_threads == threads
-
-
 @pytest.mark.parametrize("threads", [0, -1, 1025, 10**30])
 def test_a_number_of_threads_that_cannot_be_is_refused(model_folder: Path, threads: int) -> None:
     with pytest.raises(UsageError):

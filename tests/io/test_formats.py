@@ -128,15 +128,6 @@ def test_png_is_exact_to_half_a_millimetre(values: np.ndarray) -> None:
     assert np.abs(found - values).max() <= 0.0005 + 65 * 1e-6
 
 
-@pytest.mark.parametrize("scale", [256.0, 4000.0, 5000.0])
-def test_png_scales_are_read_back_and_can_be_stated(scale: float, tmp_path: Path) -> None:
-    depth = DepthMap(np.array([[1.0, 2.5]], np.float32))
-    Png16Writer(png_scale=scale).write(depth, tmp_path / "a.png")
-    for stated in (None, scale):
-        found = read_stored_depth(tmp_path / "a.png", DepthReadOptions(stated)).displayed.values
-        assert found == pytest.approx(depth.values, abs=0.5 / scale)
-
-
 def test_png_marks_invalid_and_saturates_without_wrapping(tmp_path: Path) -> None:
     values = np.array([[np.nan, np.inf, -1, 0, 0.0001, 65.535, 65.536, 70, 1e9]], np.float32)
     warnings = Png16Writer().write(DepthMap(values), tmp_path / "a.png")

@@ -18,7 +18,6 @@ from helpers.file_trees import names
 
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import Format, WriterOptions, is_own
 from depthcli.io.storage import temporary as temporaries
 from depthcli.io.storage.atomic import (
@@ -304,12 +303,6 @@ def test_a_foreign_file_is_replaced_on_request_only(tmp_path: Path, name: str) -
         guard.check(path)
     assert "{overwrite}" in refused.value.message.advice
     Guard.of((), overwrite=True).check(path)
-
-
-def test_a_file_of_depthcli_is_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "a.json"
-    SidecarWriter().write(DEPTH, path)
-    Guard.of(()).check(path)
 
 
 def test_an_input_is_never_replaced(tmp_path: Path) -> None:

@@ -13,11 +13,10 @@ from helpers.command_line import Cli
 from helpers.plates import CROP, DISPLAY, MIXED, OVERSCAN, Box, size_of, write_plate, written
 from helpers.videos import NTSC, damage_frames, encode, flat_frames, write_depth_video
 
-from depthcli.core.camera import Intrinsics, focal_px_of_hfov
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
+from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
@@ -430,11 +429,3 @@ def test_depth_lost_in_the_overscan_is_counted(tmp_path: Path) -> None:
         file.write(str(tmp_path / "b.exr"))
     done = converted(tmp_path / "b.exr", "c.exr", half=True)
     assert done.round_trip.lost == 5
-
-
-def test_its_field_of_view_is_that_of_the_display_window(tmp_path: Path) -> None:
-    write_depth_exr(tmp_path / "a.exr", OVERSCAN)
-    camera = Intrinsics(hfov_deg=40)
-    convert(ConvertRequest(f"{tmp_path}/a.exr", f"{tmp_path}/b.exr", camera=camera))
-    facts = read_metadata(tmp_path / "b.exr")
-    assert float(facts["focal_px"]) == pytest.approx(focal_px_of_hfov(40, 64), rel=1e-5)

@@ -294,16 +294,6 @@ def test_depth_has_the_windows_and_the_pixels_of_its_plate(
     assert np.isnan(shown[hole]).all()
 
 
-def test_overscan_is_seen_and_is_as_deep_as_its_pixels_say(
-    tmp_path: Path, depth_of: Callable[..., VideoResult]
-) -> None:
-    """The tiny network takes bright for far, and the plate gets brighter to the right."""
-    write_plate(tmp_path / "in", 1, OVERSCAN)
-    depth_of(VideoFormat.EXR)
-    stored = written(tmp_path / "out" / "plate.depth.000001.exr")[3]
-    assert (np.diff(stored[:, ::20]) > 0).all()
-
-
 @WINDOWS
 def test_the_field_of_view_is_that_of_the_display_window(
     data: Box, tmp_path: Path, depth_of: Callable[..., VideoResult]

@@ -2,7 +2,6 @@
 
 import json
 import math
-import resource
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
-from helpers.rooms import EFFICIENT, PAPER, Rooms, room_data, rooms, write_rooms
+from helpers.rooms import EFFICIENT, PAPER, Rooms, rooms, write_rooms
 from helpers.runs import inside
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -34,10 +33,9 @@ from depthcli.training.callbacks import (
     truncate_log,
     write_samples,
 )
-from depthcli.training.checkpoint import CHECKPOINT, METRICS_LOG, TrainState
+from depthcli.training.checkpoint import METRICS_LOG, TrainState
 from depthcli.training.config import OutputConfig
 from depthcli.training.networks.build import build_generator
-from depthcli.training.run import Run, fit
 
 
 def _steps(path: Path) -> list[int]:
@@ -72,19 +70,6 @@ def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
     assert _steps(path) == [4]
 
 
-def test_incomplete_write_is_undone(tmp_path: Path) -> None:
-    path, (soft, hard) = tmp_path / METRICS_LOG, resource.getrlimit(resource.RLIMIT_FSIZE)
-    append_log(path, TrainState(step=2), {"l1": 0.5})
-    before = path.read_bytes()
-    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, hard))
-    try:
-        with pytest.raises(OSError, match="large"):
-            append_log(path, TrainState(step=4), {"l1": 0.5})
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert path.read_bytes() == before
-
-
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 1))
 def test_torn_line_is_dropped(tmp_path_factory: pytest.TempPathFactory, share: float) -> None:
@@ -96,29 +81,6 @@ def test_torn_line_is_dropped(tmp_path_factory: pytest.TempPathFactory, share: f
     append_log(path, TrainState(step=4), {"l1": 0.5})
     assert _steps(path)[0] == 2
     assert _steps(path)[-1] == 4
-
-
-def test_crash_between_line_and_checkpoint_does_not_repeat_the_epoch(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def crash(run: Run, path: Path) -> None:
-        if run.state.step == 4:
-            raise KeyboardInterrupt
-        save(run, path)
-
-    def go_on() -> None:
-        fabric = Fabric(accelerator="cpu", devices=1)
-        fit(EFFICIENT, room_data(), tmp_path, fabric, Callback(), max_steps=5)
-
-    save = Run.save
-    with monkeypatch.context() as patch:
-        patch.setattr(Run, "save", crash)
-        with pytest.raises(KeyboardInterrupt):
-            go_on()
-    assert _steps(tmp_path / METRICS_LOG) == [2, 4]
-    go_on()
-    assert _steps(tmp_path / METRICS_LOG) == [2, 4, 6]
-    assert (tmp_path / CHECKPOINT).exists()
 
 
 SETTINGS = (

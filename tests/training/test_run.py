@@ -327,14 +327,9 @@ def learned(name: str) -> dict[str, list[float]]:
     return losses
 
 
-def _stored() -> dict[str, dict[str, Any]]:
-    content: dict[str, dict[str, Any]] = json.loads(STORED.read_text("utf-8"))
-    return content
-
-
 @pytest.mark.parametrize("name", SHOWN)
 def test_a_seed_shows_the_same_views(name: str) -> None:
-    wanted, found = _stored()["shown"][name], shown(name)
+    wanted, found = json.loads(STORED.read_text())["shown"][name], shown(name)
     assert found.keys() == wanted.keys()
     for part, values in found.items():
         assert values == pytest.approx(wanted[part], abs=5e-5), part
@@ -342,7 +337,7 @@ def test_a_seed_shows_the_same_views(name: str) -> None:
 
 @pytest.mark.parametrize("name", LEARNED)
 def test_a_seed_learns_the_same(name: str) -> None:
-    wanted, found = _stored()["learned"][name], learned(name)
+    wanted, found = json.loads(STORED.read_text())["learned"][name], learned(name)
     assert found.keys() == wanted.keys()
     for part, values in found.items():
         assert values[0] == pytest.approx(wanted[part][0], rel=1e-3), part

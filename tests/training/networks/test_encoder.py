@@ -65,16 +65,6 @@ def test_any_family_trains_and_exports_with_parity(name: str, tmp_path: Path) ->
     assert exported.card.training["config"]["generator"]["encoder"] == name
 
 
-def test_network_of_colour_trains_and_exports_with_parity(weights: Path, tmp_path: Path) -> None:
-    data = replace(SUPERVISED.data, colour="rgb", blur=0.5, cutmix=0.5, noise=0.1)
-    generator = GeneratorConfig(name="encoder", encoder=FAMILIES[0], decoder=DECODER)
-    config = replace(SUPERVISED, generator=generator, data=data)
-    train_two_steps(config, tmp_path, init_weights=weights)
-    exported = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "m.onnx", ExportOptions())
-    assert exported.card.input.colour.channels == 3
-    assert exported.parity.max_abs < 1e-3
-
-
 @pytest.mark.parametrize("norm", ["batch", "decoder"])
 def test_pretrained_weights_are_read_by_order_for_gray_input(norm: str, weights: Path) -> None:
     network = _generator(norm=norm)
