@@ -40,12 +40,13 @@ class CsvTable:
     """A table in UTF-8; other bytes become surrogates, as in the names of files.
 
     Attributes:
+        name: its own, for messages.
         columns: names of its columns, without spaces around them; none if it is empty.
     """
 
     def __init__(self, data: bytes, name: str) -> None:
         text = StringIO(data.decode("utf-8-sig", "surrogateescape"), newline="")
-        self._name, self._lines = name, csv.reader(text, strict=True, skipinitialspace=True)
+        self.name, self._lines = name, csv.reader(text, strict=True, skipinitialspace=True)
         self.columns = [word.strip() for word in next(self._cells(), [])]
 
     def __iter__(self) -> Iterator[CsvRow]:
@@ -55,7 +56,7 @@ class CsvTable:
             if len(cells) > len(self.columns):
                 raise self._error(f"{len(cells)} values for {len(self.columns)} columns")
             named = dict(zip(self.columns, map(str.strip, cells), strict=False))
-            yield CsvRow(self._name, self._lines.line_num, empty | named)
+            yield CsvRow(self.name, self._lines.line_num, empty | named)
 
     def _cells(self) -> Iterator[list[str]]:
         try:
@@ -64,7 +65,7 @@ class CsvTable:
             raise self._error(str(error)) from error
 
     def _error(self, problem: str) -> InputError:
-        return InputError(f"{self._name}, line {self._lines.line_num}: {problem}")
+        return InputError(f"{self.name}, line {self._lines.line_num}: {problem}")
 
 
 ID = "id"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
@@ -21,6 +21,7 @@ from depthcli.jobs.output_names import STDIN_STEM, output_bases
 from depthcli.video.numbering import base_name, is_pattern
 
 if TYPE_CHECKING:
+    from depthcli.core.anchors import AnchorPoints
     from depthcli.core.types import Frame
     from depthcli.io.depth.anchors import AnchorFiles
     from depthcli.video.formats import VideoFormat
@@ -47,6 +48,23 @@ class MapOptions:
     def takes_known_depth(self) -> bool:
         """Whether a network may get known depth."""
         return bool(self.anchors) and self.anchors_fit in {None, options.AnchorsFit.NETWORK}
+
+    def known_points(self, image: Path | None = None) -> AnchorPoints | None:
+        """The known depth of an image that is listed, in one file for all, or found by its name.
+
+        None if there is none for any; InputError if it cannot be read.
+        """
+        from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
+
+        if not self.anchors:
+            return None
+        if isinstance(self.anchors, tuple):
+            found = AnchorPoints.of(self.anchors)
+        else:
+            found = (
+                self.anchors.of_image(image) if self.anchors.is_by_image else self.anchors.read()
+            )
+        return replace(found, fit=self.anchors_fit)
 
     def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:
         """An image; arguments and errors as of :func:`depthcli.io.images.read.read_image`."""

@@ -3,7 +3,6 @@
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.parallel import Background
@@ -27,7 +26,7 @@ def predict_pictures(
     """Process the images and yield their results, in order; raises as ``predict`` states."""
     anchors = request.anchors
     own = anchors if isinstance(anchors, AnchorFiles) and anchors.is_by_image else None
-    points = None if own else _known_points(request)
+    points = None if own else _points_of_all(request)
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
     known = [] if isinstance(anchors, tuple) or own else [path_of(anchors.path)]
@@ -38,7 +37,7 @@ def predict_pictures(
             to_files = request.destination.kind is not Kind.STDOUT
             checked = guard.checked(plan.outputs.values() if to_files else ())
             if own:
-                points = own.of_image(plan.source)
+                points = request.known_points(plan.source)
             yield _predict_picture(request, plan, loading, points, checked)
         except (InputError, OutputError) as error:
             yield write.FailedInput(plan.name, error)
@@ -68,7 +67,6 @@ def _predict_picture(
     except OSError as error:
         raise InputError(f"cannot read standard input: {error.strerror}") from error
     session = loading.result()
-    points = points and replace(points, fit=request.anchors_fit)
     depth, depth_warnings = Pipeline(session, request.detail).predict(frame, request.camera, points)
     warnings = [*session.warnings, *frame.warnings, *depth_warnings]
     if not points:
@@ -86,10 +84,8 @@ def _predict_picture(
     )
 
 
-def _known_points(request: PredictRequest) -> AnchorPoints | None:
-    if isinstance(request.anchors, tuple):
-        return AnchorPoints.of(request.anchors) if request.anchors else None
+def _points_of_all(request: PredictRequest) -> AnchorPoints | None:
     try:
-        return request.anchors.read()
+        return request.known_points()
     except InputError as error:
         raise UsageError(error.message, option="anchors") from error

@@ -31,7 +31,6 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.types import displayed_depth
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.camera import focal_warnings
@@ -187,8 +186,7 @@ class DepthServer:
     def _answer(self, data: bytes, asked: Asked) -> tuple[bytes, dict[str, Any]]:
         """The encoded depth of an image and what is known of it; runs in a thread."""
         limited = replace(asked, max_pixels=self.limits.max_pixels)
-        frame, anchors = limited.read(None, data, "the request"), asked.anchors
-        points = AnchorPoints.of(anchors) if anchors and isinstance(anchors, tuple) else None
+        frame, points = limited.read(None, data, "the request"), asked.known_points()
         pipeline = Pipeline(self.session, asked.detail)
         depth, warnings = pipeline.predict(frame, asked.camera, points)
         warnings = (*self.session.warnings, *frame.warnings, *warnings)

@@ -103,8 +103,11 @@ def test_accepts_a_form_and_anchors(cli: Cli) -> None:
         kind = {"Content-Type": "multipart/form-data; boundary=x"}
         reply = server.predict(form, kind, format="npy", anchor="3,4,2.5")
         assert server.predict(form.replace(b"image", b"photo"), kind).status == 400
+        asked = server.predict(form, kind, anchor="3,4,2.5", anchors_fit="network")
     (cli.folder / "a.npy").write_bytes(reply.body)
     assert np.load(cli.folder / "a.npy")[4, 3] == pytest.approx(2.5)
+    assert json.loads(reply.headers["Depth-Facts"])["anchors"]["fit"] == "global"
+    assert json.loads(asked.headers["Depth-Facts"])["anchors"]["fit"] == "network"
 
 
 def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:

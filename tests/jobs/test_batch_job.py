@@ -359,8 +359,8 @@ def cache_key(
     folder: Path, options: BatchOptions = PLAIN, settings: dict[str, str] = SETTINGS, **card: object
 ) -> CacheKey:
     session = SessionLoader(write_model(folder / "model", **card)).load()
-    loader = SessionLoader(provider_options=settings)
-    return WorkerSpec(loader, session.model.sha256, options, folder).key(session)
+    session.provider_options = settings
+    return WorkerSpec(SessionLoader(), session.model.sha256, options, folder).key(session)
 
 
 @pytest.mark.parametrize(

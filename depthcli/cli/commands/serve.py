@@ -25,7 +25,7 @@ _request = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _TOKEN = "DEPTHCLI_TOKEN"  # noqa: S105 - the name of a variable
 _REFUSED = {
-    *({one.name for one in fields(options.AnchorOptions)} - {"anchor"}),
+    *({one.name for one in fields(options.AnchorOptions)} - {"anchor", "anchors_fit"}),
     *(
         {one.name for one in fields(options.CameraOptions)}
         - {"focal_px", "hfov", "centre_px", "camera"}

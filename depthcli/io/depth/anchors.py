@@ -15,9 +15,11 @@ from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.io.tables import CsvTable
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from depthcli.core.anchors import AnchorPoints
+    from depthcli.core.arrays import Float64Array
 
 _CLOUDS = (".pcd", ".ply")
 #: suffixes of files with known depth
@@ -124,7 +126,7 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     if suffix in _CLOUDS:
         return _of_cloud(path, stated)
     if suffix == ".csv":
-        return _table(read_bytes(path), str(path))
+        return AnchorPoints.of_table(numbers_of(CsvTable(read_bytes(path), str(path)), COLUMNS))
     options = DepthReadOptions(
         stated.scale, stated.kind, camera=stated.camera, baseline_m=stated.baseline_m
     )
@@ -172,18 +174,15 @@ def _own_depth(image: Path, camera: Intrinsics) -> AnchorPoints:
     return replace(points, warnings=warnings)
 
 
-def _table(data: bytes, name: str) -> AnchorPoints:
-    table = CsvTable(data, name)
-    for column in COLUMNS:
-        if column not in table.columns:
-            raise InputError(
-                f"{name} has no column {column}", "its first line has to name x, y and depth_m"
-            )
-    points = [[row.number(column, rule) for column, rule in COLUMNS.items()] for row in table]
-    if not points:
-        raise InputError(f"{name} has no points")
+def numbers_of(table: CsvTable, columns: Mapping[str, Rule]) -> Float64Array:
+    """The numbers in some columns, one or more rows: (N, columns) float64."""
     import numpy as np  # noqa: PLC0415
 
-    from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415
-
-    return AnchorPoints.of_table(np.array(points, np.float64))
+    for column in columns:
+        if column not in table.columns:
+            told = f"{table.name} has no column {column}"
+            raise InputError(told, f"its first line has to name {', '.join(columns)}")
+    rows = [[row.number(column, rule) for column, rule in columns.items()] for row in table]
+    if not rows:
+        raise InputError(f"{table.name} has no points")
+    return np.array(rows, np.float64)

@@ -16,7 +16,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, UsageError
 from depthcli.io import manifest
-from depthcli.io.depth.anchors import AnchorFiles, read_known_depth
+from depthcli.io.depth.anchors import read_known_depth
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import InputFile, RealPaths, is_archive, is_video
 from depthcli.io.manifest import Rows
@@ -39,17 +39,13 @@ class BatchOptions(MapOptions):
 
     def points_for(self, task: BatchTask) -> AnchorPoints | None:
         """The known depth of an image; None if there is none for any, InputError for this one."""
-        if isinstance(self.anchors, AnchorFiles):
-            name, path = task.input.name, path_of(task.input.path)
-            if self.anchors.is_by_image:
-                return replace(self.anchors.of_image(path), fit=self.anchors_fit)
-            file = self.anchors.file_for(name, shares_stem=task.shares_stem, picture=path)
-            if any(is_same_file(output, file) for output in task.outputs.values()):
-                raise InputError(f"{file} is its known depth", "choose another {out}")
-            return replace(read_known_depth(file, self.anchors), fit=self.anchors_fit)
-        if not self.anchors:
-            return None
-        return replace(AnchorPoints.of(self.anchors), fit=self.anchors_fit)
+        image, stated = path_of(task.input.path), self.anchors
+        if isinstance(stated, tuple) or stated.is_by_image:
+            return self.known_points(image)
+        file = stated.file_for(task.input.name, shares_stem=task.shares_stem, picture=image)
+        if any(is_same_file(output, file) for output in task.outputs.values()):
+            raise InputError(f"{file} is its known depth", "choose another {out}")
+        return replace(read_known_depth(file, stated), fit=self.anchors_fit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor
 from depthcli.core.options import AnchorsFit, Rule
 from depthcli.errors import InputError
-from depthcli.io.depth.anchors import COLUMNS, SUFFIXES, AnchorFiles, read_known_depth
+from depthcli.io.depth.anchors import COLUMNS, SUFFIXES, AnchorFiles, numbers_of, read_known_depth
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
 
@@ -85,15 +85,7 @@ class FrameAnchors:
         if key is None:
             self._of_all = read_known_depth(path, stated)
             return
-        missing = [name for name in COLUMNS if name not in table.columns]
-        if missing:
-            raise InputError(
-                f"{path} has no column {missing[0]}", "its first line has to name x, y and depth_m"
-            )
-        rules = {key: _RULES[key], **COLUMNS}
-        rows = np.array([[row.number(*rule) for rule in rules.items()] for row in table])
-        if not rows.size:
-            raise InputError(f"{path} has no points")
+        rows = numbers_of(table, {key: _RULES[key], **COLUMNS})
         each = {k: AnchorPoints.of_table(rows[rows[:, 0] == k, 1:]) for k in np.unique(rows[:, 0])}
         if key == _FRAME:
             self._by_number = {int(number): points for number, points in each.items()}
