@@ -34,7 +34,6 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, output_entry
-from depthcli.io.storage.atomic import Guard
 from depthcli.jobs.write import write_output
 from depthcli.models.catalog import find_model
 
@@ -86,7 +85,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
     settings = dict(setting.split("=", 1) for setting in how.provider_option)
     loader = SessionLoader(how.model, how.provider, threads=1, provider_options=settings)
     pipeline = Pipeline(loader.load(), UpsamplingOptions(how.upsample))
-    options, guard = WriterOptions(), Guard.of(())
+    options = WriterOptions()
     model = pipeline.session.model
     origin = CacheKey("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
@@ -100,7 +99,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
         depth = stages("predict", partial(pipeline.predict, frame)).depth
         stages(
             "encode and write",
-            partial(write_output, options, Format.PNG16, depth, frame, out, guard),
+            partial(write_output, options, Format.PNG16, depth, frame, out),
         )
         file = stages("checksum of output", partial(output_entry, out.parent, out))
         row = ManifestRow(path.name, OK, origin, (file,), 0.04, sha256)

@@ -35,10 +35,10 @@ def predict_pictures(
     for plan in plans:
         try:
             to_files = request.destination.kind is not Kind.STDOUT
-            checked = guard.checked(plan.outputs.values() if to_files else ())
+            guard.check(*plan.outputs.values() if to_files else ())
             if own:
                 points = request.known_points(plan.source)
-            yield _predict_picture(request, plan, loading, points, checked)
+            yield _predict_picture(request, plan, loading, points)
         except (InputError, OutputError) as error:
             yield write.FailedInput(plan.name, error)
         except ModelError as error:
@@ -58,7 +58,6 @@ def _predict_picture(
     plan: OutputPlan[Format],
     loading: Background[Session],
     points: AnchorPoints | None,
-    guard: Guard,
 ) -> PictureResult:
     start = time.perf_counter()
     try:
@@ -76,7 +75,7 @@ def _predict_picture(
             stream = request.stdout or sys.stdout.buffer
             warnings += write.write_stream(request.writing, name, depth, frame, stream)
         else:
-            warnings += write.write_output(request.writing, name, depth, frame, path, guard)
+            warnings += write.write_output(request.writing, name, depth, frame, path)
     shown, outputs = displayed_depth(depth, frame.windows), tuple(map(str, plan.outputs.values()))
     seconds = time.perf_counter() - start
     return PictureResult(

@@ -14,18 +14,19 @@ from depthcli.core.types import (
 from depthcli.errors import DepthcliError, OutputError, is_out_of_memory, os_errors_as
 from depthcli.io.depth.metadata import anchor_fields, origin_fields
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions
-from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary import temporary_folder
 
 
 def write_output(
-    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path, guard: Guard
+    options: WriterOptions, name: Format, depth: DepthMap, frame: Frame, path: Path
 ) -> tuple[str, ...]:
-    """Write one format of an image's depth to a file; returns warnings of one line.
+    """Write one format of an image's depth to a file, which a guard has checked.
 
     Depth is that of all pixels of the frame; only formats with a display window get the overscan.
+    Returns warnings of one line.
     """
-    with atomic_path(path, guard=guard) as temporary:
+    with atomic_path(path) as temporary:
         return _write(options, name, depth, frame, temporary)
 
 

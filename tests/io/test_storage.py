@@ -314,7 +314,7 @@ def test_an_input_is_never_replaced(tmp_path: Path) -> None:
         with pytest.raises(OutputError), atomic_path(path, guard=guard):
             pytest.fail("nothing is written")
     with pytest.raises(OutputError):
-        guard.checked([tmp_path / "b.png"]).check(link)
+        guard.check(tmp_path / "b.png", link)
 
 
 def test_a_file_that_may_not_be_read_is_not_replaced(tmp_path: Path) -> None:

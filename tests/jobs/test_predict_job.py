@@ -19,7 +19,6 @@ from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.storage.atomic import Guard
 from depthcli.jobs.predict import PredictRequest, predict
 from depthcli.jobs.write import FailedInput, write_output
 
@@ -143,11 +142,11 @@ def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: Sessi
 def test_depth_without_a_valid_pixel_is_not_written(tmp_path: Path) -> None:
     frame = Frame(np.zeros((4, 6, 3), np.uint8))
     empty = DepthMap(np.full((4, 6), np.nan, np.float32))
-    path, guard = tmp_path / "a.npy", Guard.of(())
+    path = tmp_path / "a.npy"
     with pytest.raises(OutputError):
-        write_output(WriterOptions(), Format.NPY, empty, frame, path, guard)
+        write_output(WriterOptions(), Format.NPY, empty, frame, path)
     assert list(tmp_path.iterdir()) == []
     one = np.full((4, 6), np.nan, np.float32)
     one[3, 5] = 1
-    write_output(WriterOptions(), Format.NPY, DepthMap(one), frame, path, guard)
+    write_output(WriterOptions(), Format.NPY, DepthMap(one), frame, path)
     assert np.array_equal(np.load(path), one, equal_nan=True)

@@ -6,7 +6,7 @@ import shutil
 import stat
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import Self, TypeAlias
@@ -42,19 +42,14 @@ class Guard:
         """Make a guard of inputs, which are looked up now."""
         return cls(is_own, frozenset(map(_identity, inputs)), overwrite)
 
-    def check(self, path: Path) -> None:
-        """Check that an output may be written to a path; one request in an object store."""
-        if self.inputs and _identity(path) in self.inputs:
-            raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
-        if not self.overwrite and self._is_foreign(path):
-            told = f"{path} exists and was not written by depthcli"
-            raise OutputError(told, f"{_ADVICE}, or replace it with {{overwrite}}")
-
-    def checked(self, paths: Iterable[Path]) -> Self:
-        """Check outputs before any work is done; returns the guard for writing them."""
+    def check(self, *paths: Path) -> None:
+        """Check that outputs may be written to paths; one request each in an object store."""
         for path in paths:
-            self.check(path)
-        return replace(self, overwrite=True)
+            if self.inputs and _identity(path) in self.inputs:
+                raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
+            if not self.overwrite and self._is_foreign(path):
+                told = f"{path} exists and was not written by depthcli"
+                raise OutputError(told, f"{_ADVICE}, or replace it with {{overwrite}}")
 
     def _is_foreign(self, path: Path) -> bool:
         is_remote = isinstance(path, RemotePath)

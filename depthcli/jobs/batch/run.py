@@ -202,7 +202,7 @@ def _dry_run_of(
             points = options.points_for(task)
             kept = task.reusable_row(out, hashlib.sha256(data).hexdigest(), key, points)
         if kept is None:
-            task.guard(overwrite=options.overwrite)
+            task.check_outputs(overwrite=options.overwrite)
     except (InputError, OutputError) as error:
         return DryRunResult(file.name, "fail", tuple(task.outputs.values()), error.message)
     return DryRunResult(file.name, "keep" if kept else "do", tuple(task.outputs.values()))

@@ -101,10 +101,10 @@ class BatchTask:
             return None
         return row if all(manifest.is_intact(out, file) for file in row.outputs) else None
 
-    def guard(self, *, overwrite: bool) -> Guard:
+    def check_outputs(self, *, overwrite: bool) -> None:
         """Check the outputs for writing; OutputError if one is the input, or not depthcli's."""
         guard = Guard.of([path_of(self.input.path)], overwrite=overwrite or self.is_listed)
-        return guard.checked(self.outputs.values())
+        guard.check(*self.outputs.values())
 
     def _check_same_input(self, row: manifest.ManifestRow, out: Path) -> None:
         """Refuse to replace the outputs of a file of the same name in another folder."""

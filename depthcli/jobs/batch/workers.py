@@ -27,7 +27,7 @@ from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import is_archive
 from depthcli.io.manifest import AnchorEntry, CacheKey, output_entry
-from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.write import failure_reason, write_output, write_stream
@@ -43,7 +43,6 @@ _Files: TypeAlias = tuple[dict[Format, bytes], str | None, tuple[str, ...]]
 class _OpenedImage(NamedTuple):
     task: BatchTask
     frame: Frame
-    guard: Guard
     points: AnchorPoints | None
     sha256: str
     seconds: float
@@ -88,18 +87,18 @@ class ImageWorker:
             row = task.reusable_row(self.out, sha256, self.key, points)
             if row is not None:
                 return BatchResult(row, is_kept=True)
-            guard = task.guard(overwrite=self.options.overwrite)
+            task.check_outputs(overwrite=self.options.overwrite)
             frame = self.options.read(path_of(task.input.path), data)
         except UsageError:
             raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return task.failed_result(error, self.key, start_s, sha256)
-        return _OpenedImage(task, frame, guard, points, sha256, time.perf_counter() - start_s)
+        return _OpenedImage(task, frame, points, sha256, time.perf_counter() - start_s)
 
     def _finish(
         self, opened: _OpenedImage, found: Prediction | Exception, share_s: float
     ) -> BatchResult:
-        task, frame, guard, points, sha256, seconds = opened
+        task, frame, points, sha256, seconds = opened
         start_s = time.perf_counter() - seconds - share_s
         if isinstance(found, UsageError):
             raise found
@@ -109,8 +108,7 @@ class ImageWorker:
         try:
             warnings = [*frame.warnings, *found.warnings]
             for which, path in task.outputs.items():
-                writing = self.options.writing
-                warnings += write_output(writing, which, found.depth, frame, path, guard)
+                warnings += write_output(self.options.writing, which, found.depth, frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
         except UsageError:
             raise
@@ -149,9 +147,9 @@ class VideoWorker:
                 row = task.reusable_row(images.out, sha256, images.key)
                 if row is not None:
                     return BatchResult(row, is_kept=True)
-                guard = task.guard(overwrite=images.options.overwrite)
+                task.check_outputs(overwrite=images.options.overwrite)
                 if is_archive(task.input.name):
-                    facts = self._write_archive(task, source, guard)
+                    facts = self._write_archive(task, source)
                 else:
                     facts = self._write_video(task, source, sha256)
                 return task.result(images.key, start_s, sha256, **facts)
@@ -161,7 +159,7 @@ class VideoWorker:
             check_network(error, images.pipeline.session)
             return task.failed_result(error, images.key, start_s, sha256)
 
-    def _write_archive(self, task: BatchTask, source: Path, guard: Guard) -> dict[str, Any]:
+    def _write_archive(self, task: BatchTask, source: Path) -> dict[str, Any]:
         """Write the outputs of an archive's images into one; returns fields of its row."""
         from depthcli.io.archives import archive_writer, members  # noqa: PLC0415 - seldom needed
 
@@ -177,7 +175,7 @@ class VideoWorker:
                 return member, error
 
         with (
-            atomic_path(path, guard=guard) as temporary,
+            atomic_path(path) as temporary,
             archive_writer(temporary, options.formats) as write,
             closing(
                 ordered_map(work, members(source, options.column), workers=self.workers)
