@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _SETTLE_S = 0.05
 """Idle threads of the action before spin for a while."""
 _UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package need not be compiled again
 ROOM = Path(__file__).parents[1] / "docs" / "room.jpg"
 WIDTH, HEIGHT = 640, 480
 
