@@ -22,10 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from depthcli.core.progress import Progress
+    from depthcli.inference.loading import SessionLoader
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.ray import RayEngine
-    from depthcli.jobs.batch.run import BatchRequest
-    from depthcli.jobs.batch.tasks import BatchOptions
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -124,6 +123,11 @@ class EngineOptions:
         """Whether a cluster processes the inputs."""
         return self.engine is EngineName.RAY
 
+    @property
+    def images_at_once(self) -> int | None:
+        """Images per inference; None for the provider's default."""
+        return self.batch_size or (GPU_BATCH if self.is_ray and self.gpus_per_worker else None)
+
 
 ENGINE_OPTIONS = {str(EngineName.RAY): ("ray_address", "cpus_per_worker", "gpus_per_worker")}
 """The options that only one engine uses, by parameter name."""
@@ -170,37 +174,44 @@ def batch(
     """
     from depthcli.cli import parse
     from depthcli.cli.screen import console
-    from depthcli.jobs.batch.tasks import BatchOptions
 
     formats = (*(output.formats or (Format.PNG16,)), *([Format.JSON] if output.sidecar else ()))
+    how = parse.map_options(camera, anchors, read, detail, writing, is_folder=True)
+    changed = _changes(folder, output.out, inputs, camera.cameras)
+    plan = _plan(folder, output.out, inputs, camera.cameras)
+    loader = _loader(engine, model)
+    # The driver of a cluster need not have the workers' GPUs.
+    here = replace(loader, provider="cpu", provider_options={})
+    loading = (here if engine.is_ray else loader).start()
+    # Imported while the model loads.
+    from depthcli.cli.process import graceful_shutdown
+    from depthcli.cli.screen import results
+    from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
+    from depthcli.jobs.batch.tasks import BatchOptions
+
     options = BatchOptions(
         formats=tuple(dict.fromkeys(formats)),
         overwrite=output.overwrite,
         column=inputs.column,
-        **parse.map_options(camera, anchors, read, detail, writing, is_folder=True),
+        **how,
     )
-    changed = _changes(folder, output.out, inputs, camera.cameras)
-    plan = _plan(folder, output.out, inputs, camera.cameras)
-    request = _request(plan, options, engine, model)
+    request = BatchRequest(
+        plan=plan,
+        options=options,
+        model=loader,
+        workers=engine.workers,
+        batch_size=engine.images_at_once,
+        max_failures=engine.max_failures,
+    )
     if not screen.quiet:
         console.warn_all(parse.without_effect(given, parse.FORMAT_OPTIONS, formats))
         console.warn_all(parse.without_effect(given, ENGINE_OPTIONS, (engine.engine,)))
         if inputs.watch and not output.dry_run:
             console.note(f"watching {folder}; Ctrl-C ends")
-    # The driver of a cluster need not have the workers' GPUs.
-    here = replace(request.model, provider="cpu", provider_options={})
-    loading = (here if engine.is_ray else request.model).start()
-    from depthcli.cli.process import graceful_shutdown
-    from depthcli.cli.screen import results
-
     if output.dry_run:
-        from depthcli.jobs.batch.run import dry_run
-
         planned = dry_run(request, loading.result())
         would_fail = results.print_dry_run(planned, plan, as_json=screen.as_json)
         return ExitCode.SOME_FAILED if would_fail else ExitCode.OK
-    from depthcli.jobs.batch.run import Batch
-
     session = loading.result()
     stopped = Event()
 
@@ -246,27 +257,16 @@ def _changes(
     )
 
 
-def _request(
-    plan: BatchPlan, options: BatchOptions, engine: EngineOptions, model: groups.ModelOptions
-) -> BatchRequest:
+def _loader(engine: EngineOptions, model: groups.ModelOptions) -> SessionLoader:
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
-    from depthcli.jobs.batch.run import BatchRequest
 
-    workers, batch_size, threads = engine.workers, engine.batch_size, model.runtime.threads
+    threads = model.runtime.threads
     if engine.is_ray:
         threads = threads or max(1, int(engine.cpus_per_worker or 1))
-        batch_size = batch_size or (GPU_BATCH if engine.gpus_per_worker else None)
     else:
-        workers, threads = share_cores(workers, threads)
-    return BatchRequest(
-        plan=plan,
-        options=options,
-        model=parse.session_loader(model.model, model.runtime, threads),
-        workers=workers,
-        batch_size=batch_size,
-        max_failures=engine.max_failures,
-    )
+        _, threads = share_cores(engine.workers, threads)
+    return parse.session_loader(model.model, model.runtime, threads)
 
 
 def _ray(options: EngineOptions, progress: Progress) -> RayEngine:
