@@ -18,7 +18,7 @@ from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import write_mp4
 
 JOURNAL = ".depthcli-batch.jsonl"
-COUNT = 120
+COUNT = 80
 
 
 def many(cli: Cli) -> None:
@@ -51,10 +51,9 @@ def kept(cli: Cli, *words: str) -> dict[str, bool]:
     return {row["input"]: row["kept"] for row in printed(cli("batch", "in", *words, "--json"))}
 
 
-@pytest.mark.parametrize("after", [1, 25])
-def test_a_killed_batch_goes_on_and_gives_the_same_bytes(cli: Cli, after: int) -> None:
+def test_a_killed_batch_goes_on_and_gives_the_same_bytes(cli: Cli) -> None:
     many(cli)
-    running = begun(cli, after, "--format", "png16", "--format", "exr")
+    running = begun(cli, 15, "--format", "png16", "--format", "exr")
     running.kill()
     assert running.wait(timeout=30) == -signal.SIGKILL
     # What was being written when the power went.
@@ -64,7 +63,7 @@ def test_a_killed_batch_goes_on_and_gives_the_same_bytes(cli: Cli, after: int) -
     before = (cli.folder / "out" / JOURNAL).read_bytes().count(b"\n")
     words = ("--format", "png16", "--format", "exr")
     found = kept(cli, "--out", "out", *words)
-    assert after <= sum(found.values()) <= before
+    assert 15 <= sum(found.values()) <= before
     assert cli("batch", "in", "--out", "once", *words).returncode == 0
     assert len(maps(cli, "out")) == 2 * COUNT
     assert maps(cli, "out") == maps(cli, "once")
@@ -74,17 +73,13 @@ def test_a_killed_batch_goes_on_and_gives_the_same_bytes(cli: Cli, after: int) -
         assert {**row, "seconds": 0} == {**other[name], "seconds": 0}
 
 
-@pytest.mark.parametrize(
-    ("which", "code"),
-    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
-    ids=["int", "term", "hup"],
-)
-def test_an_interrupted_batch_can_go_on(cli: Cli, which: signal.Signals, code: int) -> None:
+@pytest.mark.parametrize("which", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_batch_can_go_on(cli: Cli, which: signal.Signals) -> None:
     many(cli)
     running = begun(cli, 5)
     running.send_signal(which)
     out, err = running.communicate(timeout=30)
-    assert running.returncode == code
+    assert running.returncode == 128 + which
     assert b"run the same command again to resume" in err
     assert b"manifest: out/manifest.jsonl" in out
     done = rows(cli, "out")

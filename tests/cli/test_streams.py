@@ -12,13 +12,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import pytest
 import typer
 from helpers.command_line import ROOT, Cli, unmeasured
 from helpers.folders import tree
 from helpers.tiny import write_model, write_picture
-from helpers.videos import write_mp4
 from onnx import TensorProto, helper
 
 from depthcli.cli import shell
@@ -82,14 +80,6 @@ def test_a_batch_has_a_bar_on_a_terminal(cli: Cli) -> None:
     assert code == 0
     assert "3/3" in shown
     assert re.search(r"\d inputs/s +0:00 to go", shown)
-
-
-def test_a_video_has_a_bar_on_a_terminal(cli: Cli) -> None:
-    write_mp4(cli.folder / "clip.mp4", [np.full((48, 64, 3), 90, np.uint8)] * 5)
-    code, shown = cli.on_a_terminal("video", "clip.mp4")
-    assert code == 0
-    assert "5/5" in shown
-    assert re.search(r"\d frames/s", shown)
 
 
 @pytest.mark.parametrize("words", [("--quiet",), ("--json",)])

@@ -225,18 +225,18 @@ def test_the_principal_point_is_stored_and_makes_the_same_points(inside: Cli) ->
     assert clouds[0] == clouds[1]
 
 
-def test_raw_frames_flow_through_a_pipe(cli: Cli) -> None:
+def test_raw_frames_flow_through_a_pipe(inside: Cli) -> None:
     sent = np.stack(flat_frames(range(0, 250, 50)))
     height, width = sent.shape[1:3]
-    encode(cli.folder / "in.mkv", sent, Fraction(30), "ffv1", "bgr0")
+    encode(inside.folder / "in.mkv", sent, Fraction(30), "ffv1", "bgr0")
     raw = ("--raw", f"{width}x{height}:bgr24@30", "--json")
-    piped = cli("video", "-", *raw, "-o", "raw.mkv", stdin=sent[..., ::-1].tobytes())
+    piped = inside("video", "-", *raw, "-o", "raw.mkv", stdin=sent[..., ::-1].tobytes())
     assert (piped.returncode, report(piped)["fps"]) == (0, "30/1")
-    assert cli("video", "in.mkv", "-o", "file.mkv").returncode == 0
-    steps = [list(DepthVideo(cli.folder / name).steps()) for name in ("raw.mkv", "file.mkv")]
+    assert inside("video", "in.mkv", "-o", "file.mkv").returncode == 0
+    steps = [list(DepthVideo(inside.folder / name).steps()) for name in ("raw.mkv", "file.mkv")]
     np.testing.assert_array_equal(*steps)
-    cut = cli("video", "-", *raw, "-o", "cut.mkv", stdin=sent[..., ::-1].tobytes()[:-9])
+    cut = inside("video", "-", *raw, "-o", "cut.mkv", stdin=sent[..., ::-1].tobytes()[:-9])
     assert (cut.returncode, report(cut)["frames"]) == (1, len(sent) - 1)
     for wrong in ("64x48", "64x48:bogus@30", "64x48:bgr24", "0x4:gray@1"):
-        assert cli("video", "-", "--raw", wrong, "-o", "a.mkv", stdin=b"").returncode == 2
-    assert cli("video", "in.mkv", *raw).returncode == 2
+        assert inside("video", "-", "--raw", wrong, "-o", "a.mkv", stdin=b"").returncode == 2
+    assert inside("video", "in.mkv", *raw).returncode == 2

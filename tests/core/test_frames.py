@@ -149,6 +149,11 @@ def test_few_pixels_may_be_outside_of_zero_and_one(values: list[float], is_refus
         assert not is_refused
 
 
+def test_highlights_are_white_to_people() -> None:
+    shown = Frame(np.float32([[0.5, 0.5, 0.5, 7]])).pixels_8bit()
+    assert shown[0, :, 0].tolist() == [128, 128, 128, 255]
+
+
 def test_unknown_projection_is_refused() -> None:
     with pytest.raises(UsageError):
         Frame(np.zeros((4, 8), np.uint8), projection="fisheye")

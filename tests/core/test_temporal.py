@@ -146,6 +146,13 @@ def test_smoothing_stops_where_the_picture_moves_and_at_cuts() -> None:
     )
 
 
+def test_correction_is_added_before_smoothing() -> None:
+    smoother, flat = Smoother(), np.zeros((12, 16), np.float32)
+    raised = Correction(STEADY.rise + np.float32(0.5), STEADY.stillness)
+    np.testing.assert_allclose(smoother.step(flat, STATIC, raised, 0.9), 0.5)
+    np.testing.assert_allclose(smoother.step(flat, STATIC, STEADY, 0.9), 0.45)
+
+
 def test_smoothing_stops_where_motion_explains_the_change() -> None:
     stillness = np.array([[1, 1, 0, 0]] * 3, np.float32)
     smoother, steady = Smoother(), Correction(STEADY.rise, stillness)
@@ -310,8 +317,8 @@ def test_the_range_is_an_exponential_mean_of_logarithms() -> None:
 
 def test_a_range_that_passes_zero_is_averaged_as_it_is() -> None:
     lock = RangeLock()
-    lock.step(-1.0, 1.0, 0.5)
-    assert lock.step(1.0, 2.0, 0.5) == pytest.approx((0, math.sqrt(2)))
+    lock.step(-1.0, 1.0, 0.25)
+    assert lock.step(1.0, 2.0, 0.25) == pytest.approx((0.5, 2**0.75))
 
 
 def test_without_a_time_constant_nothing_is_kept() -> None:

@@ -27,6 +27,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.boundary import boundary_scores, mean_boundary_scores
 
 SMALL = (WIDTH, HEIGHT)
+PROTOCOL = EvalProtocol(full_size_px=SMALL)
 
 
 class _Tracked(np.ndarray):
@@ -69,31 +70,31 @@ def test_every_entry_and_alignment_has_its_own_row() -> None:
         entry_for(Playback(noisy(dataset), name="a"), (Alignment.NONE, Alignment.MEDIAN)),
         entry_for(Playback(noisy(dataset, seed=6), name="b"), (Alignment.DEPTH,)),
     ]
-    together = score(dataset, range(6), entries, EvalProtocol(full_size_px=SMALL))
+    together = score(dataset, range(6), entries, PROTOCOL)
     assert [(row.name, row.alignment) for row in together] == [
         ("a", "none"),
         ("a", "median"),
         ("b", "depth"),
     ]
-    alone = score(dataset, range(6), entries[1:], EvalProtocol(full_size_px=SMALL))
+    alone = score(dataset, range(6), entries[1:], PROTOCOL)
     assert together[2] == alone[0]
 
 
 def test_depth_is_read_once_and_images_only_on_use() -> None:
     dataset = small_set()
     blind = [entry_for(Playback(noisy(dataset)), tuple(Alignment)) for _ in range(3)]
-    score(dataset, range(6), blind, EvalProtocol(full_size_px=SMALL))
+    score(dataset, range(6), blind, PROTOCOL)
     assert dataset.depth_reads == dict.fromkeys(range(6), 1)
     assert dataset.image_reads == {}
     seeing = [entry_for(Playback(noisy(dataset), look=True)) for _ in range(3)]
-    score(dataset, range(6), seeing, EvalProtocol(full_size_px=SMALL))
+    score(dataset, range(6), seeing, PROTOCOL)
     assert dataset.image_reads == dict.fromkeys(range(6), 1)
 
 
 def test_scores_of_each_image_on_request() -> None:
     dataset = small_set()
     entry = entry_for(Playback(noisy(dataset)))
-    (row,) = score(dataset, (4, 0), [entry], EvalProtocol(full_size_px=SMALL))
+    (row,) = score(dataset, (4, 0), [entry], PROTOCOL)
     assert [image.id for image in row.images] == ["0004", "0000"]
     average = sum(image.scores["rmse"] for image in row.images) / 2
     assert row.scores["rmse"] == pytest.approx(average, rel=1e-12)
@@ -102,9 +103,7 @@ def test_scores_of_each_image_on_request() -> None:
 def test_image_without_valid_pixel_is_reported() -> None:
     dataset = small_set()
     dataset.depths_m[2] = 0
-    (row,) = score(
-        dataset, range(6), [entry_for(Playback(noisy(dataset)))], EvalProtocol(full_size_px=SMALL)
-    )
+    (row,) = score(dataset, range(6), [entry_for(Playback(noisy(dataset)))], PROTOCOL)
     assert (row.image_count, row.empty_count) == (5, 1)
     assert not math.isnan(row.scores["abs_rel"])
 
@@ -148,7 +147,7 @@ def test_no_image_is_kept_in_memory(workers: int) -> None:
             return fresh(dataset.image(i))
 
     entries = [entry_for(Playback(noisy(dataset), look=True), tuple(Alignment))]
-    score(Streamed(), range(30), entries, EvalProtocol(full_size_px=SMALL), workers=workers)
+    score(Streamed(), range(30), entries, PROTOCOL, workers=workers)
     assert len(most) == 60
     assert 1 <= max(most) <= 4 * max(1, workers)
 
@@ -179,7 +178,7 @@ def test_an_error_ends_all_workers() -> None:
             dataset,
             range(30),
             [entry_for(Playback(maps))],
-            EvalProtocol(full_size_px=SMALL),
+            PROTOCOL,
             progress=watched,
             workers=3,
         )
@@ -228,7 +227,7 @@ def test_all_pairs_of_a_custom_data_set_are_evaluated() -> None:
     task = plan_pairs(dataset, "own")
     assert (task.title, task.test) == ("own", (0, 1, 2))
     assert task.split == Split(ALL_PAIRS, (), (0, 1, 2), 0, 3)
-    options = EvalOptions(EvalProtocol(full_size_px=SMALL))
+    options = EvalOptions(PROTOCOL)
     report = evaluate(task, [Playback(noisy(dataset))], options)
     assert [row.name for row in report.rows] == ["playback"]
     assert report.notes == ("no training pair of this split is available: baselines are omitted",)

@@ -4,7 +4,6 @@ import contextlib
 import fcntl
 import os
 import pty
-import shutil
 import struct
 import subprocess
 import sys
@@ -69,25 +68,6 @@ class Cli:
             capture_output=True,
             cwd=self.folder,
             env={**self.environment, **environment},
-            check=False,
-            timeout=60,
-        )
-
-    def as_user(self, *arguments: str | os.PathLike[str]) -> subprocess.CompletedProcess[bytes]:
-        """Run a command to its end that the permissions of files bind, also if root tests it."""
-        prefix = []
-        if os.geteuid() == 0:
-            prefix = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
-            if (
-                not shutil.which("setpriv")
-                or subprocess.run([*prefix, "true"], check=False).returncode
-            ):
-                pytest.skip("root cannot give up its rights here")
-        return subprocess.run(
-            [*prefix, *self.command(*arguments)],
-            capture_output=True,
-            cwd=self.folder,
-            env=self.environment,
             check=False,
             timeout=60,
         )

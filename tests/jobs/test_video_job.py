@@ -242,13 +242,6 @@ def test_a_pipe_without_a_video_says_what_to_send(
         video(video_request("-", f"{tmp_path}/a.mkv", model=loader, stdin=Stream(data)))
 
 
-@pytest.mark.parametrize("name", ["clip.depth.mkv", "clip.preview.mp4"])
-def test_a_folder_in_place_of_an_output_fails(clip: Path, loader: SessionLoader, name: str) -> None:
-    (clip.parent / name).mkdir()
-    with pytest.raises(OutputError):
-        video(VideoRequest(str(clip), model=loader))
-
-
 def test_empty_names_are_not_the_working_directory(
     clip: Path, tmp_path: Path, loader: SessionLoader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -261,14 +254,6 @@ def test_empty_names_are_not_the_working_directory(
         with pytest.raises(UsageError):
             video(video_request(clip, "", formats, model=loader))
     assert files(tmp_path / "shot") == {"0000.png", "0001.png", "0002.png"}
-
-
-@pytest.mark.parametrize("which", [VideoFormat.MKV, VideoFormat.MP4, VideoFormat.PNG16])
-def test_a_file_in_the_place_of_the_folder_is_an_error(
-    clip: Path, loader: SessionLoader, which: VideoFormat
-) -> None:
-    with pytest.raises(OutputError):
-        video(video_request(clip, f"{clip}/out/", (which,), model=loader))
 
 
 def test_numbered_files_of_a_run_that_was_stopped_are_kept(
