@@ -143,9 +143,8 @@ def _rays(depth: DepthMap, focal_px: float) -> npt.NDArray[np.float32]:
     centre_x, centre_y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
     rays = np.ones((depth.height, depth.width, 3), np.float32)
     rays[..., 0] = (np.arange(depth.width) - centre_x) / focal_px
-    rays[..., 1] = ((np.arange(depth.height) - centre_y) / (focal_px * source.pixel_aspect))[
-        :, None
-    ]
+    down = (np.arange(depth.height) - centre_y) / (focal_px * source.pixel_aspect)
+    rays[..., 1] = down[:, np.newaxis]
     return rays
 
 

@@ -336,8 +336,7 @@ def displayed_depth(depth: DepthMap, windows: Windows | None) -> DepthMap:
     """The part of a frame's map that is in its display window."""
     if windows is None or windows.pixels == windows.display:
         return depth
-    values = over_window(depth.values, windows.pixels, windows.display)
-    return replace(depth, values=values)
+    return replace(depth, values=over_window(depth.values, windows.pixels, windows.display))
 
 
 def displayed_frame(frame: Frame) -> Frame:
