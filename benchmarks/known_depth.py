@@ -139,7 +139,7 @@ def errors(
     alone = abs_rel(np.where(np.isnan(between), nearest, between), true_m)
     try:
         rough = replace(points, fit=AnchorsFit.GLOBAL)
-        fits = [fit_anchors(depth, some).values for some in (rough, points)]
+        fits = [fit_anchors(depth, some)[0].values for some in (rough, points)]
     except UsageError:
         return alone, np.nan, np.nan
     return alone, abs_rel(fits[0], true_m), abs_rel(fits[1], true_m)

@@ -115,10 +115,8 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: the points do not fit the map, or not each other.
         """
-        points = anchor_points(anchors, fit)
-        fitted = anchor_fit.fit_anchors(self, points)
-        inside = points.within(self.width, self.height)
-        for message in (*inside.warnings, *anchor_fit.lost_in_fit(self, fitted)):
+        fitted, messages = anchor_fit.fit_anchors(self, anchor_points(anchors, fit))
+        for message in messages:
             warnings.warn(message, DepthcliWarning, stacklevel=2)
         return self.of(fitted, self.frame)
 

@@ -73,8 +73,7 @@ class AnchorPoints:
 
     def sha256(self) -> str:
         """Checksum of the points, 64 hex digits."""
-        stated = self.size_px if self.fit is None else (self.size_px, str(self.fit))
-        digest = hashlib.sha256(repr(stated).encode())
+        digest = hashlib.sha256(repr((self.size_px, self.fit)).encode())
         for values in (self.x.astype("<i8"), self.y.astype("<i8"), self.depth_m.astype("<f8")):
             digest.update(values.tobytes())
         return digest.hexdigest()
@@ -101,13 +100,11 @@ class AnchorPoints:
         told = f"{outside} of {len(self)} anchors are outside the image of {width}×{height}"
         if outside == len(self) or (2 * outside > len(self) and not self.may_be_outside):
             raise UsageError(f"{told}; give columns and rows of the upright image")
-        return replace(
-            points,
-            x=points.x[inside],
-            y=points.y[inside],
-            depth_m=points.depth_m[inside],
-            warnings=(*self.warnings, f"{told} and are not used"),
-        )
+        return replace(points.where(inside), warnings=(*self.warnings, f"{told} and are not used"))
+
+    def where(self, mask: BoolArray) -> Self:
+        """Those for which a mask (N,) is true."""
+        return replace(self, x=self.x[mask], y=self.y[mask], depth_m=self.depth_m[mask])
 
     def _scaled(self, width: int, height: int) -> Self:
         """Points of a map, at the pixels of an image of another size."""
@@ -228,8 +225,8 @@ def fit_anchors(
     *,
     by_network: bool = False,
     is_final: bool = False,
-) -> DepthMap:
-    """Metric depth that fits known points best.
+) -> tuple[DepthMap, tuple[str, ...]]:
+    """Metric depth that fits known points best, and warnings about it.
 
     First scale and shift of least squares, with five or more points by
     :func:`depthcli.core.anchors.robust`, which leaves wrong ones out; one point fits the scale
@@ -255,18 +252,19 @@ def fit_anchors(
     points = points if isinstance(points, AnchorPoints) else AnchorPoints.of(points)
     shown = displayed_depth(depth, windows)
     given = len(points)
-    points = points.within(shown.width, shown.height)
-    values = shown.values[points.y, points.x].astype(np.float64)
-    known = _known(points, values, depth.kind)
+    inside = points.within(shown.width, shown.height)
+    values = shown.values[inside.y, inside.x].astype(np.float64)
+    known = _known(inside, values, depth.kind)
+    points, values = inside.where(known), values[known]
     inverse = depth.kind is DepthKind.INVERSE
-    wanted = 1 / points.depth_m[known] if inverse else points.depth_m[known]
-    cells = _cells_of(points, shown.width, shown.height)[known]
+    wanted = 1 / points.depth_m if inverse else points.depth_m
     fit, used = ScaleShift(1.0, 0.0), np.ones(len(wanted), np.bool_)
     how = AnchorsFit.NETWORK if by_network else AnchorsFit.GLOBAL
     is_final |= by_network and given < ROBUST_FROM
     if not is_final:
-        fit, used = _fit(values[known], wanted, depth.kind, cells)
-    if (values[known][used] * fit.scale + fit.shift <= 0).any():
+        cells = _cells_of(points, shown.width, shown.height)
+        fit, used = _fit(values, wanted, depth.kind, cells)
+    if (values[used] * fit.scale + fit.shift <= 0).any():
         raise UsageError(
             "the fit puts an anchor at or behind the camera; check the depths of the anchors"
         )
@@ -276,33 +274,28 @@ def fit_anchors(
     fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
     result = DepthMap(fitted, DepthKind.METRIC)
     if len(used) >= ROBUST_FROM and not is_final and points.fit is not AnchorsFit.GLOBAL:
-        result, used = _followed(result, points, known, used, windows)
+        result, used = _followed(result, points, used, windows)
         how = AnchorsFit.NETWORK if by_network else AnchorsFit.LOCAL
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
     source = replace(
         depth.provenance or Provenance(),
-        anchors=points.listed(),
+        anchors=inside.listed(),
         anchor_fit=AnchorFit(int(used.sum()), given, float(np.median(errors_m)), how),
     )
-    return replace(result, provenance=source)
+    return replace(result, provenance=source), (*inside.warnings, *_lost(depth, result))
 
 
 def _followed(
-    depth: DepthMap,
-    points: AnchorPoints,
-    known: BoolArray,
-    used: BoolArray,
-    windows: Windows | None,
+    depth: DepthMap, points: AnchorPoints, used: BoolArray, windows: Windows | None
 ) -> tuple[DepthMap, BoolArray]:
     """Fitted depth that follows the points locally, and which points it follows."""
     x, y = pixels_of(points, windows)
-    x, y, known_m = x[known], y[known], points.depth_m[known]
     mapped_m = depth.values[y, x]
     some = np.flatnonzero(np.isfinite(mapped_m))
     some = some[:: 1 + len(some) // _MOST]
-    log_ratio = np.log(known_m[some] / mapped_m[some])
+    log_ratio = np.log(points.depth_m[some] / mapped_m[some])
     field, used[some] = spread_log_ratio(log_ratio, x[some], y[some], depth.values, used[some])
     return replace(depth, values=depth.values * np.exp(field)), used
 
@@ -333,15 +326,12 @@ def fitted(
     if not points and points.warnings:  # about an image that has none of its own
         return depth, points.warnings
     try:
-        shown = displayed_depth(depth, windows)
-        inside = points.within(shown.width, shown.height)
-        found = fit_anchors(depth, points, windows, by_network=by_network, is_final=is_final)
+        return fit_anchors(depth, points, windows, by_network=by_network, is_final=is_final)
     except UsageError as error:
         raise InputError(str(error)) from error
-    return found, (*inside.warnings, *lost_in_fit(depth, found))
 
 
-def lost_in_fit(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
+def _lost(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
     """A warning about the pixels that a fit leaves without depth; none if there are none."""
     lost = int(np.count_nonzero(before.valid & ~fitted.valid))
     if not lost:

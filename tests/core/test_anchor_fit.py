@@ -17,13 +17,17 @@ from depthcli.errors import InputError, UsageError
 RANDOM = np.random.default_rng(3)
 
 
+def fitted_map(depth: DepthMap, points: list[Point] | AnchorPoints) -> DepthMap:
+    return fit_anchors(depth, points)[0]
+
+
 @pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
 def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
     truth_m = RANDOM.uniform(1, 9, (8, 10))
     seen = 1 / truth_m if kind is DepthKind.INVERSE else truth_m
     depth = DepthMap(((seen - 0.05) / 1.7).astype(np.float32), kind)
     points = [Point(x, y, float(truth_m[y, x])) for x, y in [(0, 0), (9, 7), (4, 2)]]
-    fitted = fit_anchors(depth, points)
+    fitted = fitted_map(depth, points)
     assert fitted.kind is DepthKind.METRIC
     assert fitted.values == pytest.approx(truth_m, rel=1e-3)
 
@@ -31,16 +35,16 @@ def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
 def test_the_scale_of_metric_maps_is_recovered() -> None:
     truth_m = RANDOM.uniform(1, 9, (8, 10))
     points = [Point(x, 2, float(truth_m[2, x])) for x in range(3)]
-    fitted = fit_anchors(DepthMap((truth_m / 1.7).astype(np.float32)), points)
+    fitted = fitted_map(DepthMap((truth_m / 1.7).astype(np.float32)), points)
     assert fitted.values == pytest.approx(truth_m, rel=1e-4)
 
 
 def test_two_anchors_of_similar_depth_do_not_move_a_metric_map_far() -> None:
     """A line through both would be 30 x - 59: the far wall at 61 m, the table behind the camera."""
     depth = DepthMap(np.float32([[1.0, 2.0, 2.02, 4.0]]))
-    fitted = fit_anchors(depth, [Point(1, 0, 2.0), Point(2, 0, 2.6)])
+    fitted = fitted_map(depth, [Point(1, 0, 2.0), Point(2, 0, 2.6)])
     assert fitted.values == pytest.approx(depth.values * 1.13, rel=0.05)
-    same = fit_anchors(depth, [Point(1, 0, 2.0), Point(1, 0, 3.0)])
+    same = fitted_map(depth, [Point(1, 0, 2.0), Point(1, 0, 3.0)])
     assert same.values[0, 3] / same.values[0, 0] == pytest.approx(4, rel=0.05)
 
 
@@ -57,7 +61,7 @@ def test_nothing_near_the_fit_costs_less() -> None:
     values, wanted = [1.0, 2.0, 5.0], [1.3, 1.9, 4.4]
     depth = DepthMap(np.array([[*values, 1e3, 2e3]], np.float32))
     points = [Point(x, 0, metres) for x, metres in enumerate(wanted)]
-    fitted = fit_anchors(depth, points).values[0].astype(float)
+    fitted = fitted_map(depth, points).values[0].astype(float)
     scale = (fitted[-1] - fitted[-2]) / 1e3
     shift = fitted[0] - scale * values[0]
     least = slow_cost(scale, shift, values, wanted)
@@ -68,19 +72,19 @@ def test_nothing_near_the_fit_costs_less() -> None:
 
 def test_one_anchor_fits_the_scale() -> None:
     depth = DepthMap(np.array([[1.0, 2.0]], np.float32))
-    assert fit_anchors(depth, [Point(1, 0, 3.0)]).values == pytest.approx(np.array([[1.5, 3.0]]))
+    assert fitted_map(depth, [Point(1, 0, 3.0)]).values == pytest.approx(np.array([[1.5, 3.0]]))
 
 
 def test_fitted_depth_behind_the_camera_is_invalid() -> None:
     near_and_far = [Point(2, 0, 1.0), Point(3, 0, 4.0)]  # depth = 3 × value − 5
     depth = DepthMap(np.float32([[0.0, 1.6, 2.0, 3.0]]), DepthKind.RELATIVE)
-    fitted = fit_anchors(depth, near_and_far)
+    fitted = fitted_map(depth, near_and_far)
     np.testing.assert_allclose(fitted.values, [[np.nan, np.nan, 1, 4]], rtol=1e-5)
     inverse = DepthMap(np.float32([[0.0, 0.49, 1.0, 0.625]]), DepthKind.INVERSE)
-    fitted = fit_anchors(inverse, near_and_far)  # 1 / depth = 2 × value − 1
+    fitted = fitted_map(inverse, near_and_far)  # 1 / depth = 2 × value − 1
     np.testing.assert_allclose(fitted.values, [[np.nan, np.nan, 1, 4]], rtol=1e-5)
     nothing = DepthMap(np.float32([[0.0, 2.0]]), DepthKind.RELATIVE)
-    np.testing.assert_allclose(fit_anchors(nothing, [Point(1, 0, 3.0)]).values, [[np.nan, 3]])
+    np.testing.assert_allclose(fitted_map(nothing, [Point(1, 0, 3.0)]).values, [[np.nan, 3]])
 
 
 @pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
@@ -93,7 +97,7 @@ def test_an_anchor_behind_the_camera_is_refused(kind: DepthKind) -> None:
         for x, value in enumerate(wanted)
     ]
     with pytest.raises(UsageError):
-        fit_anchors(DepthMap(values, kind), points)
+        fitted_map(DepthMap(values, kind), points)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +112,7 @@ def test_an_anchor_behind_the_camera_is_refused(kind: DepthKind) -> None:
 def test_impossible_anchors_are_refused(points: list[Point]) -> None:
     depth = DepthMap(np.array([[1.0, 9.0, np.nan, 0.0]], np.float32))
     with pytest.raises(UsageError):
-        fit_anchors(depth, points)
+        fitted_map(depth, points)
 
 
 def scene(kind: DepthKind) -> tuple[DepthMap, np.ndarray]:
@@ -129,7 +133,7 @@ def test_many_points_are_fitted_in_spite_of_wrong_ones(kind: DepthKind) -> None:
     sensed_m[is_wrong] = random.uniform(9, 14, is_wrong.sum())
     sensed_m[random.random(truth_m.shape) < 0.5] = 0
     points = AnchorPoints.of_map(sensed_m)
-    found = fit_anchors(depth, points)
+    found = fitted_map(depth, points)
     assert found.kind is DepthKind.METRIC
     assert np.mean(np.abs(found.values / truth_m - 1) < 0.02) > 0.99
     source = found.provenance
@@ -149,7 +153,7 @@ def test_of_five_points_a_wrong_one_has_no_effect(kind: DepthKind) -> None:
     depth, truth_m = scene(kind)
     points = [Point(x, 0, float(truth_m[0, x])) for x in range(5)]
     points[2] = points[2]._replace(depth_m=14.0)
-    found = fit_anchors(depth, points)
+    found = fitted_map(depth, points)
     # Of metric maps, five points side by side say little about a shift.
     assert found.values == pytest.approx(truth_m, rel=1e-2 if kind is DepthKind.METRIC else 1e-3)
     assert found.provenance is not None
@@ -161,18 +165,18 @@ def test_many_points_need_not_all_have_a_value_in_the_map() -> None:
     depth, truth_m = scene(DepthKind.METRIC)
     depth.values[0, :40] = np.nan
     points = [Point(x, 0, float(truth_m[0, x])) for x in range(80)]
-    found = fit_anchors(depth, points)
+    found = fitted_map(depth, points)
     assert found.provenance is not None
     assert found.provenance.anchor_fit is not None
     assert found.provenance.anchor_fit[:2] == (40, 80)
     with pytest.raises(UsageError):
-        fit_anchors(depth, points[:40])
+        fitted_map(depth, points[:40])
 
 
 def test_many_contradicting_points_are_refused() -> None:
     depth, truth_m = scene(DepthKind.METRIC)
     with pytest.raises(UsageError):
-        fit_anchors(depth, AnchorPoints.of_map(10 - truth_m))
+        fitted_map(depth, AnchorPoints.of_map(10 - truth_m))
 
 
 def test_a_map_of_another_aspect_fails_its_image_alone() -> None:
@@ -206,7 +210,7 @@ def test_many_points_of_one_wall_do_not_flatten_the_picture(side_px: int) -> Non
         for others in (0, 3, 12):
             seen_m = 4 * random.normal(1, 0.01, count)
             others_y, others_x = elsewhere_y[:others], elsewhere_x[:others]
-            fit = fit_anchors(
+            fit = fitted_map(
                 depth,
                 AnchorPoints(
                     np.append(x[:count], others_x),
@@ -223,7 +227,7 @@ def test_points_spread_over_the_picture_show_a_shift(count: int) -> None:
     map_m = np.random.default_rng(2).uniform(1, 9, (48, 64)).astype(np.float32)
     x, y = np.array([(7 + 10 * (i % 6), 6 + 12 * (i // 6 * 2)) for i in range(count)]).T
     truth_m = map_m * 1.2 + 0.5
-    fit = fit_anchors(DepthMap(map_m), AnchorPoints(x, y, truth_m[y, x].astype(np.float64)))
+    fit = fitted_map(DepthMap(map_m), AnchorPoints(x, y, truth_m[y, x].astype(np.float64)))
     assert fit.values == pytest.approx(truth_m, rel=1e-4)
 
 
@@ -254,7 +258,7 @@ def points(count: int, *, noise: float = 0, wrong: float = 0, seed: int = 1) -> 
 
 def _both(depth: DepthMap, seen: AnchorPoints) -> tuple[DepthMap, DepthMap]:
     """The map as it is fitted, and as it follows the points."""
-    return fit_anchors(depth, replace(seen, fit=AnchorsFit.GLOBAL)), fit_anchors(depth, seen)
+    return fitted_map(depth, replace(seen, fit=AnchorsFit.GLOBAL)), fitted_map(depth, seen)
 
 
 def abs_rel(depth: DepthMap) -> float:
@@ -275,14 +279,14 @@ def test_map_follows_points_on_both_sides_of_an_edge(kind: DepthKind) -> None:
 def test_noise_of_points_is_not_copied() -> None:
     depth = DepthMap(mapped_m(), DepthKind.METRIC)
     seen = points(600, noise=0.05)
-    followed = fit_anchors(depth, seen)
+    followed = fitted_map(depth, seen)
     at_points = followed.values[seen.y, seen.x] / scene_m()[seen.y, seen.x] - 1
     assert np.abs(at_points).mean() < 0.7 * 0.04  # mean of the noise
 
 
 def test_wrong_points_have_no_effect() -> None:
     depth = DepthMap(mapped_m(), DepthKind.METRIC)
-    followed = fit_anchors(depth, points(400, noise=0.02, wrong=0.25))
+    followed = fitted_map(depth, points(400, noise=0.02, wrong=0.25))
     assert abs_rel(followed) < 0.03
     fit = followed.provenance.anchor_fit if followed.provenance else None
     assert fit is not None
@@ -309,7 +313,7 @@ def test_fewer_than_five_points_are_fitted_alone() -> None:
 def test_pixels_without_depth_stay_so() -> None:
     values = mapped_m()
     values[5:9, 5:9] = np.nan
-    followed = fit_anchors(DepthMap(values, DepthKind.METRIC), points(300))
+    followed = fitted_map(DepthMap(values, DepthKind.METRIC), points(300))
     np.testing.assert_array_equal(np.isnan(followed.values), np.isnan(values))
 
 
