@@ -266,7 +266,7 @@ def coarse_depth(spec: OutputSpec, raw: Float32Array, layout: Layout) -> Float32
         is_metric = spec.kind is DepthKind.METRIC
         missing = np.float32(np.nan)
         depth = in_range(spec, depth) if is_metric else np.where(np.isinf(depth), missing, depth)
-    return _crop(depth, layout) if layout.is_padded else depth
+    return _crop(depth, layout)
 
 
 def full_size(
@@ -276,29 +276,28 @@ def full_size(
 
     ``coarse`` is (h, w) float32 of the whole picture, ``radius`` that of the guided filter in it.
     """
-    if upsampling is not Upsampling.GUIDED:
-        depth = in_range(spec, imageops.resize_bilinear(coarse, frame.width, frame.height))
+    in_log = blends_in_log(spec)
+    if upsampling is Upsampling.GUIDED:
+        coarse = in_range(spec, coarse)
+        depth = imageops.upsample_guided(coarse, frame, in_log=in_log, radius=radius)
     else:
-        coarse, in_log = in_range(spec, coarse), blends_in_log(spec)
-        depth = in_range(
-            spec, imageops.upsample_guided(coarse, frame, in_log=in_log, radius=radius)
-        )
-    if spec.kind is DepthKind.METRIC and not blends_in_log(spec):
+        depth = imageops.resize_bilinear(coarse, frame.width, frame.height)
+    depth = in_range(spec, depth)
+    if spec.kind is DepthKind.METRIC and not in_log:
         depth[depth == 0] = np.nan
     return depth
 
 
 def enlarged(spec: OutputSpec, raw: Float32Array, layout: Layout, frame: Frame) -> Float32Array:
     """Depth at the picture's size, (H, W) float32, by the authors' enlarging of raw output."""
-    inner = _crop(raw, layout) if layout.is_padded else raw
+    inner = _crop(raw, layout)
     depth = spec.codec.decode(_ENLARGINGS[spec.enlarging](inner, frame.width, frame.height))
     return in_range(spec, depth)
 
 
 def without_depth(spec: MaskSpec, mask: Float32Array, layout: Layout, frame: Frame) -> BoolArray:
     """Pixels of a picture, (H, W), to which the network's mask (h, w) gives no depth."""
-    inner = _crop(mask, layout) if layout.is_padded else mask
-    full = imageops.resize_bilinear(inner, frame.width, frame.height)
+    full = imageops.resize_bilinear(_crop(mask, layout), frame.width, frame.height)
     return lacks_depth(spec, full)
 
 
@@ -321,11 +320,13 @@ def in_range(spec: OutputSpec, depth: Float32Array) -> Float32Array:
 
 
 def _crop(depth: Float32Array, layout: Layout) -> Float32Array:
-    """Crop the picture from a letterbox.
+    """Crop the picture from a letterbox, if it is in one.
 
     A smaller output in which the picture does not begin and end with a pixel is first resized to
     the input's size.
     """
+    if not layout.is_padded:
+        return depth
     stride = max(1, layout.width // depth.shape[1])
     is_smaller = depth.shape == (layout.height // stride, layout.width // stride)
     if not is_smaller or any(length % stride for length in layout):
