@@ -90,7 +90,7 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
         raise UsageError("", "{rectified} is for {calibration}: give both or neither")
     if options.calibration is None:
         centre_px = None if options.centre_px is None else _centre(options.centre_px)
-        found = Intrinsics.given(options.focal_px, options.hfov, centre_px)
+        found = Intrinsics(options.focal_px, options.hfov, centre_px)
         name = getattr(options, "camera", None)
         return found if name is None else _kept(name, found)
     from depthcli.io.calibration import read_calibration

@@ -40,7 +40,7 @@ class Sample:
     def __init__(self, dataset: DepthDataset, position: int) -> None:
         self.id = dataset.ids[position]
         focal_px = dataset.focal_px[position] if dataset.focal_px else None
-        self.camera = Intrinsics.given(focal_px, None if focal_px else dataset.hfov_deg)
+        self.camera = Intrinsics(focal_px, None if focal_px else dataset.hfov_deg)
         self._dataset, self._position = dataset, position
 
     @cached_property
