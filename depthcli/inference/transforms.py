@@ -290,9 +290,8 @@ def full_size(
 
 def enlarged(spec: OutputSpec, raw: Float32Array, layout: Layout, frame: Frame) -> Float32Array:
     """Depth at the picture's size, (H, W) float32, by the authors' enlarging of raw output."""
-    inner = _crop(raw, layout)
-    depth = spec.codec.decode(_ENLARGINGS[spec.enlarging](inner, frame.width, frame.height))
-    return in_range(spec, depth)
+    full = _ENLARGINGS[spec.enlarging](_crop(raw, layout), frame.width, frame.height)
+    return in_range(spec, spec.codec.decode(full))
 
 
 def without_depth(spec: MaskSpec, mask: Float32Array, layout: Layout, frame: Frame) -> BoolArray:
