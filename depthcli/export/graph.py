@@ -32,6 +32,7 @@ IR_VERSION = 8
 INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
 _CORRECTION = "correction"  # scope of what is computed with known depth
+_MERGE = "merge"  # scope of what adds two depths
 _FEATURES = {"features", "of_below", "of_points", "of_seen"}  # convolutions that may be rounded
 _KNOWN = 0.02  # share of known depth in comparisons
 _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
@@ -163,10 +164,12 @@ def quantize(
 
 
 def _exact_nodes(model: onnx.ModelProto) -> list[str]:
-    """Names of the nodes that correct depth, other than those of features."""
+    """Names of the nodes that merge or correct depth, other than those of features."""
     names, exact = [], {*PROMPT_INPUTS}
     for node in model.graph.node:
         scopes = {scope.partition(".")[0] for scope in node.name.split("/")}
+        if _MERGE in scopes:
+            names.append(node.name)
         if _CORRECTION not in scopes:
             continue
         is_feature = node.op_type in ("Conv", "Relu") and not _FEATURES.isdisjoint(scopes)
