@@ -237,6 +237,12 @@ def unit(pixels: npt.NDArray[np.generic]) -> Float32Array:
 # more gain sharpens where there is no edge.
 _SMOOTHING = 1e-3  # variance of brightness in [0, 1] below which the map keeps its local mean
 _GAIN = 1.5
+# Of edges: a change of log depth that is complete within the window, as no slope's is. More edges
+# make videos flicker.
+_LEAST_STEP = 0.1
+_LEAST_SHARE = 0.5  # of the change within twice the window
+_RAMP = 0.3  # of shares, from where nothing is sharpened to where all is
+_STEEPER = 4.0
 
 
 def upsample_guided(
@@ -246,14 +252,15 @@ def upsample_guided(
 
     It is bilinear if the picture is no larger than the map, or the map has holes. The result is
     (H, W) float32, within the range of ``depth``, (h, w) float32, near each pixel. With ``in_log``,
-    log depth is filtered, which treats edges alike near and far, and ``depth`` must be above 0.
-    The radius of the window is the width of a pixel of the network's own output.
+    log depth is filtered, which treats edges alike near and far, and edges are made steeper;
+    ``depth`` must be above 0 then. The radius of the window is the width of a pixel of the
+    network's own output.
     """
     height, width = depth.shape
     if frame.width <= width or frame.height <= height or not np.isfinite(depth).all():
         return resize_bilinear(depth, frame.width, frame.height)
     small = shrink_bands(frame.pixels, brightness, width, height)
-    fitted = GuidedMap.fit(np.log(depth) if in_log else depth, small, radius)
+    fitted = GuidedMap.fit(np.log(depth) if in_log else depth, small, radius, sharpens=in_log)
     values = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
         band = fitted.rows(brightness(frame.pixels[rows]), rows, frame.height)
@@ -271,8 +278,13 @@ class GuidedMap(NamedTuple):
     high: Float32Array  #: (h, w) float32, largest value of the map within the radius
 
     @classmethod
-    def fit(cls, coarse: Float32Array, guide: Float32Array, radius: int = 1) -> Self:
-        """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both."""
+    def fit(
+        cls, coarse: Float32Array, guide: Float32Array, radius: int = 1, *, sharpens: bool = False
+    ) -> Self:
+        """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both.
+
+        ``sharpens`` makes edges of log depth steeper, within a range of twice the radius.
+        """
         mean: Any = partial(cv2.blur, ksize=(2 * radius + 1,) * 2, borderType=cv2.BORDER_REPLICATE)
         mean_guide, mean_coarse = mean(guide), mean(coarse)
         # Differences of large numbers lose float32's digits, so the mean is subtracted first.
@@ -281,9 +293,12 @@ class GuidedMap(NamedTuple):
         variance = mean(guide * guide) - mean_guide * mean_guide
         slope = np.asarray(_GAIN * covariance / (variance.clip(0) + _SMOOTHING), np.float32)
         offset = np.asarray(mean_coarse - slope * mean_guide, np.float32)
-        window = np.ones((2 * radius + 1,) * 2, np.uint8)
-        low, high = cv2.erode(coarse, window), cv2.dilate(coarse, window)
-        return cls(mean(slope), mean(offset), np.asarray(low), np.asarray(high))
+        slope, offset = mean(slope), mean(offset)
+        low, high = _range_within(coarse, 2 * radius if sharpens else radius)
+        if sharpens:
+            gain = _steepening(low, high, radius)
+            slope, offset = slope * gain, offset * gain + (low + high) / 2 * (1 - gain)
+        return cls(slope, offset, low, high)
 
     def rows(self, guide: Float32Array, rows: slice, height: int) -> Float32Array:
         """Some rows of the map at the picture's size, clamped to the coarse map's local range.
@@ -298,6 +313,22 @@ class GuidedMap(NamedTuple):
         values = cv2.multiply(slope, guide, dst=slope)
         values = cv2.add(values, offset, dst=values)
         return np.asarray(cv2.min(cv2.max(values, low, dst=values), high, dst=values))
+
+
+def _range_within(values: Float32Array, radius: int) -> tuple[Float32Array, Float32Array]:
+    """Least and largest value within a radius of each pixel."""
+    window = np.ones((2 * radius + 1,) * 2, np.uint8)
+    return np.asarray(cv2.erode(values, window)), np.asarray(cv2.dilate(values, window))
+
+
+def _steepening(low: Float32Array, high: Float32Array, radius: int) -> Float32Array:
+    """Factor on the distance of log depth from the middle of its range; 1 away from edges."""
+    change = high - low
+    wider = _range_within(high, 2 * radius)[1] - _range_within(low, 2 * radius)[0]
+    share = change / np.maximum(wider, np.float32(1e-6))
+    is_large = (2 * (change / np.float32(_LEAST_STEP) - 1)).clip(0, 1)
+    is_complete = ((share - np.float32(_LEAST_SHARE)) / np.float32(_RAMP)).clip(0, 1)
+    return np.asarray(1 + np.float32(_STEEPER - 1) * is_large * is_complete, np.float32)
 
 
 _HDR_TRANSFERS = {16: "PQ", 18: "HLG"}  # of ITU-T H.273

@@ -57,6 +57,38 @@ def test_lines_are_those_of_a_plain_loop(radius: int) -> None:
     np.testing.assert_allclose(fitted.high, high, rtol=1e-6)
 
 
+def test_edges_are_made_steeper_as_in_a_plain_loop() -> None:
+    rng = np.random.default_rng(6)
+    coarse = np.where(np.arange(20) < 9, 0.3, 0.7) + rng.uniform(0, 0.02, (9, 20))
+    coarse, guide = np.float32(coarse), np.float32(rng.uniform(0, 0.2, (9, 20)))
+    plain, steep = (GuidedMap.fit(coarse, guide, 1, sharpens=sharpens) for sharpens in (0, 1))
+    gains = set()
+    for y, x in np.ndindex(9, 20):
+        near, wide = window(coarse, y, x, 2), window(coarse, y, x, 4)
+        is_large = min(max(2 * (np.ptp(near) / 0.1 - 1), 0), 1)
+        is_complete = min(max((np.ptp(near) / np.ptp(wide) - 0.5) / 0.3, 0), 1)
+        gains.add(gain := 1 + 3 * is_large * is_complete)
+        middle = (near.min() + near.max()) / 2
+        for bright in (0.0, 1.0):
+            value = plain.slope[y, x] * bright + plain.offset[y, x]
+            found = steep.slope[y, x] * bright + steep.offset[y, x]
+            assert found == pytest.approx(middle + gain * (value - middle), abs=1e-4)
+    assert {1, 4} <= gains
+
+
+def test_a_smeared_edge_is_steep_and_a_slope_stays() -> None:
+    plain = Frame(np.full((240, 320), 128, np.uint8))
+    edge = np.float32([2] * 14 + [2.67, 3.33] + [4] * 16)[None].repeat(24, 0)
+    row = upsample_guided(edge, plain, in_log=True)[120]
+    smeared = resize_bilinear(edge, 320, 240)[120]
+    between = [np.count_nonzero((values > 2.2) & (values < 3.8)) for values in (row, smeared)]
+    assert between[0] < 0.5 * between[1]
+    slope = np.geomspace(1, 8, 32, dtype=np.float32)[None].repeat(24, 0)
+    there = slice(40, -40)  # the image's border cuts windows off
+    found, wanted = (upsample_guided(slope, plain, in_log=log)[120, there] for log in (True, False))
+    np.testing.assert_allclose(found, wanted, rtol=0.01)
+
+
 @pytest.mark.parametrize("off", range(4))
 def test_edges_follow_the_picture_s(off: int) -> None:
     true, coarse, frame = scene(off)
@@ -91,10 +123,11 @@ def test_depth_is_never_invented(seed: int, in_log: bool) -> None:
     coarse = rng.uniform(0.5, 9, (6, 8)).astype(np.float32)
     frame = Frame(rng.integers(0, 256, (30, 40, 3), dtype=np.uint8))
     values = upsample_guided(coarse, frame, in_log=in_log)
+    reach = 3 if in_log else 2  # edges of log depth are sharpened
     rows, columns = np.mgrid[0:30, 0:40] // 5
     for y in range(6):
         for x in range(8):
-            near = coarse[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3]
+            near = coarse[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1]
             here = values[(rows == y) & (columns == x)]
             assert near.min() * (1 - 1e-5) <= here.min()
             assert here.max() <= near.max() * (1 + 1e-5)
