@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -64,10 +65,34 @@ class DecodingGenerator(nn.Module):
             if skip is None:
                 y = fusion(F.interpolate(y, scale_factor=2.0, mode="bilinear"))
             else:
-                y = F.interpolate(y, size=skip.shape[2:], mode="bilinear", align_corners=False)
-                y = fusion(torch.cat([y, skip], 1))
+                y = fusion(torch.cat([resized(y, skip), skip], 1))
             maps.append(y)
         return skips, maps
+
+
+def resized(x: Tensor, like: Tensor) -> Tensor:
+    """Bilinear interpolation of x (B, C, H, W) at the height and width of another map."""
+    if torch.onnx.is_in_onnx_export():
+        exported: Tensor = _Resized.apply(x, like)  # type: ignore[no-untyped-call]
+        return exported
+    return F.interpolate(x, size=like.shape[2:], mode="bilinear", align_corners=False)
+
+
+class _Resized(torch.autograd.Function):
+    """Four operators in the exported graph in place of ten, most of them of the size."""
+
+    @staticmethod
+    def forward(_: Any, x: Tensor, like: Tensor) -> Tensor:  # noqa: ANN401
+        return F.interpolate(x, size=like.shape[2:], mode="bilinear", align_corners=False)
+
+    @staticmethod
+    def symbolic(graph: Any, x: Any, like: Any) -> Any:  # noqa: ANN401
+        shapes = graph.op("Shape", x, end_i=2), graph.op("Shape", like, start_i=2)
+        none = graph.op("Constant", value_t=torch.tensor([], dtype=torch.float32))
+        sizes = graph.op("Concat", *shapes, axis_i=0)
+        made = graph.op("Resize", x, none, none, sizes, mode_s="linear")
+        made.setType(x.type())
+        return made
 
 
 class EfficientGenerator(DecodingGenerator):

@@ -1,6 +1,7 @@
 """Known points beside a predicted map: their differences, and a learned interpolation of them."""
 
 import math
+from typing import Any
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -22,34 +23,35 @@ _SPREAD, _ERROR_SPREAD = 0.3, 0.15  # of points around their mean and around oth
 _SELF = -1e4  # logit of a cell for itself, where it is left out
 _LEAST_LOGIT = -60.0  # of less, softmax makes denormal numbers, which take CPUs ten times as long
 _CENTRE_STEPS, _CENTRE_SD = 4, 0.15
-_PIXELS = torch.eye(4).view(4, 1, 2, 2)
 
 
 class Points:
     """Known minus predicted depth, of the four pixels in each cell of stride 2.
 
     Attributes:
-        difference: (B, 4, H/2, W/2) coded, 0 where depth is unknown.
-        known: (B, 4, H/2, W/2) float, 1 where it is known.
+        known: (B, 4, H/2, W/2) float, 1 where depth is known.
         share: (B, 1, H/2, W/2) of pixels where it is known.
-        centre: (B, 1, 1, 1), robust mean of all differences.
-        mean: (B, 1, H/2, W/2), that of the cell, less the centre.
+        centre: (B, 1, 1, 1), robust mean of all differences, coded.
+        mean: (B, 1, H/2, W/2), that of the cell, less the centre, times GAIN.
+        difference: (B, 4, H/2, W/2) less the centre, times GAIN; 0 where depth is unknown.
     """
 
-    def __init__(self, difference: Tensor, mask: Tensor) -> None:
-        self.difference, self.known = unpacked(difference), unpacked(mask)
-        self.share = F.avg_pool2d(mask, 2)
-        mean = F.avg_pool2d(difference, 2) / (self.share + LEAST)
+    def __init__(self, prompt: Tensor, known: Tensor, predicted: Tensor) -> None:
+        """Compare coded depth of pixels, (B, 4, H/2, W/2)."""
+        self.known, self.share = known, _pixel_mean(known)
+        difference = (prompt - predicted) * known
+        mean = _pixel_mean(difference) / (self.share + LEAST)
         self.centre = robust_mean(mean, self.share)
-        self.mean = mean - self.centre
+        self.mean = GAIN * (mean - self.centre)
+        self.difference = GAIN * (difference - self.centre * known)
 
-    def pooled(self, rest: Tensor, spread: Tensor, stride: int) -> tuple[Tensor, Tensor]:
+    def pooled(self, rest: Tensor, log_spread: Tensor, stride: int) -> tuple[Tensor, Tensor]:
         """Share of pixels with points, and mean, in cells (B, 1, h, w) of a stride.
 
         The mean is that of ``rest``, which a coarser field leaves of :attr:`mean`; what is far
-        from 0, in units of the spread, counts less.
+        from 0, in units of the spread of coded depth, counts less.
         """
-        weight = self.share / (1 + (rest / spread) ** 2)
+        weight = _cauchy(self.share, rest, GAIN * log_spread.exp())
         share, total = (pooled(values, stride // 2) for values in (weight, weight * rest))
         return share, total / (share + LEAST)
 
@@ -78,68 +80,65 @@ class PointInterpolation(nn.Module):
         The parts are the field and the support of each head, (B, 2 heads, h/2, w/2). The last are
         the scatter of all points, from what others say, and their number, (B, 2, 1, 1) about 1.
         """
-        spreads = self.log_spread.exp()
-        fine, _ = points.pooled(points.mean, spreads[0], 8)
-        count, mean = points.pooled(points.mean, spreads[0], 16)
-        queries, keys = self.queries(seen).float(), self.keys(seen).float()
-        own_queries, own_keys = (
-            pooled(each * fine, 2) / (pooled(fine, 2) + LEAST) for each in (queries, keys)
+        fine, _ = points.pooled(points.mean, self.log_spread[0], 8)
+        count, mean = points.pooled(points.mean, self.log_spread[0], 16)
+        size = mean.shape[2:]
+        scaled = [each / math.sqrt(_KEY_CHANNELS) for each in self.queries.parameters()]
+        weight, bias = map(torch.cat, zip(scaled, self.keys.parameters(), strict=True))
+        features = F.conv2d(seen, weight, bias).float()  # one convolution is faster than two
+        own = pooled(features * fine, 2) / (pooled(fine, 2) + LEAST)
+        cells = torch.cat([own, pooled(features, 2), count, mean, _places(mean)], 1).flatten(2)
+        own, keys, queries, _, count, mean, places = cells.split_with_sizes(
+            [HEADS * _KEY_CHANNELS] * 4 + [1, 1, 2], 1
         )
-        trust = (count * 16**2 + _NO_TRUST).log().clamp(max=1.0)
-        cells = mean.shape[2] * mean.shape[3]
-        itself = F.pad(torch.eye(cells, device=seen.device), (0, 1)) * _SELF
-        error, parts = self._taken(own_queries, own_keys, trust, mean, itself)
+        number = count * 16**2
+        trust = (number + _NO_TRUST).log().clamp(max=1.0)
+        itself = _SELF * torch.eye(cells.shape[2], cells.shape[2] + 1, device=seen.device)
+        error, _, supports = self._taken(own, keys, places, trust, mean, itself)
         error = error.abs()
-        total = count.sum((2, 3), keepdim=True)
-        scatter = (count * error).sum((2, 3), keepdim=True) / (total + LEAST)
-        told = torch.cat([(scatter + 1e-3).log() / 2 + 1.5, (total + 1e-3).log() / 4], 1)
-        known = [GAIN * error, GAIN * scatter.expand_as(error), GAIN * mean, count * 16**2]
-        belief = self.belief(torch.cat([*known, parts[:, HEADS:]], 1)).float().sigmoid()
-        belief = belief / (1 + (error / spreads[1]) ** 2)
+        total = count.sum(2, keepdim=True)
+        scatter = (count * error).sum(2, keepdim=True) / (total + LEAST)
+        told = [(scatter / GAIN + 1e-3).log() / 2 + 1.5, (total + 1e-3).log() / 4]
+        known = torch.cat([error, scatter.expand_as(error), mean, number, supports], 1)
+        belief = self.belief(known[:, :, None])[:, :, 0].float().sigmoid()
+        belief = _cauchy(belief, error, GAIN * self.log_spread[1].exp())
         trust = trust + (belief + _LEAST_BELIEF).log()
-        left, parts = self._taken(pooled(queries, 2), own_keys, trust, mean)
-        parts = torch.cat([GAIN * parts[:, :HEADS], parts[:, HEADS:]], 1)
-        return mean - left, parts, told
+        left, taken, supports = self._taken(queries, keys, places, trust, mean)
+        found = torch.cat([mean - left, taken, supports], 1).unflatten(2, size)  # type: ignore[no-untyped-call]
+        field, parts = found.split_with_sizes([1, 2 * HEADS], 1)
+        return field, parts, torch.cat(told, 1)[..., None]
 
     def _taken(
         self,
         queries: Tensor,
         keys: Tensor,
+        places: Tensor,
         trust: Tensor,
         mean: Tensor,
         bias: Tensor | float = 0.0,
-    ) -> tuple[Tensor, Tensor]:
-        """What the heads, one after another, leave of the mean (B, 1, h, w) of each cell.
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """What the heads, one after another, leave of the mean (B, 1, N) of each of N cells.
 
-        Of queries and keys (B, heads · channels, h, w) and the logits ``trust`` (B, 1, h, w) and
-        ``bias``; and what each head takes, and its support, (B, 2 heads, h, w).
+        Of queries and keys (B, heads · channels, N), columns and rows (B, 2, N) and the logits
+        ``trust`` (B, 1, N) and ``bias`` (N, N + 1); the last key is no correction. And what each
+        head takes, and its support, (B, heads, N).
         """
-        with full_precision(trust):
-            shares = self._logits(queries, keys, trust, bias).softmax(-1)
-            left, parts = mean.flatten(2).transpose(1, 2), []
-            for head in shares[..., :-1].unbind(1):
-                parts.append(head @ left)
-                left = left - parts[-1]
-        taken = torch.cat([*parts, *(1 - shares[..., -1:]).unbind(1)], 2).transpose(1, 2)
-        size = mean.shape[2:]
-        left = left.transpose(1, 2).unflatten(2, size)  # type: ignore[no-untyped-call]
-        return left, taken.unflatten(2, size)  # type: ignore[no-untyped-call]
-
-    def _logits(self, queries: Tensor, keys: Tensor, trust: Tensor, bias: Tensor | float) -> Tensor:
-        """Logits (B, heads, cells, cells + 1) of each key and, at the end, of no correction."""
-        queries, keys = (
-            each.flatten(2).unflatten(1, (HEADS, -1))  # type: ignore[no-untyped-call]
-            for each in (queries, keys)
-        )
-        none = 0 * queries[:, :, :1]  # (B, heads, 1, cells)
-        at = _places(trust).flatten(2)[:, None] / self.log_distance.exp().view(1, -1, 1, 1) + none
-        far = (at**2).sum(2, keepdim=True) / 2
-        queries = torch.cat([queries / math.sqrt(_KEY_CHANNELS), at, -far, none + 1], 2)
-        keys = F.pad(torch.cat([keys, at, none + 1], 2), (0, 1))
-        nothing = self.nothing.view(1, -1, 1, 1) + none[..., :1]
-        last = torch.cat([trust.flatten(2)[:, None] - far, nothing], 3)
-        logits: Tensor = queries.transpose(2, 3) @ torch.cat([keys, last], 2) + bias
-        return logits.clamp(min=_LEAST_LOGIT)
+        one, left, taken = torch.ones_like(mean), mean, []
+        heads = [_KEY_CHANNELS] * HEADS
+        pairs = zip(*(each.split_with_sizes(heads, 1) for each in (queries, keys)), strict=True)
+        with full_precision(mean):
+            for head, (query, key) in enumerate(pairs):
+                at = places / self.log_distance[head].exp()
+                far = (at * at).sum(1, keepdim=True) / 2
+                last = trust + (-far - self.nothing[head])
+                to = torch.cat([query, at, -far, one], 1).transpose(1, 2)
+                of = F.pad(torch.cat([key, at, one, last], 1), (0, 1))
+                shares = (to @ of + bias).clamp(min=_LEAST_LOGIT).softmax(2)
+                values = F.pad(torch.cat([left, one], 1), (0, 1))
+                taken.append((values @ shares.transpose(1, 2)).split_with_sizes([1, 1], 1))
+                left = left - taken[-1][0]
+        parts, supports = (torch.cat(each, 1) for each in zip(*taken, strict=True))
+        return left, parts, supports
 
 
 def robust_mean(values: Tensor, weights: Tensor) -> Tensor:
@@ -151,15 +150,39 @@ def robust_mean(values: Tensor, weights: Tensor) -> Tensor:
     for _ in range(_CENTRE_STEPS):
         total = (weight * values).sum((2, 3), keepdim=True)
         mean = total / (weight.sum((2, 3), keepdim=True) + LEAST)
-        weight = weights / (1 + ((values - mean) / _CENTRE_SD) ** 2)
+        weight = _cauchy(weights, values - mean, _CENTRE_SD)
     return mean
 
 
+def _cauchy(weight: Tensor, rest: Tensor, spread: Tensor | float) -> Tensor:
+    """Less weight of what is far from 0: weight / (1 + rest² / spread²)."""
+    return weight * spread**2 / (spread**2 + rest * rest)
+
+
+def _pixel_mean(pixels: Tensor) -> Tensor:
+    """Mean of channels (B, 4, H, W); additions are faster than a mean in exported graphs."""
+    first, *others = pixels.split_with_sizes([1] * 4, 1)
+    return sum(others, first) / 4
+
+
 def unpacked(values: Tensor, channels: int = 1) -> Tensor:
-    """Pixels of cells of stride 2, as channels; a convolution is the fastest way to them."""
-    pixels = torch.cat([_PIXELS] * channels).to(values.device)
-    with full_precision(values):
-        return F.conv2d(values.float(), pixels, stride=2, groups=channels)
+    """Pixels of cells of stride 2, as channels: of (B, C, H, W), (B, 4 C, H/2, W/2)."""
+    if not torch.onnx.is_in_onnx_export():
+        return F.pixel_unshuffle(values, 2)
+    each = values.split_with_sizes([1] * channels, 1) if channels > 1 else (values,)
+    return torch.cat([_Unpacked.apply(one) for one in each], 1)  # type: ignore[no-untyped-call]
+
+
+class _Unpacked(torch.autograd.Function):
+    """One operator in the exported graph, which torch's exporter does not use."""
+
+    @staticmethod
+    def forward(_: Any, x: Tensor) -> Tensor:  # noqa: ANN401
+        return F.pixel_unshuffle(x, 2)
+
+    @staticmethod
+    def symbolic(graph: Any, x: Any) -> Any:  # noqa: ANN401
+        return graph.op("SpaceToDepth", x, blocksize_i=2)
 
 
 def pooled(values: Tensor, size: int) -> Tensor:
@@ -170,8 +193,6 @@ def pooled(values: Tensor, size: int) -> Tensor:
 
 
 def _places(like: Tensor) -> Tensor:
-    """Column and row of each pixel, in widths of the map: (1, 2, h, w)."""
-    height, width = like.shape[2:]
-    rows = torch.arange(height, device=like.device).float() + 0.5
-    columns = torch.arange(width, device=like.device).float() + 0.5
-    return torch.stack(torch.meshgrid(columns, rows, indexing="xy"))[None] / width
+    """Column and row of each pixel, in widths of the map: (B, 2, h, w)."""
+    one = torch.ones_like(like)
+    return (torch.cat([one.cumsum(3), one.cumsum(2)], 1) - 0.5) / one.sum(3, keepdim=True)

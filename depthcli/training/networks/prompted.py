@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from depthcli.core.types import DepthCodec
 from depthcli.training.losses import full_precision
-from depthcli.training.networks.efficient import ConvNorm, DecodingGenerator
+from depthcli.training.networks.efficient import ConvNorm, DecodingGenerator, resized
 from depthcli.training.networks.points import (
     FOLLOWED,
     GAIN,
@@ -19,6 +19,7 @@ from depthcli.training.networks.points import (
     unpacked,
 )
 
+_COARSEST = 16  # stride of the interpolation
 _CONVOLUTIONS = (2, 2, 1, 1)  # at strides 16, 8, 4 and 2
 # Of known depth around the coarser field, at first, in coded depth.
 _SPREADS = (0.2, 0.15, 0.1, 0.1)
@@ -99,13 +100,14 @@ class Correction(nn.Module):
         self, image: Tensor, maps: list[list[Tensor]], raw: Tensor, prompt: Tensor, mask: Tensor
     ) -> Tensor:
         """Raw depth (B, 1, H, W) that follows known depth, of what a generator's plain returned."""
-        is_prompted = (mask.amax((1, 2, 3), keepdim=True) > 0).float()
-        points = Points((prompt - _resized(raw, prompt)) * mask, mask)
+        known = unpacked(mask)
+        points = Points(unpacked(prompt), known, neighbours(raw, self.enlarging.bilinear))
         field, below, told = self.interpolation(maps[1][0], points)
-        pixels = torch.cat([unpacked(image, self.channels), points.known], 1)
+        pixels = torch.cat([unpacked(image, self.channels).float(), known], 1)
         for level, seen in zip(self.levels, maps, strict=True):
             field, below = level(seen, below, field, points, told, pixels)
-        raw = raw + is_prompted * (points.centre + field)
+        is_prompted = (points.share.sum((2, 3), keepdim=True) > 0).float()
+        raw = raw + is_prompted * (points.centre + field / GAIN)
         enlarged: Tensor = self.enlarging(raw, below, is_prompted)
         return enlarged
 
@@ -123,7 +125,7 @@ class CorrectionLevel(nn.Module):
 
     def __init__(self, seen: Sequence[int], below: int, extra: int, width: int, level: int) -> None:
         super().__init__()
-        self.stride, self.is_finest = 16 >> level, extra > 0
+        self.stride, self.is_finest = _COARSEST >> level, extra > 0
         self.log_spread = nn.Parameter(torch.tensor(_SPREADS[level]).log())
         self.log_stiffness = nn.Parameter(torch.tensor(_STIFFNESS).log())
         self.of_seen = nn.ModuleList(nn.Conv2d(one, width, 1) for one in seen if one)
@@ -165,30 +167,37 @@ class CorrectionLevel(nn.Module):
             told: (B, 2, 1, 1), of all points.
             pixels: (B, extra, H/2, W/2) of the image and the mask, for the finest level.
         """
-        coarser = _resized(field, points.mean)
-        count, mean = points.pooled(points.mean - coarser, self.log_spread.exp(), self.stride)
+        coarser = resized(field, points.mean)
+        count, mean = points.pooled(points.mean - coarser, self.log_spread, self.stride)
         trust = count / (count + self.log_stiffness.exp() / self.stride**2)
         near, total = (F.avg_pool2d(v, 3, 1, 1) for v in (trust, trust * mean))
         spread = total / (near + _PRIOR)
-        given = [trust, near, told.expand(-1, -1, *mean.shape[2:])]
-        given += [GAIN * v for v in (mean, spread, (mean - spread).abs() * trust)]
+        given = [trust, near, told * torch.ones_like(mean)]
+        given += [mean, spread, (mean - spread).abs() * trust]
         if self.is_finest:
-            known = points.difference - (points.centre + coarser) * points.known
-            given += [pixels, GAIN * known]
-        given += [_resized(self.of_below(below), mean), *[trust] * self.more]
+            given += [pixels, points.difference - coarser * points.known]
+        below = self.of_below(below)
+        if self.stride < _COARSEST:
+            below = resized(below, mean)
+            field = coarser if self.is_finest else resized(field, mean)
+        given += [below, *[trust] * self.more]
         x = self.of_points(torch.cat(given, 1).clamp(-_LARGEST, _LARGEST))
         for conv, one in zip(self.of_seen, seen, strict=True):
             x = x + conv(one)
         features = self.features(F.relu(x))
-        followed, added = self.head(features).float().chunk(2, 1)
-        return _resized(field, mean) + followed.sigmoid() * spread + added / GAIN, features
+        # Transposed, which of 1 × 1 is the same, as exported ones take half the time.
+        weight = self.head.weight.transpose(0, 1)
+        found = F.conv_transpose2d(features, weight, self.head.bias).float()
+        followed, added = found.split_with_sizes([1, 1], 1)
+        return field + followed.sigmoid() * spread + added, features
 
 
 class EdgeUpsampling(nn.Module):
     """Doubling of a map's size, bilinearly but for learned weights of the four nearest pixels."""
 
     near: Tensor
-    sums: Tensor
+    pixels: Tensor
+    bilinear: Tensor
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -200,8 +209,11 @@ class EdgeUpsampling(nn.Module):
             for which, place in enumerate(((1, 1), (1, x), (y, 1), (y, x))):
                 near[which, pixel, place[0], place[1]] = 1
         self.register_buffer("near", near.view(16, 1, 3, 3), persistent=False)
-        sums = torch.eye(4).repeat(1, 4).view(4, 16, 1, 1)  # faster than a sum over channels
-        self.register_buffer("sums", sums, persistent=False)
+        weights = torch.tensor([9.0, 3.0, 3.0, 1.0]).repeat_interleave(4).view(16, 1, 1, 1) / 16
+        pixels = weights * torch.eye(4).repeat(4, 1).view(16, 1, 2, 2)
+        self.register_buffer("pixels", pixels, persistent=False)
+        bilinear = (weights * near.view(16, 1, 3, 3)).view(4, 4, 1, 3, 3).sum(0)
+        self.register_buffer("bilinear", bilinear, persistent=False)
 
     def forward(self, values: Tensor, features: Tensor, is_learned: Tensor) -> Tensor:
         """Of values (B, 1, h, w), (B, 1, 2 h, 2 w).
@@ -212,17 +224,19 @@ class EdgeUpsampling(nn.Module):
             is_learned: (B, 1, 1, 1), 0 where it is to be bilinear.
         """
         logits = self.head(features).float().clamp(-_LARGEST_LOGIT, _LARGEST_LOGIT)
-        bilinear = logits.new_tensor([9.0, 3.0, 3.0, 1.0]).repeat_interleave(4).view(1, 16, 1, 1)
-        share = (logits * is_learned).exp() * bilinear
+        share = (logits * is_learned).exp()
         with full_precision(values):
-            near = F.conv2d(F.pad(values, (1, 1, 1, 1), mode="replicate"), self.near)
-            total, weight = (F.conv2d(each, self.sums) for each in (share * near, share))
-        enlarged: Tensor = F.pixel_shuffle(total / weight, 2)
-        return enlarged
+            near = neighbours(values, self.near)
+            total, weight = (
+                F.conv_transpose2d(each, self.pixels, stride=2) for each in (share * near, share)
+            )
+        return total / weight
 
 
-def _resized(values: Tensor, like: Tensor) -> Tensor:
-    return F.interpolate(values, size=like.shape[2:], mode="bilinear", align_corners=False)
+def neighbours(values: Tensor, kernels: Tensor) -> Tensor:
+    """Sums of the 3 × 3 pixels around each of (B, 1, h, w), by kernels (C, 1, 3, 3)."""
+    with full_precision(values):
+        return F.conv2d(F.pad(values, (1, 1, 1, 1), mode="replicate"), kernels)
 
 
 def coded_prompt(prompt_m: Tensor, codec: DepthCodec) -> tuple[Tensor, Tensor]:

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from depthcli.core.types import Frame
 from depthcli.errors import UsageError
+from depthcli.export.graph import build_graph, check_parity
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import TrainConfig
@@ -58,6 +59,16 @@ def test_without_points_it_is_the_plain_network(kind: str) -> None:
     found = network(image, prompt, mask)
     torch.testing.assert_close(found[0], enlarged[0])
     assert not torch.allclose(found[1], enlarged[1])
+
+
+def test_exported_network_for_colour_computes_the_same() -> None:
+    base = EncoderGenerator("test_resnet", (8,) * 4, 0.0, norm="batch", channels=3)
+    nn.init.normal_(base.head.weight)
+    network = PromptedGenerator(base, WIDTHS).eval()
+    for weight in network.correction.parameters():
+        nn.init.normal_(weight, std=0.1)
+    exported = build_graph(network).SerializeToString()
+    assert check_parity(network, exported, ((2, 36, 64), (1, 64, 40))).max_abs < 1e-3
 
 
 def test_depth_of_the_points_times_a_number_is_depth_times_it() -> None:
