@@ -3,7 +3,7 @@
 import copy
 import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +33,9 @@ INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
 _CORRECTION = "correction"  # scope of what is computed with known depth
 _MERGE = "merge"  # scope of what adds two depths
-_FEATURES = {"features", "of_below", "of_points", "of_seen"}  # convolutions that may be rounded
+# Scopes of convolutions of the correction that may be rounded.
+_FEATURES = {"features", "head", "interpolation", "of_below", "of_points", "of_seen"}
+_BELIEF = "belief"  # that may not
 _KNOWN = 0.02  # share of known depth in comparisons
 _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
 
@@ -141,6 +143,7 @@ def quantize(
     names = [given.name for given in model.graph.input]
     inputs = [(batch, *_prompts(generator, torch.from_numpy(batch))) for batch in batches]
     feeds = [dict(zip(names, map(np.asarray, each), strict=True)) for each in inputs]
+    exact = _exact_nodes(model)
     with temporary_folder() as folder:
         # By path, as the quantizer moves the weights of a model in memory to a separate file.
         source, path = folder / "float.onnx", folder / "int8.onnx"
@@ -156,16 +159,43 @@ def quantize(
                 reduce_range=True,
                 activation_type=QuantType.QUInt8,
                 weight_type=QuantType.QInt8,
-                nodes_to_exclude=_exact_nodes(model),
+                nodes_to_exclude=exact,
             )
         finally:
             logging.disable(logging.NOTSET)
-        return onnx.load(path)
+        return _simplified(onnx.load(path), exact)
+
+
+def _simplified(model: onnx.ModelProto, exact: Collection[str]) -> onnx.ModelProto:
+    """An int8 model without operators that add nothing to its output.
+
+    A shape is that of the rounded tensor, exact nodes read the input before it is rounded, and
+    rounding clips to the range that was seen, which is that of clipping or less.
+    """
+    graph = model.graph
+    inputs = {given.name for given in graph.input}
+    made = {node.output[0]: node for node in graph.node if node.output}
+    for node in graph.node:
+        source = made.get(node.input[0]) if node.input else None
+        if source is None:
+            continue
+        if source.op_type == "DequantizeLinear":
+            before = made[source.input[0]].input[0] if source.input[0] in made else ""
+            if node.op_type == "Shape":
+                node.input[0] = source.input[0]
+            elif node.name in exact and before in inputs:
+                node.input[0] = before
+        elif (source.op_type, node.op_type) == ("Clip", "QuantizeLinear"):
+            node.input[0] = source.input[0]
+    read = {name for node in graph.node for name in node.input} | {o.name for o in graph.output}
+    for node in [node for node in graph.node if read.isdisjoint(node.output)]:
+        graph.node.remove(node)
+    return model
 
 
 def _exact_nodes(model: onnx.ModelProto) -> list[str]:
-    """Names of the nodes that merge or correct depth, other than those of features."""
-    names, exact = [], {*PROMPT_INPUTS}
+    """Names of the nodes that merge or correct depth, but for features, and that give it."""
+    names, exact, read = [], {*PROMPT_INPUTS}, set[str]()
     for node in model.graph.node:
         scopes = {scope.partition(".")[0] for scope in node.name.split("/")}
         if _MERGE in scopes:
@@ -174,10 +204,15 @@ def _exact_nodes(model: onnx.ModelProto) -> list[str]:
             continue
         is_feature = node.op_type in ("Conv", "Relu") and not _FEATURES.isdisjoint(scopes)
         is_sum = node.op_type in ("Add", "Relu") and exact.isdisjoint(node.input)
-        if not (is_feature or is_sum):
-            names.append(node.name)
+        if not (is_feature or is_sum) or _BELIEF in scopes:
             exact.update(node.output)
-    return names
+            read.update(node.input)
+            if node.op_type != "Clip":
+                names.append(node.name)
+    own = [
+        n for n in model.graph.node if _CORRECTION not in n.name and not read.isdisjoint(n.output)
+    ]
+    return names + [node.name for node in own]
 
 
 _LEVELS = 64  # of a weight of 7 bits, on each side of 0
@@ -196,7 +231,8 @@ def with_corrected_biases(
     means = _input_means(model, sorted({conv.input[0] for conv in convs}), feeds)
     corrected = onnx.ModelProto()
     corrected.CopyFrom(model)
-    biases = {tensor.name: tensor for tensor in corrected.graph.initializer}
+    biases = corrected.graph.initializer
+    nodes = {node.output[0]: node for node in corrected.graph.node}
     for conv in convs:
         weight, bias = (numpy_helper.to_array(stored[name]) for name in conv.input[1:3])
         step = np.abs(weight).max(axis=(1, 2, 3), keepdims=True) / _LEVELS
@@ -206,7 +242,12 @@ def with_corrected_biases(
         groups = next((a.i for a in conv.attribute if a.name == "group"), 1)
         mean = np.repeat(mean.reshape(groups, -1), len(weight) // groups, axis=0)
         shift = (added * mean).sum(1).astype(bias.dtype)
-        biases[conv.input[2]].CopyFrom(numpy_helper.from_array(bias - shift, conv.input[2]))
+        # Equal biases of several convolutions are one tensor.
+        name = nodes[conv.output[0]].input[2] = f"{conv.output[0]}_bias"
+        biases.append(numpy_helper.from_array(bias - shift, name))
+    used = {name for node in corrected.graph.node for name in node.input}
+    for tensor in [tensor for tensor in biases if tensor.name not in used]:
+        biases.remove(tensor)
     return corrected
 
 

@@ -31,6 +31,7 @@ from depthcli.io.formats.png16 import Png16Writer
 from depthcli.models.card import Colour, Fit, InputSpec
 from depthcli.training.config import GeneratorConfig
 from depthcli.training.networks.efficient import EfficientGenerator
+from depthcli.training.networks.prompted import PromptedGenerator
 
 Array = np.ndarray[Any, np.dtype[np.float32]]
 
@@ -226,6 +227,50 @@ def test_biases_keep_the_mean_that_rounded_weights_would_shift(groups: int) -> N
     corrected = to_array(found.graph.initializer[1])
     assert np.abs(means(rounded, bias) - means(weight, bias)).max() > 1e-3
     np.testing.assert_allclose(means(rounded, corrected), means(weight, bias), atol=1e-6)
+
+
+def test_equal_biases_of_two_convolutions_are_corrected_apart() -> None:
+    random = np.random.default_rng(0)
+    weights = [random.normal(size=(2, 1, 1, 1)).astype(np.float32) for _ in range(2)]
+    nodes = [
+        onnx.helper.make_node("Conv", ["image", f"weight{i}", "bias"], [f"depth{i}"])
+        for i in range(2)
+    ]
+    sizes = [
+        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
+        for name in ("image", "depth0", "depth1")
+    ]
+    stored = [onnx.numpy_helper.from_array(each, f"weight{i}") for i, each in enumerate(weights)]
+    stored.append(onnx.numpy_helper.from_array(np.zeros(2, np.float32), "bias"))
+    graph = onnx.helper.make_graph(nodes, "two", sizes[:1], sizes[1:], stored)
+    model = onnx.helper.make_model(
+        graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8
+    )
+    found = with_corrected_biases(model, [{"image": np.ones((1, 1, 4, 4), np.float32)}]).graph
+    biases = {tensor.name: to_array(tensor) for tensor in found.initializer}
+    for node, weight in zip(found.node, weights, strict=True):
+        step = np.abs(weight).max((1, 2, 3), keepdims=True) / 64
+        shift = (weight - np.rint(weight / step) * step).ravel()
+        np.testing.assert_allclose(biases[node.input[2]], shift, atol=1e-7)
+
+
+def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_need(
+    tmp_path: Path,
+) -> None:
+    write_picture(tmp_path / "0.png", synthetic_picture())
+    base = EfficientGenerator((16,) * 5, (16,) * 4, (1,) * 4, 0.0, norm=True).eval()
+    base.head.weight.data.normal_(0, 0.1)
+    network = PromptedGenerator(base, (8, 8, 8, 8)).eval()
+    batches = calibration_batches(tmp_path, SPEC)
+    small = quantize(build_graph(network), batches, network)
+    made = {name: node.op_type for node in small.graph.node for name in node.output}
+    pairs = {(made.get(name), node.op_type) for node in small.graph.node for name in node.input}
+    assert ("QuantizeLinear", "Shape") in pairs
+    assert ("DequantizeLinear", "Shape") not in pairs
+    assert ("Clip", "QuantizeLinear") not in pairs
+    readers = [node.op_type for node in small.graph.node if "image" in node.input]
+    assert sorted(readers) == ["QuantizeLinear", "SpaceToDepth"]
+    check_parity(network, small.SerializeToString(), ((1, 48, 64),), 0.2, batches)
 
 
 @pytest.mark.parametrize("count", [1, 64, 65, 127, 200])
