@@ -32,7 +32,6 @@ IR_VERSION = 8
 INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
 _CORRECTION = "correction"  # scope of what is computed with known depth
-_MERGE = "merge"  # scope of what adds two depths
 # Scopes of convolutions of the correction that may be rounded.
 _FEATURES = {"features", "head", "interpolation", "of_below", "of_points", "of_seen"}
 _BELIEF = "belief"  # that may not
@@ -194,12 +193,10 @@ def _simplified(model: onnx.ModelProto, exact: Collection[str]) -> onnx.ModelPro
 
 
 def _exact_nodes(model: onnx.ModelProto) -> list[str]:
-    """Names of the nodes that merge or correct depth, but for features, and that give it."""
+    """Names of the nodes that correct depth, but for features, and that give it."""
     names, exact, read = [], {*PROMPT_INPUTS}, set[str]()
     for node in model.graph.node:
         scopes = {scope.partition(".")[0] for scope in node.name.split("/")}
-        if _MERGE in scopes:
-            names.append(node.name)
         if _CORRECTION not in scopes:
             continue
         is_feature = node.op_type in ("Conv", "Relu") and not _FEATURES.isdisjoint(scopes)

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from onnx import helper
-from torch import nn
 
 from depthcli._version import __version__
 from depthcli.core.options import Weights
@@ -27,7 +26,6 @@ from depthcli.models import catalog
 from depthcli.models.card import ModelCard
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import TrainConfig
-from depthcli.training.networks.two_scale import TwoScaleGenerator
 from depthcli.training.provenance import DataProvenance, TrainedRun, data_set
 
 
@@ -45,8 +43,6 @@ class ExportOptions:
     license: str = "NOASSERTION"  #: of the weights, an SPDX identifier
     #: horizontal field of view of the training pictures, degrees; None for that of the checkpoint
     hfov_deg: float | None = None
-    #: checkpoint of the network that gives the low frequencies, at half the size; None for none
-    coarse: Path | None = None
     depth_factor: float = 1.0  #: on depth, which corrects a bias that was measured
     float_model: str | None = None  #: name of the model that replaces an int8 one off the CPU
     #: the moving average, if the run has one, or the weights of the last step
@@ -72,25 +68,7 @@ def card_path(model: Path) -> Path:
     return model.with_name(catalog.CARD_NAME if is_alone else model.stem + catalog.CARD_SUFFIX)
 
 
-def _two_scales(
-    fine: nn.Module, saved: Checkpoint, coarse: nn.Module, saved_coarse: Checkpoint
-) -> TwoScaleGenerator:
-    """A network of two, whose checkpoints fit each other."""
-    ours, theirs = saved.config, saved_coarse.config
-    for name, one, other in (
-        ("generator.name", ours.generator.name, theirs.generator.name),
-        ("output", ours.output, theirs.output),
-        ("data.colour", ours.data.colour, theirs.data.colour),
-        ("camera", saved.provenance.hfov_deg, saved_coarse.provenance.hfov_deg),
-    ):
-        if one != other:
-            raise UsageError(f"its {name} is {other}, not {one}", option="coarse")
-    return TwoScaleGenerator(fine, coarse)
-
-
-def card_of(
-    saved: Checkpoint, options: ExportOptions, coarse: Checkpoint | None = None
-) -> ModelCard:
+def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     """The card of a checkpoint's generator, without the facts of the file."""
     config = saved.config
     codec = config.output.codec.times(options.depth_factor)
@@ -122,7 +100,7 @@ def card_of(
         ),
         camera=None if hfov_deg is None else cards.CameraSpec(hfov_deg),
         onnx=cards.OnnxSpec(options.opset, graph.IR_VERSION),
-        training=_training_facts(saved, options, coarse),
+        training=_training_facts(saved, options),
         float_model=options.float_model,
     )
     try:
@@ -143,26 +121,21 @@ def _hfov_deg(given: float | None, known: float | None) -> float | None:
     return known if given is None else given
 
 
-def _training_facts(
-    saved: Checkpoint, options: ExportOptions, coarse: Checkpoint | None
-) -> dict[str, Any]:
+def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]:
     state, provenance = saved.state, saved.provenance
     averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
     is_int8 = options.int8_pictures is not None
     seen = provenance.seen_ids
-    nyu = {*seen.get(datasets.NYU, ())}
-    if coarse is not None:
-        nyu |= {*coarse.provenance.seen_ids.get(datasets.NYU, ())}
+    nyu = seen.get(datasets.NYU, ())
     is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
     # Parity keeps float16 near the weights that were validated; the others differ from them.
     is_corrected = options.depth_factor != 1
-    validated = averaged and is_new and not (is_int8 or is_corrected or coarse)
+    validated = averaged and is_new and not (is_int8 or is_corrected)
     facts = {
         "data": provenance.data,
         "pseudo_labels": provenance.pseudo_labels or None,
         "init_weights": provenance.init_weights or None,
         "encoder_weights": provenance.encoder_weights or None,
-        "coarse": coarse and f"{coarse.provenance.data}, {coarse.state.step} steps",
         "method": saved.config.method,
         "seed": saved.config.seed,
         "pairs": len(provenance.train_ids),
@@ -198,12 +171,8 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     if own_card.is_file() and catalog.file_of_card(own_card) != out.name:
         raise UsageError(f"{own_card} is not the card of {out.name}; choose another -o")
     generator, saved = load_generator(checkpoint, options.weights)
-    coarse = None
-    if options.coarse is not None:
-        low, coarse = load_generator(options.coarse, options.weights)
-        generator = _two_scales(generator, saved, low, coarse)
     model = graph.build_graph(generator, opset=options.opset)
-    card = card_of(saved, options, coarse)
+    card = card_of(saved, options)
     folder = options.int8_pictures
     pictures = [] if folder is None else graph.calibration_batches(folder, card.input)
     if pictures:

@@ -26,11 +26,6 @@ class NetworkOptions:
         "Quantize weights and activations to int8, calibrated and checked on the images in DIR.",
         metavar="DIR",
     )
-    coarse: Path | None = groups.option(
-        "Take the low frequencies of depth from this checkpoint's network, which sees the image at "
-        "half the size: details at high resolution, rooms as a whole.",
-        metavar="CKPT",
-    )
     opset: int = groups.option("ONNX opset version.", default=17, min=16, max=20)
     tolerance: float | None = groups.option(
         "Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
@@ -104,7 +99,6 @@ def export_onnx(
         opset=network.opset,
         tolerance=network.tolerance,
         int8_pictures=network.int8,
-        coarse=network.coarse,
         license=card.license_name,
         hfov_deg=card.hfov,
         depth_factor=card.depth_factor,
