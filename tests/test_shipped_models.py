@@ -14,7 +14,7 @@ import onnx
 import pytest
 
 import depthcli
-from depthcli.core.anchors import AnchorPoints, fit_anchors
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor
 from depthcli.core.types import Frame
 from depthcli.datasets import base as id_ranges
@@ -141,7 +141,9 @@ def test_readme_states_how_far_its_room_is_off(true_m: np.ndarray) -> None:
     depth, true_median_m = _depth("default"), np.median(true_m)
     words = [said[i].split(",") for i in (3, 4)]
     points = [Anchor(int(x), int(y), float(depth_m)) for x, y, depth_m in words]
-    fitted = fit_anchors(depth, points)[0]
+    network = depthcli.load_model(ROOT / "models" / "prompted", provider="cpu").pipeline
+    image = depthcli.read_image(ROOT / "docs" / "room.jpg")
+    fitted = network.predict(image, anchors=AnchorPoints.of(points)).depth
     found_m = [true_median_m, np.median(depth.values), np.median(fitted.values)]
     assert found_m == pytest.approx([float(said[i]) for i in (1, 2, 5)], abs=0.02)
     for point in points:

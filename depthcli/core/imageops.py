@@ -243,6 +243,7 @@ _LEAST_STEP = 0.1
 _LEAST_SHARE = 0.5  # of the change within twice the window
 _RAMP = 0.3  # of shares, from where nothing is sharpened to where all is
 _STEEPER = 4.0
+_LEAST_SIDE_PX = 64  # the window is too large a part of smaller maps to tell edges from slopes
 
 
 def upsample_guided(
@@ -260,7 +261,8 @@ def upsample_guided(
     if frame.width <= width or frame.height <= height or not np.isfinite(depth).all():
         return resize_bilinear(depth, frame.width, frame.height)
     small = shrink_bands(frame.pixels, brightness, width, height)
-    fitted = GuidedMap.fit(np.log(depth) if in_log else depth, small, radius, sharpens=in_log)
+    sharpens = in_log and min(depth.shape) >= _LEAST_SIDE_PX
+    fitted = GuidedMap.fit(np.log(depth) if in_log else depth, small, radius, sharpens=sharpens)
     values = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
         band = fitted.rows(brightness(frame.pixels[rows]), rows, frame.height)
@@ -328,7 +330,11 @@ def _steepening(low: Float32Array, high: Float32Array, radius: int) -> Float32Ar
     share = change / np.maximum(wider, np.float32(1e-6))
     is_large = (2 * (change / np.float32(_LEAST_STEP) - 1)).clip(0, 1)
     is_complete = ((share - np.float32(_LEAST_SHARE)) / np.float32(_RAMP)).clip(0, 1)
-    return np.asarray(1 + np.float32(_STEEPER - 1) * is_large * is_complete, np.float32)
+    # The border cuts windows off, so that a slope there looks complete.
+    margin = 4 * radius
+    is_inside = np.zeros_like(low)
+    is_inside[margin:-margin, margin:-margin] = 1
+    return np.asarray(1 + np.float32(_STEEPER - 1) * is_large * is_complete * is_inside, np.float32)
 
 
 _HDR_TRANSFERS = {16: "PQ", 18: "HLG"}  # of ITU-T H.273
