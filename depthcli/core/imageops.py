@@ -243,7 +243,7 @@ _LEAST_STEP = 0.1
 _LEAST_SHARE = 0.5  # of the change within twice the window
 _RAMP = 0.3  # of shares, from where nothing is sharpened to where all is
 _STEEPER = 4.0
-_LEAST_SIDE_PX = 64  # the window is too large a part of smaller maps to tell edges from slopes
+_LEAST_SIDE_PX = 48  # the window is too large a part of smaller maps to tell edges from slopes
 
 
 def upsample_guided(
@@ -276,8 +276,8 @@ class GuidedMap(NamedTuple):
     #: (h, w) float32, change of the map with the picture's brightness
     slope: Float32Array
     offset: Float32Array  #: (h, w) float32, the map where brightness is 0
-    low: Float32Array  #: (h, w) float32, least value of the map within the radius
-    high: Float32Array  #: (h, w) float32, largest value of the map within the radius
+    low: Float32Array  #: (h, w) float32, least value of the map near each pixel
+    high: Float32Array  #: (h, w) float32, largest value of the map near each pixel
 
     @classmethod
     def fit(
