@@ -137,7 +137,8 @@ def quantize(
     could overflow. Biases are corrected for what rounding the weights adds on average (Nagel et al.
     2019, Data-free quantization through weight equalization and bias correction). The batches,
     network inputs (1, C, H, W), calibrate the range of activations.
-    What is computed with known depth is not rounded, but for features.
+    What is computed with known depth is not rounded, but for features; neither is the output, as
+    256 levels would be steps of 1 % of depth.
     """
     names = [given.name for given in model.graph.input]
     inputs = [(batch, *_prompts(generator, torch.from_numpy(batch))) for batch in batches]
@@ -146,7 +147,7 @@ def quantize(
     with temporary_folder() as folder:
         # By path, as the quantizer moves the weights of a model in memory to a separate file.
         source, path = folder / "float.onnx", folder / "int8.onnx"
-        onnx.save(with_corrected_biases(model, feeds), source)
+        onnx.save(_transposed(with_corrected_biases(model, feeds, exact), exact), source)
         logging.disable(logging.WARNING)  # the advice to preprocess the model, which has been done
         try:
             quantize_static(
@@ -194,7 +195,7 @@ def _simplified(model: onnx.ModelProto, exact: Collection[str]) -> onnx.ModelPro
 
 def _exact_nodes(model: onnx.ModelProto) -> list[str]:
     """Names of the nodes that correct depth, but for features, and that give it."""
-    names, exact, read = [], {*PROMPT_INPUTS}, set[str]()
+    names, exact, read = _last_nodes(model), {*PROMPT_INPUTS}, set[str]()
     for node in model.graph.node:
         scopes = {scope.partition(".")[0] for scope in node.name.split("/")}
         if _CORRECTION not in scopes:
@@ -212,18 +213,55 @@ def _exact_nodes(model: onnx.ModelProto) -> list[str]:
     return names + [node.name for node in own]
 
 
+def _last_nodes(model: onnx.ModelProto) -> list[str]:
+    """Names of the last convolution and of what follows it."""
+    made = {name: node for node in model.graph.node for name in node.output}
+    names, node = [], made.get(OUTPUT)
+    while node is not None:
+        names.append(node.name)
+        is_last = node.op_type in ("Conv", "ConvTranspose")
+        node = None if is_last else made.get(node.input[0])
+    return names
+
+
+def _transposed(model: onnx.ModelProto, exact: Collection[str]) -> onnx.ModelProto:
+    """The model, whose exact convolutions to one channel are transposed, which gives the same.
+
+    onnxruntime pads the output of a convolution to 16 channels, but not of a transposed one.
+    """
+    stored = {tensor.name: tensor for tensor in model.graph.initializer}
+    for conv in model.graph.node:
+        if conv.name not in exact or conv.op_type != "Conv" or conv.input[1] not in stored:
+            continue
+        weight = numpy_helper.to_array(stored[conv.input[1]])
+        if len(weight) > 1:
+            continue
+        flipped = np.ascontiguousarray(weight.transpose(1, 0, 2, 3)[..., ::-1, ::-1])
+        stored[conv.input[1]].CopyFrom(numpy_helper.from_array(flipped, conv.input[1]))
+        conv.op_type = "ConvTranspose"
+        pads = next(attribute for attribute in conv.attribute if attribute.name == "pads").ints
+        pads[:] = [size - 1 - pad for size, pad in zip(2 * weight.shape[2:], pads, strict=True)]
+    return model
+
+
 _LEVELS = 64  # of a weight of 7 bits, on each side of 0
 
 
 def with_corrected_biases(
-    model: onnx.ModelProto, feeds: Sequence[dict[str, Float32Array]]
+    model: onnx.ModelProto, feeds: Sequence[dict[str, Float32Array]], exact: Collection[str] = ()
 ) -> onnx.ModelProto:
-    """The network, whose biases take off the mean of what rounding the weights to 7 bits adds."""
+    """The network, whose biases take off the mean of what rounding the weights to 7 bits adds.
+
+    Weights of the nodes named ``exact`` are not rounded.
+    """
     stored = {tensor.name: tensor for tensor in model.graph.initializer}
     convs = [
         node
         for node in model.graph.node
-        if node.op_type == "Conv" and len(node.input) > 2 and {*node.input[1:]} <= {*stored}  # noqa: PLR2004 - with a bias
+        if node.op_type == "Conv"
+        and node.input[2:]
+        and {*node.input[1:]} <= {*stored}
+        and node.name not in exact
     ]
     means = _input_means(model, sorted({conv.input[0] for conv in convs}), feeds)
     corrected = onnx.ModelProto()

@@ -192,6 +192,7 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
             for m in (model, small)
         )
         assert 0 < np.abs(a - b).max() < 0.1 * np.ptp(a) + 0.02
+        assert len(np.unique(b)) > 256  # no steps of depth
 
 
 @pytest.mark.parametrize("groups", [1, 2])
