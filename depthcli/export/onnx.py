@@ -18,7 +18,7 @@ from depthcli.core.options import Weights
 from depthcli.core.types import DepthKind
 from depthcli.datasets import base as datasets
 from depthcli.errors import ModelError, OutputError, UsageError
-from depthcli.export import graph
+from depthcli.export import graph, int8
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.metrics.pixels import MIN_DEPTH_M
 from depthcli.models import card as cards
@@ -174,9 +174,9 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     model = graph.build_graph(generator, opset=options.opset)
     card = card_of(saved, options)
     folder = options.int8_pictures
-    pictures = [] if folder is None else graph.calibration_batches(folder, card.input)
+    pictures = [] if folder is None else int8.calibration_batches(folder, card.input)
     if pictures:
-        model = graph.quantize(model, pictures, generator)
+        model = int8.quantize(model, pictures, generator)
     elif options.half:
         graph.weights_to_float16(model)
     helper.set_model_props(model, {cards.METADATA_KEY: card.to_json()})

@@ -15,7 +15,7 @@ from onnx import TensorProto
 
 from depthcli.cli.app import main
 from depthcli.core.types import Frame
-from depthcli.export.graph import calibration_batches
+from depthcli.export.int8 import calibration_batches
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
 

@@ -1,6 +1,5 @@
-"""The exported graph: sizes, float16, int8 and parity."""
+"""The exported graph: sizes, float16 and parity."""
 
-import logging
 from pathlib import Path
 from typing import Any
 
@@ -10,28 +9,19 @@ import onnxruntime
 import pytest
 import torch
 from helpers.small import ALL, EFFICIENT, RESNET, small_network
-from helpers.tiny import synthetic_picture, tiny_onnx, write_picture
+from helpers.tiny import tiny_onnx
 from onnx import TensorProto
-from onnx.numpy_helper import to_array
 from torch import Tensor, nn
 
-from depthcli.core.types import DepthMap
 from depthcli.errors import ParityError
 from depthcli.export.graph import (
     _inputs,
     build_graph,
-    calibration_batches,
     check_parity,
     fold_batch_norm,
-    quantize,
     weights_to_float16,
-    with_corrected_biases,
 )
-from depthcli.io.formats.png16 import Png16Writer
-from depthcli.models.card import Colour, Fit, InputSpec
 from depthcli.training.config import GeneratorConfig
-from depthcli.training.networks.efficient import EfficientGenerator
-from depthcli.training.networks.prompted import PromptedGenerator
 
 Array = np.ndarray[Any, np.dtype[np.float32]]
 
@@ -164,139 +154,6 @@ def test_other_opsets(opset: int) -> None:
     model = build_graph(network, opset=opset)
     assert [entry.version for entry in model.opset_import] == [opset]
     np.testing.assert_allclose(_run(model, image), _torch(network, image), atol=2e-4)
-
-
-SPEC = InputSpec(Colour.VALUE, 64, 48, True, 4, Fit.STRETCH, (0.5,), (0.5,))
-
-
-def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
-    for shift in range(4):
-        pixels = np.roll(synthetic_picture(), 9 * shift, axis=1)
-        write_picture(tmp_path / f"{shift}.png", pixels)
-    (tmp_path / "notes.txt").write_text("no picture")
-    network = EfficientGenerator((32,) * 5, (32,) * 4, (1,) * 4, 0.0, norm=True).eval()
-    network.head.weight.data.normal_(0, 0.1)
-    model = build_graph(network)
-    batches = calibration_batches(tmp_path, SPEC)
-    assert len(batches) == 4
-    small = quantize(model, batches, network)
-    assert small.ByteSize() < 0.5 * model.ByteSize()
-    weights = [w for w in map(to_array, small.graph.initializer) if w.dtype == np.int8]
-    assert max(np.abs(w.astype(int)).max() for w in weights) <= 64  # 7 of the 8 bits
-    assert sum(w.ndim == 1 and w.size > 1 for w in weights) > 0  # zero points of channels
-    assert any(w.dtype == np.uint8 for w in map(to_array, small.graph.initializer))  # activations
-    assert not logging.root.manager.disable
-    for batch in batches:
-        a, b = (
-            onnxruntime.InferenceSession(m.SerializeToString()).run(None, {"image": batch})[0]
-            for m in (model, small)
-        )
-        assert 0 < np.abs(a - b).max() < 0.1 * np.ptp(a) + 0.02
-        assert len(np.unique(b)) > 256  # no steps of depth
-
-
-@pytest.mark.parametrize("groups", [1, 2])
-def test_biases_keep_the_mean_that_rounded_weights_would_shift(groups: int) -> None:
-    random = np.random.default_rng(0)
-    weight = random.normal(size=(8, 4 // groups, 1, 1)).astype(np.float32)
-    batches = [random.random((1, 4, 6, 6), np.float32) for _ in range(3)]
-    step = np.abs(weight).max((1, 2, 3), keepdims=True) / 64
-    rounded = (np.rint(weight / step) * step).astype(np.float32)
-
-    def means(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
-        convolved = [
-            torch.nn.functional.conv2d(*map(torch.from_numpy, (batch, weight, bias)), groups=groups)
-            for batch in batches
-        ]
-        return torch.stack(convolved).mean((0, 1, 3, 4)).numpy()
-
-    bias = np.zeros(8, np.float32)
-    node = onnx.helper.make_node("Conv", ["image", "weight", "bias"], ["depth"], group=groups)
-    sizes = [
-        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
-        for name in ("image", "depth")
-    ]
-    stored = [
-        onnx.numpy_helper.from_array(weight, "weight"),
-        onnx.numpy_helper.from_array(bias, "bias"),
-    ]
-    graph = onnx.helper.make_graph([node], "one", sizes[:1], sizes[1:], stored)
-    model = onnx.helper.make_model(
-        graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8
-    )
-    found = with_corrected_biases(model, [{"image": batch} for batch in batches])
-    corrected = to_array(found.graph.initializer[1])
-    assert np.abs(means(rounded, bias) - means(weight, bias)).max() > 1e-3
-    np.testing.assert_allclose(means(rounded, corrected), means(weight, bias), atol=1e-6)
-
-
-def test_equal_biases_of_two_convolutions_are_corrected_apart() -> None:
-    random = np.random.default_rng(0)
-    weights = [random.normal(size=(2, 1, 1, 1)).astype(np.float32) for _ in range(2)]
-    nodes = [
-        onnx.helper.make_node("Conv", ["image", f"weight{i}", "bias"], [f"depth{i}"])
-        for i in range(2)
-    ]
-    sizes = [
-        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
-        for name in ("image", "depth0", "depth1")
-    ]
-    stored = [onnx.numpy_helper.from_array(each, f"weight{i}") for i, each in enumerate(weights)]
-    stored.append(onnx.numpy_helper.from_array(np.zeros(2, np.float32), "bias"))
-    graph = onnx.helper.make_graph(nodes, "two", sizes[:1], sizes[1:], stored)
-    model = onnx.helper.make_model(
-        graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8
-    )
-    found = with_corrected_biases(model, [{"image": np.ones((1, 1, 4, 4), np.float32)}]).graph
-    biases = {tensor.name: to_array(tensor) for tensor in found.initializer}
-    for node, weight in zip(found.node, weights, strict=True):
-        step = np.abs(weight).max((1, 2, 3), keepdims=True) / 64
-        shift = (weight - np.rint(weight / step) * step).ravel()
-        np.testing.assert_allclose(biases[node.input[2]], shift, atol=1e-7)
-
-
-def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_need(
-    tmp_path: Path,
-) -> None:
-    write_picture(tmp_path / "0.png", synthetic_picture())
-    base = EfficientGenerator((16,) * 5, (16,) * 4, (1,) * 4, 0.0, norm=True).eval()
-    base.head.weight.data.normal_(0, 0.1)
-    network = PromptedGenerator(base, (8, 8, 8, 8)).eval()
-    batches = calibration_batches(tmp_path, SPEC)
-    small = quantize(build_graph(network), batches, network)
-    made = {name: node.op_type for node in small.graph.node for name in node.output}
-    pairs = {(made.get(name), node.op_type) for node in small.graph.node for name in node.input}
-    assert ("QuantizeLinear", "Shape") in pairs
-    assert ("DequantizeLinear", "Shape") not in pairs
-    assert ("Clip", "QuantizeLinear") not in pairs
-    readers = [node.op_type for node in small.graph.node if "image" in node.input]
-    assert sorted(readers) == ["QuantizeLinear", "SpaceToDepth"]
-    check_parity(network, small.SerializeToString(), ((1, 48, 64),), 0.2, batches)
-
-
-@pytest.mark.parametrize("count", [1, 64, 65, 127, 200])
-def test_calibration_is_spread_over_all_pictures(tmp_path: Path, count: int) -> None:
-    for number in range(count):
-        write_picture(tmp_path / f"{number:03}.png", np.full((48, 64, 3), number, np.uint8))
-    seen = [round((batch.mean() + 1) * 127.5) for batch in calibration_batches(tmp_path, SPEC)]
-    assert (len(seen), seen[0], seen[-1]) == (min(count, 64), 0, count - 1)
-    assert len(seen) == 1 or max(np.diff(seen)) <= -(-count // 64) + 1
-
-
-def test_calibration_takes_subfolders(tmp_path: Path) -> None:
-    for number, name in enumerate(("b/0.png", "a.png", "b/c/1.png", "a/9.png")):
-        write_picture(tmp_path / "rgb" / name, np.full((48, 64, 3), number, np.uint8))
-    batches = calibration_batches(tmp_path / "rgb", SPEC)
-    assert [round((batch.mean() + 1) * 127.5) for batch in batches] == [3, 1, 0, 2]
-
-
-def test_calibration_takes_neither_outputs_nor_other_files(tmp_path: Path) -> None:
-    for number in range(300):
-        (tmp_path / f"{number:03}.json").touch()
-    write_picture(tmp_path / "a.png", np.full((48, 64, 3), 9, np.uint8))
-    Png16Writer().write(DepthMap(np.ones((48, 64), np.float32)), tmp_path / "a.depth.png")
-    (batch,) = calibration_batches(tmp_path, SPEC)
-    assert round((batch.mean() + 1) * 127.5) == 9
 
 
 CASES = ((1, 12, 16), (2, 24, 8))
