@@ -237,6 +237,9 @@ def unit(pixels: npt.NDArray[np.generic]) -> Float32Array:
 # more gain sharpens where there is no edge.
 _SMOOTHING = 1e-3  # variance of brightness in [0, 1] below which the map keeps its local mean
 _GAIN = 1.5
+# Of log depth less its mean around a pixel, below which brightness says nothing of depth, as the
+# texture of a plane; three times as much counts fully.
+_LEAST_BEND = 0.003
 # Of edges: a change of log depth that is complete within the window, as no slope's is. More edges
 # make videos flicker.
 _LEAST_STEP = 0.1
@@ -285,7 +288,8 @@ class GuidedMap(NamedTuple):
     ) -> Self:
         """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both.
 
-        ``sharpens`` makes edges of log depth steeper, within a range of twice the radius.
+        ``sharpens`` makes edges of log depth steeper, within a range of twice the radius, and
+        leaves out the texture of planes.
         """
         mean: Any = partial(cv2.blur, ksize=(2 * radius + 1,) * 2, borderType=cv2.BORDER_REPLICATE)
         mean_guide, mean_coarse = mean(guide), mean(coarse)
@@ -294,6 +298,9 @@ class GuidedMap(NamedTuple):
         covariance = mean(guide * centred) - mean_guide * mean(centred)
         variance = mean(guide * guide) - mean_guide * mean_guide
         slope = np.asarray(_GAIN * covariance / (variance.clip(0) + _SMOOTHING), np.float32)
+        if sharpens:
+            _, bend = _range_within(np.abs(coarse - mean_coarse), 2 * radius)
+            slope = slope * ((bend / np.float32(_LEAST_BEND) - 1) / 2).clip(0, 1)
         offset = np.asarray(mean_coarse - slope * mean_guide, np.float32)
         slope, offset = mean(slope), mean(offset)
         low, high = _range_within(coarse, 2 * radius if sharpens else radius)

@@ -59,7 +59,7 @@ def test_lines_are_those_of_a_plain_loop(radius: int) -> None:
 
 def test_edges_are_made_steeper_as_in_a_plain_loop() -> None:
     rng = np.random.default_rng(6)
-    coarse = np.where(np.arange(20) < 9, 0.3, 0.7) + rng.uniform(0, 0.02, (9, 20))
+    coarse = np.where(np.arange(20) < 9, 0.3, 0.7) + rng.uniform(0, 0.06, (9, 20))
     coarse, guide = np.float32(coarse), np.float32(rng.uniform(0, 0.2, (9, 20)))
     plain, steep = (GuidedMap.fit(coarse, guide, 1, sharpens=sharpens) for sharpens in (0, 1))
     gains = set()
@@ -200,6 +200,17 @@ def test_texture_that_depth_does_not_follow_is_not_copied() -> None:
     inside = slice(8, -8), slice(8, -8)
     change = guided[inside] / resize_bilinear(slope, 128, 96)[inside] - 1
     assert np.abs(change).max() < 0.01
+
+
+def test_texture_of_a_plane_is_not_seen_in_log_depth() -> None:
+    plane = 1 / np.linspace(0.4, 0.8, 64, dtype=np.float32)[:, None].repeat(64, 1)  # a floor
+    texture = np.random.default_rng(0).integers(0, 256, (64, 64), np.uint8)
+    frame = Frame(texture.repeat(4, 0).repeat(4, 1))
+    smooth = resize_bilinear(plane, 256, 256)
+    guided, of_metres = (upsample_guided(plane, frame, in_log=log) for log in (True, False))
+    inside = slice(16, -16), slice(16, -16)
+    changes = [np.abs(each / smooth - 1)[inside].max() for each in (guided, of_metres)]
+    assert changes[0] < 0.2 * changes[1]
 
 
 SIZES = [(13, 7), (50, 40), (60, 150), (200, 150)]
