@@ -119,6 +119,15 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
         (("proposed", "--data", "data", "--accelerator", "abacus"), "abacus"),
         (("proposed", "--data", "data", "--accelerator", "cuda"), "cuda"),
         (("proposed", "--data", "data", "--max-minutes", "-1"), "--max-minutes"),
+        (("proposed", "--data", "nowhere"), "nowhere"),
+        (("cut", "--methods", "cut", "--data", "data"), "METHOD"),
+        (("--methods", "cut,pix2pix", "--data", "data"), "no method 'pix2pix'"),
+        (("--methods", ",", "--data", "data"), "METHOD"),
+        (("cut", "--seeds", "one", "--data", "data"), "seed"),
+        (("cut", "--grid", "loss.cycles=1,2", "--data", "data"), "cycles"),
+        (("nowhere:Method", "--data", "data"), "nowhere"),
+        (("--data", "data"), "METHOD"),
+        (("--methods", "cut,fastcut", "--data", "nowhere", "-q"), "nowhere"),
     ],
 )
 def test_wrong_use_is_one_line(

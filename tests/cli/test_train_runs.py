@@ -11,8 +11,6 @@ from helpers.command_line import unmeasured
 from helpers.rooms import write_rooms
 from helpers.runs import ENVIRONMENT, inside, same, saved
 
-from depthcli.cli.app import main
-
 TINY = """
 [generator]
 width = 4
@@ -113,30 +111,3 @@ def test_signal_ends_all_runs_with_a_checkpoint(folder: Path) -> None:
     assert process.returncode == 128 + signal.SIGTERM, err
     assert (folder / "runs" / "fastcut-seed0" / "last.ckpt").exists()
     assert not (folder / "runs" / "cut-seed0").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (("cut", "--methods", "cut"), "METHOD"),
-        (("--methods", "cut,pix2pix"), "no method 'pix2pix'"),
-        (("--methods", ","), "METHOD"),
-        (("cut", "--seeds", "one"), "seed"),
-        (("cut", "--grid", "loss.cycles=1,2"), "cycles"),
-        (("nowhere:Method",), "nowhere"),
-        ((), "METHOD"),
-        (("--methods", "cut,fastcut", "--data", "nowhere"), "nowhere"),
-    ],
-)
-def test_wrong_use_is_one_line_before_anything_is_trained(
-    folder: Path,
-    arguments: tuple[str, ...],
-    reason: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(folder)
-    assert main([*_words(*arguments), "--quiet"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert reason in line
-    assert not list(folder.glob("runs/**/*.ckpt"))

@@ -18,47 +18,17 @@ from depthcli.inference.session import Session
 from depthcli.jobs.train import TrainRequest, train
 from depthcli.models.catalog import find_model
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, TrainState
+from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
 from depthcli.training.init_weights import load_init_weights, weights_file
 from depthcli.training.networks.build import build_generator
 from depthcli.training.provenance import DataProvenance
 from depthcli.training.settings import resolve_config
 
 
-class Notes(Callback):
-    """Remembers what it is told."""
-
-    def __init__(self) -> None:
-        self.starts: list[tuple[bool, int]] = []
-        self.warnings: tuple[str, ...] = ()
-        self.epochs: list[int] = []
-
-    def on_train_start(
-        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
-    ) -> None:
-        self.starts.append((lacks_scenes, seen_held_out))
-        self.warnings = warnings
-
-    def on_epoch_end(self, state: TrainState) -> None:
-        self.epochs.append(state.epoch)
-
-
 def _request(folder: Path, **others: float) -> TrainRequest:
     return TrainRequest(
         EFFICIENT, folder / "data", folder / "run", accelerator="cpu", threads=1, **others
     )
-
-
-def test_a_run_stops_and_tells_of_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    write_rooms(tmp_path / "data")
-    notes = Notes()
-    stopped = train(_request(tmp_path, minutes=0), notes)
-    assert (stopped.state.step, stopped.signal_number) == (1, None)
-    done = train(_request(tmp_path), notes)
-    assert done.state == Checkpoint.load(tmp_path / "run" / "last.ckpt").state
-    assert (done.state.step, notes.epochs) == (6, [1, 2, 3])
-    assert [lacks_scenes for lacks_scenes, _ in notes.starts] == [False, False]
-    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
@@ -72,14 +42,8 @@ def test_settings_of_the_data_are_those_of_the_run(tmp_path: Path, changed: dict
     request = _request(tmp_path)
     config = replace(request.config, data=replace(request.config.data, **changed))
     with pytest.raises(DatasetError):
-        train(replace(request, config=config), Notes())
+        train(replace(request, config=config), Callback())
     assert not request.out.exists()
-
-
-def test_errors_are_raised_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError):
-        train(_request(tmp_path), Notes())
-    assert not (tmp_path / "run").exists()
 
 
 def test_an_unknown_start_model_is_told_before_the_data_set_is_opened(tmp_path: Path) -> None:

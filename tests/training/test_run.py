@@ -19,7 +19,6 @@ from lightning_fabric.plugins.precision.amp import MixedPrecision
 from torch import nn
 
 from depthcli.core.parallel import usable_cores
-from depthcli.errors import UsageError
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint
 from depthcli.training.config import DataConfig, OptimConfig, TrainConfig, updated
@@ -31,7 +30,6 @@ from depthcli.training.run import (
     WeightAverage,
     fit,
     load_random_state,
-    open_fabric,
     random_state,
     set_threads,
 )
@@ -216,11 +214,6 @@ def test_threads_are_given_or_saved_or_all_cores(tmp_path: Path) -> None:
             assert torch.get_num_threads() == wanted
     finally:
         torch.set_num_threads(count)
-
-
-def test_an_accelerator_that_is_not_there_is_refused() -> None:
-    with pytest.raises(UsageError):
-        open_fabric("abacus", "32-true")
 
 
 @pytest.mark.parametrize("parts", [2, 3])
