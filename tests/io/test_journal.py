@@ -128,14 +128,6 @@ def test_known_rows_of_nothing() -> None:
     assert known_rows(Path("nowhere")).row("a") is None
 
 
-def test_a_second_batch_is_kept_out(tmp_path: Path) -> None:
-    journal = Journal(tmp_path)
-    with pytest.raises(UsageError):
-        Journal(tmp_path)
-    journal.finish([])
-    Journal(tmp_path).finish([])
-
-
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OutputError):
@@ -198,17 +190,6 @@ def test_a_shard_or_a_whole_that_was_killed_is_cut_short(tmp_path: Path) -> None
     shard._opened.close()
     assert not Journal(tmp_path, Shard(1, 2)).was_interrupted  # others may write here
     assert Journal(tmp_path).was_interrupted
-
-
-def test_shards_share_a_folder_with_none_but_shards(tmp_path: Path) -> None:
-    one, other = (Journal(tmp_path, Shard(number, 2)) for number in (1, 2))
-    with pytest.raises(UsageError):
-        Journal(tmp_path, Shard(1, 2))
-    with pytest.raises(UsageError):
-        Journal(tmp_path)
-    one.finish([])
-    other.finish([])
-    Journal(tmp_path).finish([])
 
 
 def test_an_empty_manifest_is_replaced(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import pytest
 from helpers.batches import NAMES, outputs, pictures, request
 from helpers.command_line import Cli
 from helpers.requests import predict_request, video_request
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import write_model
 from helpers.videos import flat_frames, with_sound, write_mp4
 from helpers.watched import Watched
 
@@ -180,28 +180,6 @@ def test_recorded_results_are_in_the_manifest_after_close(tmp_path: Path) -> Non
     assert batch.tally.done == len(NAMES)
     lines = (tmp_path / "out" / "manifest.jsonl").read_text().splitlines()
     assert [json.loads(line)["input"] for line in lines] == list(NAMES)
-
-
-@pytest.mark.parametrize(
-    ("include", "exclude", "taken"),
-    [
-        (("*.png",), (), {"a.png", "hall/b.png", "z.png"}),
-        (("hall/*",), (), {"hall/b.png", "hall/c.jpg"}),
-        (("hall/**",), (), {"hall/b.png", "hall/c.jpg", "hall/thumbs/d.jpg"}),
-        ((), ("thumbs",), {"a.png", "hall/b.png", "hall/c.jpg", "z.png"}),
-        ((), ("hall/",), {"a.png", "z.png"}),
-        (("*.png",), ("[bz].png",), {"a.png"}),
-    ],
-)
-def test_patterns(
-    tmp_path: Path, include: tuple[str, ...], exclude: tuple[str, ...], taken: set[str]
-) -> None:
-    pictures(tmp_path)
-    for name in ("hall/c.jpg", "hall/thumbs/d.jpg"):
-        write_picture(tmp_path / "in" / name)
-    wanted = NameFilter.of(include, exclude)
-    plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), wanted)
-    assert {file.name for file in plan.inputs} == taken
 
 
 def test_outputs_do_not_go_behind_http(tmp_path: Path) -> None:

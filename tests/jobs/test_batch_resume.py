@@ -76,16 +76,6 @@ def test_a_changed_option_is_done_again(tmp_path: Path, options: BatchOptions) -
     assert {name: d for name, d in outputs(tmp_path / "out").items() if name in once} == once
 
 
-def test_resume_ignores_options_without_effect_on_output(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    kept(tmp_path)
-    options = BatchOptions(max_pixels=5000)
-    assert kept(tmp_path, options=options) == ALL
-    found = request(tmp_path)
-    auto = replace(found, model=SessionLoader(found.model.model, threads=2))
-    assert all(result.is_kept for result in Batch(auto))
-
-
 def test_a_changed_input_is_done_again(tmp_path: Path) -> None:
     pictures(tmp_path)
     kept(tmp_path)
@@ -230,13 +220,16 @@ def test_a_video_whose_name_is_no_longer_shared_is_done_again(tmp_path: Path) ->
     assert kept(tmp_path) == {"a.mp4": True}
 
 
-def test_resume_ignores_order_of_formats_and_pixel_limit(tmp_path: Path) -> None:
+def test_resume_ignores_options_without_effect_on_output(tmp_path: Path) -> None:
     write_picture(tmp_path / "in" / "a.png")
     write_video(tmp_path / "in" / "b.mp4", flat_frames(range(3)))
     asked = BatchOptions((Format.PNG16, Format.EXR))
     assert kept(tmp_path, options=asked) == {"a.png": False, "b.mp4": False}
     limited = BatchOptions((Format.EXR, Format.PNG16), max_pixels=10**6)
     assert kept(tmp_path, options=limited) == {"a.png": True, "b.mp4": True}
+    found = request(tmp_path, options=asked)
+    auto = replace(found, model=SessionLoader(found.model.model, threads=2))
+    assert all(result.is_kept for result in Batch(auto))
 
 
 def test_a_picture_that_is_named_like_a_frame_is_not_done_again(tmp_path: Path) -> None:
