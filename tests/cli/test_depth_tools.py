@@ -101,7 +101,8 @@ def test_probe_sums_up_boxes_and_masks(inside: Cli, depth_npy: Path) -> None:
 
 @pytest.mark.usefixtures("depth_npy")
 @pytest.mark.parametrize(
-    "place", ["4,2,4,6", "0,0,17,2", "0,0,-1,2", "1,2,3", "black.png", "9x9.png"]
+    "place",
+    ["16,0", "0,12", "4,2,4,6", "0,0,17,2", "0,0,-1,2", "1,2,3", "black.png", "9x9.png"],
 )
 def test_probe_refuses_areas_that_are_not_in_the_map(place: str, inside: Cli) -> None:
     cv2.imwrite(str(inside.folder / "black.png"), np.zeros((12, 16), np.uint8))

@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from io import BytesIO
 from pathlib import Path
@@ -272,21 +271,3 @@ def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Sig
     for path in outputs:
         assert not path.name.startswith(".")
         assert read_stored_depth(path).displayed.values.shape == (48, 64)
-
-
-def test_only_what_is_needed_is_imported(cli: Cli) -> None:
-    room(cli)
-    words = [sys.executable, "-X", "importtime", *cli.command("predict", "room.png")[1:]]
-    done = subprocess.run(
-        words, capture_output=True, check=True, cwd=cli.folder, env=cli.environment
-    )
-    modules = {line.rsplit("|", 1)[-1].strip() for line in error_lines(done)}
-    assert {"cv2", "onnxruntime"} <= modules
-    assert not modules & {
-        "av",
-        "OpenEXR",
-        "rich",
-        "torch",
-        "importlib.metadata",
-        "concurrent.futures",
-    }

@@ -44,14 +44,6 @@ def test_inspect_file_returns_the_facts_of_a_map(depth_npy: Path) -> None:
     assert facts.items() >= {"valid": 3, "min": VALUES_M[0, 0], "median": 2, "max": 70}.items()
 
 
-def test_a_pixel_has_depth_or_none(depth_npy: Path) -> None:
-    depth = read_map(depth_npy).displayed
-    assert (depth_at(depth, 1, 0), depth_at(depth, 2, 0)) == (2, None)
-    for x, y in ((4, 0), (0, 1)):
-        with pytest.raises(UsageError):
-            depth_at(depth, x, y)
-
-
 @pytest.mark.parametrize("name", ["d.npy", "d.exr"])
 def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Path) -> None:
     path, values_m = tmp_path / name, np.float32([[0, -1, np.inf, np.nan, 2, 3]])

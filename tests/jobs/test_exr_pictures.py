@@ -115,13 +115,13 @@ def test_anchors_are_in_the_display_window(
 
 
 def test_it_can_come_through_a_pipe(tmp_path: Path, loader: SessionLoader) -> None:
-    plate = write_plate(tmp_path, 1, MIXED, aspect=2)
-    predicted(plate, loader, Format.EXR)
-    output = BytesIO()
-    stdin = BytesIO(plate.read_bytes())
-    request = predict_request(["-"], "-", (Format.EXR,), model=loader, stdin=stdin, stdout=output)
+    plate, writing = write_plate(tmp_path, 1, MIXED, aspect=2), WriterOptions(half=True)
+    predicted(plate, loader, Format.EXR, writing=writing)
+    stdin, output = BytesIO(plate.read_bytes()), BytesIO()
+    streams = {"stdin": stdin, "stdout": output}
+    request = predict_request(["-"], "-", (Format.EXR,), model=loader, writing=writing, **streams)
     (done,) = predict(request)
-    assert isinstance(done, PictureResult)
+    assert done.outputs == ("-",)
     assert output.getvalue() == (tmp_path / "out" / "plate.1.depth.exr").read_bytes()
 
 
