@@ -133,10 +133,12 @@ def test_card_without_address_says_where_weights_are(inside: Cli) -> None:
     assert PAGE.encode() in refused.stderr
 
 
-def test_hint_names_the_address_of_a_ready_card(inside: Cli, picture: Path) -> None:
+def test_every_ready_card_states_an_address_that_a_hint_names(inside: Cli, picture: Path) -> None:
     cards = [json.loads(line) for line in inside("models", "cards", "--json").stdout.splitlines()]
     stated = {card["name"]: card["weights"] for card in cards}
     for name, weights in stated.items():
+        assert weights["page"]
+        assert "source" in weights or "url" not in weights
         failed = inside("predict", picture, "--model", name)
         assert failed.returncode == 3
         assert (weights.get("url") or weights["page"]).encode() in failed.stderr
@@ -149,13 +151,6 @@ def test_cards_show_the_addresses_of_weights(inside: Cli) -> None:
     assert any(stated["page"] in row for row in rows)
     assert all(stated[fact] in shown for fact in ("page", "url", "sha256"))
     assert inside("models", "cards", "none").returncode == 2
-
-
-def test_every_ready_card_states_where_its_weights_are(inside: Cli) -> None:
-    for line in inside("models", "cards", "--json").stdout.splitlines():
-        weights = json.loads(line)["weights"]
-        assert weights["page"]
-        assert "source" in weights or "url" not in weights
 
 
 def test_download_has_a_bar_on_a_terminal(cli: Cli, server: FileServer) -> None:

@@ -12,7 +12,6 @@ import pytest
 from helpers.command_line import Cli
 from helpers.plates import CROP, DISPLAY, time_code_of, write_plate
 from helpers.requests import predict_request, video_request
-from helpers.tiny import write_model
 from helpers.videos import NTSC, encode, flat_frames, with_sound
 from hypothesis import given
 from hypothesis import strategies as st
@@ -236,12 +235,6 @@ def test_without_a_time_code_there_is_none(stated: str | None, inside: Cli) -> N
 NOISE = [np.random.default_rng(i).integers(0, 256, (48, 64, 3), np.uint8) for i in range(12)]
 FAST_S = [i / 60 for i in range(24)]
 UNEVEN_S = [0, 0.017, 0.05, 0.083, 0.15, 0.167, 0.2, 0.266]
-
-
-@pytest.fixture
-def loader(tmp_path: Path) -> SessionLoader:
-    """Bright is far."""
-    return SessionLoader(write_model(tmp_path / "model"), "cpu")
 
 
 def times_s(path: Path) -> list[float]:

@@ -85,11 +85,6 @@ BOTH = (VideoFormat.MKV, VideoFormat.MP4)
 
 
 @pytest.fixture
-def loader(tmp_path: Path) -> SessionLoader:
-    return SessionLoader(write_model(tmp_path / "model"), "cpu")
-
-
-@pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A folder with a clip and a video of another program."""
     write_mp4(tmp_path / "in" / "clip.mp4", flat_frames(range(3)))
