@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 import pytest
-from helpers.rooms import Rooms, rooms, write_rooms
+from helpers.rooms import large_rooms, rooms, write_rooms
 from helpers.videos import flat_frames, write_mp4
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -131,10 +130,7 @@ def test_an_output_format_never_replaces_a_foreign_file(extended: Extended) -> N
 
 
 def test_a_metric(extended: Extended) -> None:
-    small = rooms()
-    depths_m = np.stack([cv2.resize(depth_m, (640, 480)) for depth_m in small.depths_m])
-    images = np.stack([cv2.resize(image, (640, 480)) for image in small.images])
-    write_rooms(extended.folder / "nyu", Rooms(images, depths_m))
+    write_rooms(extended.folder / "nyu", large_rooms())
     words = ("eval", "nyu", "--data", "nyu", "--split", "val", "--no-model", "--csv", "table.csv")
     assert " irmse" in extended.run("-m", "depthcli", *words)
     header, *rows = (extended.folder / "table.csv").read_text().splitlines()

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import pytest
-from helpers.rooms import Rooms, rooms, write_rooms
+from helpers.rooms import large_rooms, write_rooms
 from helpers.tiny import load
 from lightning_fabric import Fabric
 
@@ -45,17 +44,9 @@ def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float =
     fit(config, opened, folder, fabric, Callback(), max_steps=steps)
 
 
-def _large() -> Rooms:
-    """The rooms at the size that the protocol is about."""
-    small = rooms()
-    images = [cv2.resize(image, (640, 480)) for image in small.images]
-    depths_m = [cv2.resize(depth, (640, 480)) for depth in small.depths_m]
-    return Rooms(np.stack(images), np.stack(depths_m))
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_rooms(tmp_path_factory.mktemp("set") / "nyu", _large())
+    return write_rooms(tmp_path_factory.mktemp("set") / "nyu", large_rooms())
 
 
 @pytest.fixture(scope="module")

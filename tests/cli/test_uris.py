@@ -6,10 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cv2
-import numpy as np
 from helpers.command_line import Cli
-from helpers.rooms import Rooms, rooms, write_rooms
+from helpers.rooms import large_rooms, write_rooms
 from helpers.stores import KEYS, Bucket, Faults, credentials_checked
 from helpers.tiny import card_with, tiny_onnx, write_model, write_picture
 from helpers.videos import flat_frames, write_mp4
@@ -133,12 +131,7 @@ def test_plain_paths_open_no_connection(cli: Cli) -> None:
     write_picture(cli.folder / "in" / "a.png")
     write_mp4(cli.folder / "in" / "clip.mp4", flat_frames(range(40, 44)))
     (cli.folder / "tiny.toml").write_text(TINY)
-    small = rooms()  # scaled to the size that the protocol is about
-    images, depths_m = (
-        np.stack([cv2.resize(one, (640, 480)) for one in many])
-        for many in (small.images, small.depths_m)
-    )
-    write_rooms(cli.folder / "nyu", Rooms(images, depths_m))
+    write_rooms(cli.folder / "nyu", large_rooms())
     (cli.folder / "models").symlink_to(cli.models)
     home = cli.folder / "user"
     home.mkdir()

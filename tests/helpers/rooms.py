@@ -69,6 +69,14 @@ def rooms() -> Rooms:
     return Rooms(np.stack(images), np.stack(depths_m))
 
 
+def large_rooms() -> Rooms:
+    """The six rooms at the size of NYU Depth v2, 640×480 pixels."""
+    small = rooms()
+    images = [cv2.resize(image, (640, 480)) for image in small.images]
+    depths_m = [cv2.resize(depth_m, (640, 480)) for depth_m in small.depths_m]
+    return Rooms(np.stack(images), np.stack(depths_m))
+
+
 def room_data() -> TrainingData:
     """The six rooms as what a run learns from."""
     return TrainingData(rooms(), "six rooms", None)
