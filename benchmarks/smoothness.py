@@ -1,0 +1,67 @@
+"""How rough surfaces are that should be smooth: walls and floors with the texture of the image.
+
+Figure of merit: the angle between the normal of each pixel and the mean of those of the 15 × 15
+pixels around it, in degrees: mean, and median of an image, both averaged over every third
+validation image of NYU Depth v2. Less is not better where edges go, too: see ``eval --boundary``.
+
+Run: ``python benchmarks/smoothness.py NYU [--model default ...] [--upsample guided]``
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+import depthcli
+from depthcli.datasets.base import SplitName
+from depthcli.datasets.nyu import open_nyu
+from depthcli.evaluation.task import plan_nyu
+
+AROUND_PX = 15
+EVERY = 3
+
+
+def normals(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[np.float64]:
+    """Unit vectors (H - 2, W - 2, 3) of depth (H, W), from the two neighbours on either side."""
+    height, width = depth_m.shape
+    rows, columns = np.mgrid[:height, :width]
+    x, y = (columns + 0.5 - width / 2) / focal_px, (rows + 0.5 - height / 2) / focal_px
+    points_m = np.dstack([x * depth_m, y * depth_m, depth_m])
+    across = points_m[1:-1, 2:] - points_m[1:-1, :-2]
+    down = points_m[2:, 1:-1] - points_m[:-2, 1:-1]
+    found = np.cross(across, down)
+    return np.asarray(found / np.linalg.norm(found, axis=2, keepdims=True))
+
+
+def roughness_deg(found: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Angle between each normal and the mean of those around it."""
+    around = cv2.blur(found, (AROUND_PX, AROUND_PX))
+    around /= np.linalg.norm(around, axis=2, keepdims=True)
+    return np.asarray(np.degrees(np.arccos((found * around).sum(2).clip(-1, 1))))
+
+
+def main() -> None:
+    """Print the mean and the median of each model."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("nyu", type=Path)
+    parser.add_argument("--model", action="append")
+    parser.add_argument("--upsample", choices=["guided", "bilinear"], default="guided")
+    options = parser.parse_args()
+    task = plan_nyu(open_nyu(options.nyu), SplitName.VAL, None)
+    for name in options.model or ["default", "float", "fast"]:
+        detail = depthcli.UpsamplingOptions(upsampling=options.upsample)
+        model = depthcli.load_model(name, provider="cpu", detail=detail)
+        angles = []
+        for pair in task.test[::EVERY]:
+            depth = model.predict(task.dataset.image(pair))
+            angles.append(roughness_deg(normals(depth.values, depth.focal_px)))
+        mean, median = np.mean([each.mean() for each in angles]), np.mean([*map(np.median, angles)])
+        print(f"{name:20} mean {mean:5.2f}°  median {median:5.2f}°")
+
+
+if __name__ == "__main__":
+    main()
