@@ -14,7 +14,7 @@ from torch import nn
 from depthcli.core.arrays import Float32Array
 from depthcli.datasets.folders import sample_positions
 from depthcli.errors import UsageError
-from depthcli.export.graph import OUTPUT, prompts_for
+from depthcli.export.graph import INPUT, OUTPUT, prompts_for
 from depthcli.inference.providers import ort
 from depthcli.inference.transforms import prepare
 from depthcli.io.images.read import read_image
@@ -26,6 +26,7 @@ _CORRECTION = "correction"  # scope of what is computed with known depth
 # Scopes of convolutions of the correction that may be rounded.
 _FEATURES = {"features", "head", "interpolation", "of_below", "of_points", "of_seen"}
 _BELIEF = "belief"  # that may not
+_CHAIN = ("Conv", "Clip", "Relu")  # operators next to the input
 _LEVELS = 64  # of a weight of 7 bits, on each side of 0
 _LEAST_SHARE = 0.05  # of the largest channel, which each is taken to have
 _Feed = dict[str, Float32Array]
@@ -42,7 +43,8 @@ def quantize(
     2019, Data-free quantization through weight equalization and bias correction). The batches,
     network inputs (1, C, H, W), calibrate the range of activations.
     What is computed with known depth is not rounded, but for features; neither is the output, as
-    256 levels would be steps of 1 % of depth.
+    256 levels would be steps of 1 % of depth, nor what is next to the input, where int8 is not
+    faster and costs most.
     """
     names = [given.name for given in model.graph.input]
     inputs = [(batch, *prompts_for(generator, torch.from_numpy(batch))) for batch in batches]
@@ -71,29 +73,21 @@ def quantize(
             )
         finally:
             logging.disable(logging.NOTSET)
-        return _simplified(onnx.load(path), exact)
+        return _simplified(onnx.load(path))
 
 
-def _simplified(model: onnx.ModelProto, exact: Collection[str]) -> onnx.ModelProto:
+def _simplified(model: onnx.ModelProto) -> onnx.ModelProto:
     """An int8 model without operators that add nothing to its output.
 
-    A shape is that of the rounded tensor, exact nodes read the input before it is rounded, and
-    rounding clips to the range that was seen, which is that of clipping or less.
+    A shape is that of the rounded tensor, and rounding clips to the range that was seen, which is
+    that of clipping or less.
     """
     graph = model.graph
-    inputs = {given.name for given in graph.input}
     made = {node.output[0]: node for node in graph.node if node.output}
+    vain = {("DequantizeLinear", "Shape"), ("Clip", "QuantizeLinear")}
     for node in graph.node:
         source = made.get(node.input[0]) if node.input else None
-        if source is None:
-            continue
-        if source.op_type == "DequantizeLinear":
-            before = made[source.input[0]].input[0] if source.input[0] in made else ""
-            if node.op_type == "Shape":
-                node.input[0] = source.input[0]
-            elif node.name in exact and before in inputs:
-                node.input[0] = before
-        elif (source.op_type, node.op_type) == ("Clip", "QuantizeLinear"):
+        if source is not None and (source.op_type, node.op_type) in vain:
             node.input[0] = source.input[0]
     read = {name for node in graph.node for name in node.input} | {o.name for o in graph.output}
     for node in [node for node in graph.node if read.isdisjoint(node.output)]:
@@ -102,8 +96,9 @@ def _simplified(model: onnx.ModelProto, exact: Collection[str]) -> onnx.ModelPro
 
 
 def _exact_nodes(model: onnx.ModelProto) -> list[str]:
-    """Names of the nodes that correct depth, but for features, and that give it."""
-    names, exact, read = _last_nodes(model), {*PROMPT_INPUTS}, set[str]()
+    """Names of the nodes that correct depth, but for features, and of the first and the last."""
+    names = _first_nodes(model) + _last_nodes(model)
+    exact, read = {*PROMPT_INPUTS}, set[str]()
     for node in model.graph.node:
         scopes = {scope.partition(".")[0] for scope in node.name.split("/")}
         if _CORRECTION not in scopes:
@@ -119,6 +114,26 @@ def _exact_nodes(model: onnx.ModelProto) -> list[str]:
         n for n in model.graph.node if _CORRECTION not in n.name and not read.isdisjoint(n.output)
     ]
     return names + [node.name for node in own]
+
+
+def _first_nodes(model: onnx.ModelProto) -> list[str]:
+    """Names of the first convolution, of a depthwise separable one after it, and of activations."""
+    names, convolutions, name = list[str](), 0, INPUT
+    while True:
+        node = next((n for n in model.graph.node if name in n.input and n.op_type in _CHAIN), None)
+        if node is None:
+            return names
+        if node.op_type == "Conv":
+            is_separable = convolutions == 2 or (convolutions == 1 and _groups(node) > 1)  # noqa: PLR2004
+            if convolutions and not is_separable:
+                return names
+            convolutions += 1
+        names.append(node.name)
+        name = node.output[0]
+
+
+def _groups(conv: onnx.NodeProto) -> int:
+    return next((attribute.i for attribute in conv.attribute if attribute.name == "group"), 1)
 
 
 def _last_nodes(model: onnx.ModelProto) -> list[str]:
@@ -237,7 +252,7 @@ def correct_biases(
         step = np.maximum(step, np.finfo(np.float32).tiny)
         added = ((np.rint(weight / step) * step - weight).sum((2, 3))).astype(np.float32)
         mean = sums[conv.input[0]] / len(feeds)
-        groups = next((a.i for a in conv.attribute if a.name == "group"), 1)
+        groups = _groups(conv)
         mean = np.repeat(mean.reshape(groups, -1), len(weight) // groups, axis=0)
         _set(stored[conv.input[2]], bias - (added * mean).sum(1))
 
