@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 import depthcli
+from depthcli.core.surface import surface_of
 from depthcli.datasets.base import SplitName
 from depthcli.datasets.nyu import open_nyu
 from depthcli.evaluation.task import plan_nyu
@@ -25,20 +26,8 @@ AROUND_PX = 15
 EVERY = 3
 
 
-def normals(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[np.float64]:
-    """Unit vectors (H - 2, W - 2, 3) of depth (H, W), from the two neighbours on either side."""
-    height, width = depth_m.shape
-    rows, columns = np.mgrid[:height, :width]
-    x, y = (columns + 0.5 - width / 2) / focal_px, (rows + 0.5 - height / 2) / focal_px
-    points_m = np.dstack([x * depth_m, y * depth_m, depth_m])
-    across = points_m[1:-1, 2:] - points_m[1:-1, :-2]
-    down = points_m[2:, 1:-1] - points_m[:-2, 1:-1]
-    found = np.cross(across, down)
-    return np.asarray(found / np.linalg.norm(found, axis=2, keepdims=True))
-
-
-def roughness_deg(found: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Angle between each normal and the mean of those around it."""
+def roughness_deg(found: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Angle between each normal (H, W, 3) and the mean of those around it, (H, W)."""
     around = cv2.blur(found, (AROUND_PX, AROUND_PX))
     around /= np.linalg.norm(around, axis=2, keepdims=True)
     return np.asarray(np.degrees(np.arccos((found * around).sum(2).clip(-1, 1))))
@@ -58,7 +47,7 @@ def main() -> None:
         angles = []
         for pair in task.test[::EVERY]:
             depth = model.predict(task.dataset.image(pair))
-            angles.append(roughness_deg(normals(depth.values, depth.focal_px)))
+            angles.append(roughness_deg(surface_of(depth, depth.focal_px).normals()))
         mean, median = np.mean([each.mean() for each in angles]), np.mean([*map(np.median, angles)])
         print(f"{name:20} mean {mean:5.2f}°  median {median:5.2f}°")
 

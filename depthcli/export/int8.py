@@ -1,4 +1,4 @@
-"""Rounding an exported network to 8 bits, but for its output."""
+"""Rounding an exported network to 8 bits, but for its first block and its output."""
 
 import logging
 from collections.abc import Callable, Collection, Sequence
@@ -176,9 +176,9 @@ def _set(tensor: onnx.TensorProto, values: Float32Array) -> None:
 def equalize(model: onnx.ModelProto, feeds: Sequence[_Feed]) -> None:
     """Scale channels to an equal range, where following weights can take the scale back.
 
-    That is after a convolution and ReLU, if only convolutions read them, also enlarged and before
-    the other channels of a concatenation. Those of an encoder are ten times as large as those of a
-    decoder, for which their common scale would have few levels.
+    That is after a convolution and ReLU, if only dense convolutions read them, also enlarged and
+    before the other channels of a concatenation. Those of an encoder are ten times as large as
+    those of a decoder, for which their common scale would have few levels.
     """
     stored = _stored(model)
     made = {name: node for node in model.graph.node for name in node.output}
@@ -210,13 +210,14 @@ def equalize(model: onnx.ModelProto, feeds: Sequence[_Feed]) -> None:
 def _convolutions_after(
     name: str, model: onnx.ModelProto, stored: Collection[str]
 ) -> list[onnx.NodeProto]:
-    """Convolutions that read a tensor by their first channels; none if anything else reads it."""
+    """Dense convolutions whose first channels are a tensor; none if anything else reads it."""
     found = []
     for node in model.graph.node:
         if name not in node.input or node.op_type == "Shape":
             continue
         is_first = node.input[0] == name
-        if is_first and node.op_type == "Conv" and node.input[1] in stored:
+        is_dense = node.op_type == "Conv" and _groups(node) == 1
+        if is_first and is_dense and node.input[1] in stored:
             found.append(node)
         elif is_first and node.op_type in ("Concat", "Resize"):
             after = _convolutions_after(node.output[0], model, stored)
@@ -252,8 +253,7 @@ def correct_biases(
         step = np.maximum(step, np.finfo(np.float32).tiny)
         added = ((np.rint(weight / step) * step - weight).sum((2, 3))).astype(np.float32)
         mean = sums[conv.input[0]] / len(feeds)
-        groups = _groups(conv)
-        mean = np.repeat(mean.reshape(groups, -1), len(weight) // groups, axis=0)
+        mean = np.repeat(mean.reshape(_groups(conv), -1), len(weight) // _groups(conv), axis=0)
         _set(stored[conv.input[2]], bias - (added * mean).sum(1))
 
 

@@ -214,3 +214,14 @@ def test_biases_of_weights_that_are_not_rounded_stay() -> None:
     changed = {t.name for t in model.graph.initializer if (to_array(t) != before[t.name]).any()}
     assert len(changed) == 3
     assert last.input[2] not in changed
+
+
+def test_depthwise_convolutions_are_rounded_as_well() -> None:
+    torch.manual_seed(0)
+    layers = nn.Conv2d(1, 8, 3), nn.Conv2d(8, 8, 3), nn.Conv2d(8, 8, 3, groups=8)
+    network = nn.Sequential(*(one for conv in layers for one in (conv, nn.ReLU())))
+    network.append(nn.Conv2d(8, 1, 1)).eval()
+    image = np.random.default_rng(0).uniform(-1, 1, (1, 1, 32, 32)).astype(np.float32)
+    model = build_graph(network)
+    exact, found = (_run(each, image) for each in (model, quantize(model, [image], network)))
+    assert np.abs(found - exact).max() < 0.1 * np.ptp(exact)
