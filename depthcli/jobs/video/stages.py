@@ -227,6 +227,7 @@ class FrameStages:
         self._journal, self._scale = journal or FrameJournal(), scale
         self.pipeline, self._settings, self._anchors = pipeline, settings, anchors
         self._shift, self._within_s = 0, math.inf  # of numbers; of the times of known depth
+        self._first_number: int | None = None
         self._changes = temporal.ChangeDetector()
         self._lock = temporal.RangeLock()
         self._deflicker = temporal.Deflicker(settings.look_ahead)
@@ -245,8 +246,9 @@ class FrameStages:
         rate, wanted = self._settings.span.rate(source.rate), self._settings.start_number
         self._within_s = 0.5 / float(source.rate)
         for count, frame in enumerate(source.frames(self._settings.span)):
-            if count == 0 and wanted is not None:
-                self._shift = wanted - frame.index
+            if count == 0:
+                self._shift = 0 if wanted is None else wanted - frame.index
+                self._first_number = frame.index + self._shift
             yield dataclasses.replace(frame, index=frame.index + self._shift, rate=rate)
 
     def predict(self, image: Frame) -> PredictedFrame:
@@ -255,7 +257,7 @@ class FrameStages:
         image = dataclasses.replace(image, pixel_aspect=camera.pixel_aspect or image.pixel_aspect)
         kept, warnings = self._journal.depth(image.index), tuple[str, ...]()
         unfitted = None
-        if kept is not None and self.first is not None:  # the first is predicted, for the report
+        if kept is not None and image.index != self._first_number:  # predicted, for the report
             depth = DepthMap(kept, self._kind)
         else:
             kept = None
