@@ -167,8 +167,9 @@ def anchors(
         raise UsageError("the frames of a video have no depth of their own", option="anchors")
     is_local = not isinstance(place, RemotePath) and not files.is_by_image
     if is_local and is_folder is not None and place.is_dir() != is_folder:
-        kind = "a folder with a file for each image" if is_folder else "a file"
-        raise UsageError(f"{safe_name(path)} is not {kind}", option="anchors")
+        told = "not a folder with a file for each image" if is_folder else "a folder, not a file"
+        advice = "" if is_folder else "'depthcli batch' takes a folder with a file for each image"
+        raise UsageError(f"{safe_name(path)} is {told}", advice, option="anchors")
     if options.baseline is not None and options.anchors_kind is not choices.DepthEncoding.DISPARITY:
         raise UsageError("", "{baseline} is for {anchors_kind} disparity")
     return files

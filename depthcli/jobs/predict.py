@@ -10,7 +10,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.errors import UsageError
+from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of
 from depthcli.io.listing.folder import is_own_picture
@@ -47,6 +47,17 @@ class PredictRequest(MapOptions):
     overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read; None for that of the process
     stdout: BinaryIO | None = None  #: where ``-`` is written; None for that of the process
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubts about the request as a whole, one line each."""
+        known = self.anchors
+        is_shared = bool(known) if isinstance(known, tuple) else not known.is_by_image
+        if len(self.pictures) == 1 or not is_shared:
+            return self.camera.warnings
+        told = f"{len(self.pictures)} images are fitted to one set of points, which is right only "
+        advice = "'depthcli batch' takes a folder of {anchors} with a file for each image"
+        return (*self.camera.warnings, Message(f"{told}if neither camera nor scene moved", advice))
 
 
 class PictureResult(NamedTuple):

@@ -117,6 +117,20 @@ def test_a_map_of_another_aspect_fails_that_image(inside: Cli) -> None:
     assert (inside.folder / "room.depth.npy").exists()
 
 
+def test_points_of_one_image_for_several_are_a_warning_that_names_batch(inside: Cli) -> None:
+    for name in ("a.jpg", "b.jpg"):
+        write_picture(inside.folder / name)
+    (inside.folder / "known").mkdir()
+    (inside.folder / "known/a.csv").write_text("x,y,depth_m\n5,4,2\n")
+    words = ("--format", "npy", "-o", "out/")
+    for known in (("--anchors", "known/a.csv"), ("--anchor", "5,4,2")):
+        assert inside("predict", "a.jpg", *known, *words, code=0).stderr == b""
+        told = inside("predict", "a.jpg", "b.jpg", *known, *words, code=0).stderr
+        assert (told.count(b"warning"), told.count(b"'depthcli batch'")) == (1, 1)
+    refused = inside("predict", "a.jpg", "b.jpg", "--anchors", "known", *words, code=2)
+    assert b"'depthcli batch'" in refused.stderr
+
+
 def write_kitti(path: Path, height: int = 48, width: int = 64) -> None:
     """2 m at every fourth pixel, 256 units per metre, which the PNG does not state."""
     steps = np.zeros((height, width), np.uint16)

@@ -82,7 +82,7 @@ def predict(
     )
     results = job.predict(request)
     if not screen.quiet:
-        console.warn_all(request.camera.warnings)
+        console.warn_all(request.warnings)
         kinds = parse.image_kinds(pictures)
         console.warn_all(parse.without_effect(given, parse.FORMAT_OPTIONS, destination.wanted))
         console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
