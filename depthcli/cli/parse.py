@@ -287,9 +287,14 @@ def listed(words: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(dict.fromkeys(filter(None, items)))
 
 
-FORMAT_OPTIONS: Mapping[str, Collection[str]] = {
+FORMAT_OPTIONS: dict[str, Collection[str]] = {
     str(name): facts.parameters for name, facts in FORMATS.items()
 }  #: the options that each format uses, by parameter name
+CLOUDS, DISTANCES = "clouds of known depth", "known distances along the ray"
+KNOWN_DEPTH_OPTIONS: dict[str, Collection[str]] = {
+    CLOUDS: ("centre_px", "extrinsics"),
+    DISTANCES: ("centre_px",),
+}  #: the options that each kind of known depth uses, by parameter name
 INPUT_OPTIONS: Mapping[str, Collection[str]] = {
     "EXR": ("exposure", "layer"),
     "PNG and TIFF": ("white_level", "black_level"),
@@ -313,6 +318,14 @@ def without_effect(
         if users and not {*users} & {*kinds}:
             warnings.append(f"{word} has no effect: it is for {', '.join(users)}")
     return warnings
+
+
+def known_depth_kinds(known: AnchorFiles | tuple[Anchor, ...]) -> set[str]:
+    """The kinds of known depth that there are or may be, for :data:`KNOWN_DEPTH_OPTIONS`."""
+    if isinstance(known, tuple):
+        return set()
+    kinds = {CLOUDS} if known.may_be_clouds else set()
+    return kinds | ({DISTANCES} if known.may_be_distances else set())
 
 
 def image_kinds(names: Iterable[str]) -> set[str]:

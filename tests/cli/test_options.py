@@ -108,6 +108,30 @@ def test_option_without_effect_is_a_warning(
     assert (done.returncode, done.stderr) == (0, b"")
 
 
+@pytest.mark.parametrize(
+    ("known", "without"),
+    [
+        (("--anchors", "known.ply", "--centre-px", "31.5,23.5", "--extrinsics", "pose.txt"), ""),
+        (("--anchors", "known.npy", "--anchors-kind", "distance", "--centre-px", "31,23"), ""),
+        (("--anchors", "known.npy", "--centre-px", "31,23"), "--centre-px"),
+        (("--anchors", "known.npy", "--extrinsics", "pose.txt"), "--extrinsics"),
+        (("--anchors", "known.csv", "--extrinsics", "pose.txt"), "--extrinsics"),
+    ],
+)
+def test_options_of_clouds_and_distances_have_no_effect_on_other_known_depth(
+    inside: Cli, known: tuple[str, ...], without: str
+) -> None:
+    pytest.importorskip("trimesh")
+    write_picture(inside.folder / "room.png")
+    np.save(inside.folder / "known.npy", np.full((48, 64), 2, np.float32))
+    (inside.folder / "known.csv").write_text("x,y,depth_m\n5,4,2\n")
+    (inside.folder / "pose.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n")
+    assert inside("predict", "room.png", "--focal-px", "50", "-o", "known.ply").returncode == 0
+    done = inside("predict", "room.png", "--focal-px", "50", *known, "-o", "x.npy", code=0)
+    told = [line for line in done.stderr.decode().splitlines() if "no effect" in line]
+    assert [line.split()[2] for line in told] == ([without] if without else [])
+
+
 def test_option_of_a_profile_may_have_no_effect(inside: Cli) -> None:
     write_picture(inside.folder / "room.png")
     (inside.folder / "depthcli.toml").write_text("[own]\ncolormap = 'turbo'\nhalf = true\n")

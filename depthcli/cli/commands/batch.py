@@ -204,7 +204,9 @@ def batch(
         max_failures=engine.max_failures,
     )
     if not screen.quiet:
-        console.warn_all(parse.without_effect(given, parse.FORMAT_OPTIONS, formats))
+        used_by = parse.FORMAT_OPTIONS | parse.KNOWN_DEPTH_OPTIONS
+        used = {*formats, *parse.known_depth_kinds(options.anchors)}
+        console.warn_all(parse.without_effect(given, used_by, used))
         console.warn_all(parse.without_effect(given, ENGINE_OPTIONS, (engine.engine,)))
         if inputs.watch and not output.dry_run:
             console.note(f"watching {folder}; Ctrl-C ends")

@@ -230,6 +230,8 @@ def video(
         written = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
         console.warn_all(parse.without_effect(given, FORMAT_OPTIONS, written))
         console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
+        known = parse.known_depth_kinds(settings.anchors)
+        console.warn_all(parse.without_effect(given, {parse.CLOUDS: ("extrinsics",)}, known))
     result: VideoResult | FailedInput
     try:
         with (

@@ -57,6 +57,17 @@ class AnchorFiles:
         """Whether :meth:`of_image` reads it: that of an image itself, or of its name."""
         return self.path == SELF or bool(self.reconstruction)
 
+    @property
+    def may_be_clouds(self) -> bool:
+        """Whether it is a point cloud, or a folder that may have some."""
+        suffix = path_of(self.path).suffix.lower()
+        return not self.is_by_image and (suffix in _CLOUDS or suffix not in SUFFIXES)
+
+    @property
+    def may_be_distances(self) -> bool:
+        """Whether its numbers are distances along the ray, or may be, as those of a phone."""
+        return self.kind is DepthEncoding.DISTANCE or self.path == SELF
+
     def read(self) -> AnchorPoints:
         """Read the file."""
         path = path_of(self.path)
