@@ -16,13 +16,14 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation
 from av.video.stream import VideoStream
 
+from depthcli._version import __version__
 from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
 from depthcli.errors import OutputError
 from depthcli.io.depth.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.stereo import StereoWriter
-from depthcli.io.formats.table import LABEL_PREFIX, Writer
+from depthcli.io.formats.table import COMMENT_PREFIX, LABEL_PREFIX, Writer
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
@@ -351,9 +352,11 @@ class PreviewVideoOutput(VideoFile):
         return _av_frame(pixels, self._codec), frame
 
     def append(self, encoded: tuple[VideoFrame, DepthFrame]) -> None:
-        """Write a frame."""
+        """Write a frame; with the first one, a comment that says what wrote the file."""
         coded_frame, frame = encoded
-        self._write(coded_frame, frame, time_code_label(frame.image.time_code, self._timing))
+        labels = {"comment": f"{COMMENT_PREFIX}{__version__}"}
+        labels |= time_code_label(frame.image.time_code, self._timing)
+        self._write(coded_frame, frame, labels)
 
 
 class SequenceOutput(VideoOutput):

@@ -114,6 +114,23 @@ def test_it_is_not_replaced(
     assert place.read_bytes() == whole
 
 
+@pytest.mark.parametrize("name", ["clip.preview.mp4", "a.webm", "a.mov", "x.stereo.mp4"])
+def test_preview_and_stereo_videos_are_replaced_if_depthcli_wrote_them(
+    name: str, folder: Path, loader: SessionLoader
+) -> None:
+    place, settings = folder / name, VideoSettings(camera=Intrinsics(hfov_deg=60))
+    request = video_request(folder / "clip.mp4", place, model=loader, settings=settings)
+    foreign = (folder / "clip.depth.mkv").read_bytes()
+    place.write_bytes(foreign)
+    with pytest.raises(OutputError, match=str(place)):
+        video(request)
+    assert place.read_bytes() == foreign
+    assert video(replace(request, overwrite=True)).frames == 3
+    own = place.read_bytes()
+    assert video(request).frames == 3
+    assert place.read_bytes() == own
+
+
 def test_a_batch_does_not_replace_it_in_any_run(folder: Path) -> None:
     place = folder.parent / "out" / "clip.depth.mkv"
     place.parent.mkdir()

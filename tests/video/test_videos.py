@@ -26,11 +26,13 @@ from helpers.videos import (
 from hypothesis import given
 from hypothesis import strategies as st
 
+from depthcli import __version__
 from depthcli.core.imageops import value_channel
 from depthcli.core.types import DepthKind
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.metadata import normalized
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.table import is_own
 from depthcli.video.audio import AudioTrack
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import Codec, preview_codec
@@ -501,6 +503,10 @@ def test_previews_of_every_codec(
     assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
     assert capfd.readouterr() == ("", "")
     assert stream_of(path) == (codec.value, pixel_format, NTSC)
+    with av.open(str(path)) as container:
+        told = container.metadata
+    assert told.get("comment", told.get("COMMENT")) == f"written by depthcli {__version__}"
+    assert is_own(path)
     with VideoSource(path) as source:
         frames = list(source.frames())
     assert [f.timestamp_s for f in frames] == [float(i / NTSC) for i in range(12)]
@@ -514,6 +520,13 @@ def test_a_preview_can_be_played_while_it_is_loaded(tmp_path: Path) -> None:
     write_preview_video(tmp_path / "a.mp4", [np.ones((16, 16), np.float32)])
     data = (tmp_path / "a.mp4").read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
+
+
+def test_a_long_preview_is_recognized_behind_its_tables(tmp_path: Path) -> None:
+    path = tmp_path / "a.mp4"
+    write_preview_video(path, [np.ones((16, 16), np.float32)] * 3000)
+    assert path.read_bytes().index(b"written by depthcli") > 4096
+    assert is_own(path)
 
 
 def heard(path: Path) -> tuple[str, float, float]:
@@ -558,6 +571,7 @@ def test_the_sound_comes_along_and_stays_in_time(
     which = preview_codec(out.suffix, None)
     maps = [np.ones((16, 16), np.float32)] * 50
     assert write_preview_video(out, maps, Fraction(25), first_s, codec=which, audio=audio) == ()
+    assert is_own(out)
     name, loud_s, end_s = heard(out)
     assert name == expected
     assert loud_s == pytest.approx(1 - first_s, abs=0.06)

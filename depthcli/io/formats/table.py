@@ -30,8 +30,10 @@ EYE_DISTANCE_M = 0.063  #: mean distance of adults' eyes
 KEY_PREFIX = "depthcli:"  #: start of the names of texts in PNG, EXR and PLY
 SOFTWARE_KEY = f"{KEY_PREFIX}software"  #: a text in every PNG (after its header) and EXR
 LABEL_PREFIX = "DEPTHCLI_"  #: start of the names of the labels in a depth video
+COMMENT_PREFIX = "written by depthcli "  #: start of the comment in a preview or stereo video
 _HEAD_BYTES = 4096
-_DEFAULT_STEM = re.compile(r"(?i)\.(depth|preview)(\.\d+)?$", re.ASCII)
+_WEBM_HEAD_BYTES = 2**16  # tags come after the headers of audio, of which Vorbis' are long
+_DEFAULT_STEM = re.compile(r"(?i)\.depth(\.\d+)?$", re.ASCII)
 
 
 class Writer(Protocol):
@@ -150,12 +152,12 @@ READABLE = sorted(
 """The formats that are read back, the exact ones first; EXR may be of half floats."""
 READABLE_SUFFIXES = (*(str(f.facts.file_suffix) for f in Format if f.facts.is_readable), *_ALIASES)
 """File suffixes of the formats that are read back."""
-# Video files have labels, if their container is Matroska.
+# Depth videos have labels, those of colours a comment.
 _MARKS = {PurePath(f"a{facts.suffix}").suffix: facts.mark for facts in FORMATS.values()} | {
     ".mkv": LABEL_PREFIX.encode(),
-    ".mp4": b"",
-    ".webm": b"",
-    ".mov": b"",
+    ".mp4": COMMENT_PREFIX.encode(),
+    ".webm": COMMENT_PREFIX.encode(),
+    ".mov": COMMENT_PREFIX.encode(),
 }
 
 
@@ -193,7 +195,7 @@ def is_own(path: Path) -> bool:
     """Whether depthcli wrote a file that exists.
 
     Its first bytes have the mark of its format; in a format without marks, it has a default name,
-    such as ``a.depth.npy``, ``a.depth.000001.npy`` or ``a.preview.mp4``.
+    such as ``a.depth.npy`` or ``a.depth.000001.npy``.
 
     Raises:
         OSError: it cannot be read, or is not a regular file.
@@ -203,8 +205,20 @@ def is_own(path: Path) -> bool:
     if mark:
         from depthcli.io.storage.paths import read_regular  # noqa: PLC0415 - help needs none
 
-        return mark in read_regular(path, sys.maxsize, first=_HEAD_BYTES)
+        read = partial(read_regular, path, sys.maxsize)
+        head = read(first=_WEBM_HEAD_BYTES if end == ".webm" else _HEAD_BYTES)
+        return mark in (read(first=_index_end(head)) if end in {".mp4", ".mov"} else head)
     return mark is not None and _DEFAULT_STEM.search(path.stem) is not None
+
+
+def _index_end(head: bytes) -> int:
+    """Where the index of an MP4 or MOV ends, if it follows the first box; else a few kilobytes.
+
+    Its last box has the comment, behind tables that are as long as the video.
+    """
+    start = int.from_bytes(head[:4])
+    is_index = head[start + 4 : start + 8] == b"moov"
+    return start + int.from_bytes(head[start : start + 4]) if is_index else _HEAD_BYTES
 
 
 def readable_format(path: str | PurePath) -> Format | None:
