@@ -127,6 +127,10 @@ def test_options_of_clouds_and_distances_have_no_effect_on_other_known_depth(
     (inside.folder / "known.csv").write_text("x,y,depth_m\n5,4,2\n")
     (inside.folder / "pose.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n")
     assert inside("predict", "room.png", "--focal-px", "50", "-o", "known.ply").returncode == 0
+    write_video(inside.folder / "clip.avi", flat_frames(range(1)))
+    done = inside("video", "clip.avi", "--focal-px", "50", *known, "-o", "x.mkv", code=0)
+    assert (b"--extrinsics has no effect" in done.stderr) == (without == "--extrinsics")
+    assert b"--centre-px" not in done.stderr  # which is stored in the video
     done = inside("predict", "room.png", "--focal-px", "50", *known, "-o", "x.npy", code=0)
     told = [line for line in done.stderr.decode().splitlines() if "no effect" in line]
     assert [line.split()[2] for line in told] == ([without] if without else [])

@@ -223,15 +223,14 @@ def video(
         page=page,
     )
     if not screen.quiet:
-        of_images = {*parse.INPUT_OPTIONS} - {"videos"}
         is_numbered = stream is None and is_sequence(file)
-        kinds = of_images if is_numbered else {"videos", "PNG and TIFF"}
+        kinds = {*parse.INPUT_OPTIONS} - {"videos"} if is_numbered else {"videos", "PNG and TIFF"}
         console.warn_all(settings.camera.warnings)
-        written = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
-        console.warn_all(parse.without_effect(given, FORMAT_OPTIONS, written))
+        used_by = FORMAT_OPTIONS | {parse.CLOUDS: ("extrinsics",)}
+        used = {*destination.wanted, *parse.known_depth_kinds(settings.anchors)}
+        used |= set() if page is None else {VideoFormat.MP4}
+        console.warn_all(parse.without_effect(given, used_by, used))
         console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
-        known = parse.known_depth_kinds(settings.anchors)
-        console.warn_all(parse.without_effect(given, {parse.CLOUDS: ("extrinsics",)}, known))
     result: VideoResult | FailedInput
     try:
         with (
