@@ -47,12 +47,24 @@ class AnchorPoints:
 
     @classmethod
     def of_table(cls, table: AnyArray) -> Self:
-        """Points from (N, 3) numbers: column, row, metres; each is of the nearest pixel."""
-        pixels = np.rint(table[:, :2].astype(np.float64))
+        """Points from (N, 3) numbers: column, row, metres; each is of the nearest pixel.
+
+        Those without a depth or a place, such as of NaN or 0 m, are left out and counted in a
+        warning, unless there are no others.
+        """
+        table = table.astype(np.float64)
+        lowest, highest = DEPTH_M_RANGE
+        is_known = np.isfinite(table).all(axis=1)
+        is_known &= (table[:, 2] >= lowest) & (table[:, 2] <= highest)
+        lost = np.count_nonzero(~is_known) if is_known.any() else 0
+        told = f"{lost} of {len(table)} points are behind the camera or not finite"
+        warnings = (f"{told}, and are not used",) if lost else ()
+        table = table[is_known] if lost else table
+        pixels = np.rint(table[:, :2])
         if not (np.abs(pixels) < _MAX_PIXEL).all():
             raise UsageError("the column or row of an anchor is not one of a picture")
         x, y = pixels.astype(np.int64).T
-        return cls(x, y, table[:, 2].astype(np.float64))
+        return cls(x, y, table[:, 2], warnings=warnings)
 
     @classmethod
     def of_map(cls, depth_m: FloatArray) -> Self:

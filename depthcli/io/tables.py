@@ -21,13 +21,13 @@ class CsvRow(NamedTuple):
     cells: Mapping[str, str]  #: by column; "" where the row is too short
 
     def number(self, column: str, rule: Rule) -> float:
-        """The number in a cell."""
+        """The number in a cell; NaN if it is empty."""
         word = self.cells[column]
         try:
-            number = float(word)
+            number = float(word or math.nan)
         except ValueError:
-            number = math.nan
-        if not rule.holds(number):
+            number = None
+        if number is None or not rule.holds(number):
             raise self.error(f"{column} is {rule.what}, not {short_repr(word)}")
         return number
 

@@ -43,11 +43,19 @@ def test_a_table_without_columns_or_points_is_refused(tmp_path: Path, text: byte
         AnchorFiles(str(tmp_path / "a.csv")).read()
 
 
-@pytest.mark.parametrize("row", [b"1,2", b"1,2,0", b"1,nan,1", b"1,2,\xff", b'1,2,"3'])
+@pytest.mark.parametrize("row", [b"1,nan,1", b"1,2,far", b"1,2,\xff", b'1,2,"3'])
 def test_an_invalid_row_of_a_table_is_named_by_its_line(tmp_path: Path, row: bytes) -> None:
     (tmp_path / "a.csv").write_bytes(b"x,y,depth_m\n1,2,3\n%s\n" % row)
     with pytest.raises(InputError, match=r"a\.csv, line 3"):
         AnchorFiles(str(tmp_path / "a.csv")).read()
+
+
+def test_rows_of_a_table_without_depth_are_left_out_and_counted(tmp_path: Path) -> None:
+    rows = "".join(f"1,2,{depth}\n" for depth in ("nan", "inf", "-inf", "0", "-3", "", "1e9"))
+    (tmp_path / "a.csv").write_text(f"x,y,depth_m\n{rows}5,6,2.5\n1,2\n")
+    points = AnchorFiles(str(tmp_path / "a.csv")).read()
+    assert points.listed() == (Anchor(5, 6, 2.5),)
+    assert "8 of 9 points" in points.warnings[0]
 
 
 @pytest.mark.parametrize("suffix", ["png", "exr", "npy"])

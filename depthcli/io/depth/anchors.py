@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from depthcli.core.camera import DEPTH_M, UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding, Rule
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import READABLE_SUFFIXES
@@ -120,7 +120,8 @@ def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:
 
 
 _PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: abs(px) < 1e9)  # noqa: PLR2004
-COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": DEPTH_M}  #: of a table
+_DEPTH = Rule("a number", lambda _: True)  # those that are no depth are left out and counted
+COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": _DEPTH}  #: of a table
 
 
 def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
