@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,16 @@ def test_the_index_has_every_page() -> None:
 def test_pages_stay_within_their_budget_of_words() -> None:
     pages = (ROOT / page for page in PAGES if page.parent == Path("docs"))
     assert sum(len(page.read_text("utf-8").split()) for page in pages) <= WORDS
+
+
+def test_rows_that_commands_compare_are_models_as_they_name_them() -> None:
+    pages = [(ROOT / page).read_text("utf-8") for page in PAGES]
+    command = re.compile(r"^depthcli eval .*--model [\w.].*--against .*$", re.MULTILINE)
+    commands = command.findall("\n".join(pages))
+    assert commands
+    for words in map(str.split, commands):
+        row = words[words.index("--against") + 1]
+        assert ("--model", row) in pairwise(words)
 
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
