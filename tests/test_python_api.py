@@ -359,6 +359,9 @@ def test_many_anchors_are_a_table_or_a_map(model: depthcli.DepthModel, tmp_path:
         assert len(depth.anchors) == (len(x) if anchors is table else 0)
         (same,) = model.predict_many([PIXELS], anchors=anchors)
         np.testing.assert_array_equal(same.values, depth.values)
+    for anchors in (table * (1, 1, 1000), sparse_m * 1000):
+        with pytest.warns(depthcli.DepthcliWarning, match="another unit"):
+            model.predict(PIXELS, anchors=anchors)
     gaps = np.concatenate([table, [[3, 4, np.nan], [5, 6, 0], [np.nan, 7, 2]]])
     with pytest.warns(depthcli.DepthcliWarning, match=f"3 of {len(gaps)}"):
         depth = model.predict(PIXELS, anchors=gaps)

@@ -331,7 +331,7 @@ def _points(anchors: Anchors) -> AnchorPoints:
     if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
         return AnchorPoints.of_table(anchors)
     if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
-        return AnchorPoints.of_map(anchors)
+        return AnchorPoints.of_map(anchors).doubted()
     raise UsageError(
         "an array of anchors is (N, 3) numbers of column, row, metres, or (H, W) float metres, not "
         f"{anchors.shape} {anchors.dtype}"

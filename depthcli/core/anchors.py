@@ -19,9 +19,10 @@ from depthcli.core.types import (
     Provenance,
     Windows,
     displayed_depth,
+    doubt_of_metres,
     has_depth,
 )
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, Message, UsageError
 
 _COLUMNS = 3
 _MAX_PIXEL = 2**31
@@ -64,7 +65,7 @@ class AnchorPoints:
         if not (np.abs(pixels) < _MAX_PIXEL).all():
             raise UsageError("the column or row of an anchor is not one of a picture")
         x, y = pixels.astype(np.int64).T
-        return cls(x, y, table[:, 2], warnings=warnings)
+        return cls(x, y, table[:, 2], warnings=warnings).doubted()
 
     @classmethod
     def of_map(cls, depth_m: FloatArray) -> Self:
@@ -82,6 +83,12 @@ class AnchorPoints:
             return ()
         points = zip(self.x.tolist(), self.y.tolist(), self.depth_m.tolist(), strict=True)
         return tuple(Anchor(*point) for point in points)
+
+    def doubted(self, advice: str = "give metres") -> Self:
+        """The points, with a warning if their numbers are hardly metres."""
+        fact = doubt_of_metres(float(np.median(self.depth_m))) if len(self) else ""
+        warning = Message(f"known depth may be in another unit: {fact}", advice)
+        return replace(self, warnings=(*self.warnings, warning)) if fact else self
 
     def sha256(self) -> str:
         """Checksum of the points, 64 hex digits."""

@@ -371,6 +371,15 @@ class DepthRange(NamedTuple):
         return cls(float(known.min()), median, float(known.max()))
 
 
+PLAUSIBLE_M = 0.05, 100.0  #: medians of numbers that are taken for metres without a word
+
+
+def doubt_of_metres(median_m: float) -> str:
+    """The fact that numbers are hardly metres, but too large or too small; else empty."""
+    low_m, high_m = PLAUSIBLE_M
+    return "" if low_m <= median_m <= high_m else f"as metres its median is {median_m:.3g} m"
+
+
 def flat_warnings(depth: DepthMap) -> tuple[str, ...]:
     """A warning about a map whose pixels all have the same depth; none for other maps."""
     values, first = depth.values, depth.values[0, 0]

@@ -58,6 +58,24 @@ def test_rows_of_a_table_without_depth_are_left_out_and_counted(tmp_path: Path) 
     assert "8 of 9 points" in points.warnings[0]
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.ply", "a.npy"])
+def test_numbers_that_are_hardly_metres_are_a_warning(name: str, tmp_path: Path) -> None:
+    """Of every source, as drivers of depth cameras give millimetres."""
+    path = tmp_path / name
+    for unit, told in ((1, 0), (1000, 1)):
+        if name == "a.csv":
+            path.write_text(f"x,y,depth_m\n5,6,{2.5 * unit}\n7,8,{3 * unit}\n")
+        elif name == "a.ply":
+            trimesh = pytest.importorskip("trimesh")
+            cloud = trimesh.PointCloud(np.array([[0, 0, 2.5], [1, 0, 3]]) * unit)
+            path.write_bytes(cloud.export(file_type="ply"))
+        else:
+            np.save(path, DEPTH_M * np.float32(unit))
+        assert len(AnchorFiles(str(path), camera=CAMERA).read().warnings) == told
+    if name != "a.csv":
+        assert not AnchorFiles(str(path), 1000.0, camera=CAMERA).read().warnings
+
+
 @pytest.mark.parametrize("suffix", ["png", "exr", "npy"])
 def test_sparse_map_gives_its_valid_points(tmp_path: Path, suffix: str) -> None:
     path, depth = tmp_path / f"a.{suffix}", DepthMap(DEPTH_M)

@@ -166,7 +166,7 @@ def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
     points = projected(cloud, stated.camera, stated.scale or 1)
     if not len(points):
         raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")
-    return points
+    return points if stated.scale else points.doubted("{anchors_scale} states another")
 
 
 def _own_depth(image: Path, camera: Intrinsics) -> AnchorPoints:

@@ -13,14 +13,20 @@ import numpy as np
 from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
-from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame, displayed_depth
+from depthcli.core.types import (
+    DepthKind,
+    DepthMap,
+    DepthRange,
+    Frame,
+    displayed_depth,
+    doubt_of_metres,
+)
 from depthcli.errors import InputError, Message
 from depthcli.io.depth import metadata as facts
 from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
 from depthcli.io.formats.table import MILLIMETRES, READABLE_SUFFIXES, readable_format, reader_of
 from depthcli.io.storage.paths import path_of
 
-_PLAUSIBLE_M = 0.05, 100.0  # medians of floats that are taken for metres without a word
 _NORMALIZED_MAX = 0.999
 _INVERSE_NAME = re.compile(r"(?i)disparity|^disp$|inv(erse)?_?depth")
 _FARTHEST = 1e12  # no depth is larger, in any unit
@@ -138,13 +144,11 @@ class StoredDepth:
         problem = f"{self.name} states no scale, so millimetres are assumed"
         if not self.is_integer:
             _, median_m, most_m = DepthRange.of(self.depth)
-            low_m, high_m = _PLAUSIBLE_M
-            is_normalized = most_m is not None and _NORMALIZED_MAX <= most_m <= 1
-            if median_m is None or (low_m <= median_m <= high_m and not is_normalized):
-                return self.warnings
-            fact = f"as metres its median is {median_m:.3g} m"
-            if is_normalized:
+            fact = "" if median_m is None else doubt_of_metres(median_m)
+            if most_m is not None and _NORMALIZED_MAX <= most_m <= 1:
                 fact = "its numbers end at 1, as those of normalized depth, and not of metres, do"
+            if not fact:
+                return self.warnings
             problem = f"{self.name} states no unit, and {fact}"
         return (*self.warnings, Message(problem, f"{{{option}}} states another"))
 
