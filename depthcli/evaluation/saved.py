@@ -39,6 +39,7 @@ def read_report(path: Path) -> EvalReport:
             train_count=0,
             protocol=validated(EvalProtocol, own),
             rows=tuple(_row(row) for row in document["rows"]),
+            notes=tuple(document["notes"]),
             scenes=document.get("scenes", {}),
         )
     except (AttributeError, FieldError, KeyError, TypeError, ValueError) as error:
@@ -54,8 +55,10 @@ def _row(row: Mapping[str, Any]) -> ReportRow:
         scores=_scores(row["scores"]),
         stated=row["depth"],
         pixel_count=row["pixels"] or 0,
+        note=row.get("note", ""),
         model_sha256=row.get("model_sha256"),
         images=tuple(ImageScores(one["id"], _scores(one)) for one in row.get("per_image", ())),
+        train_overlap=row.get("images_trained_on"),
     )
 
 
@@ -68,7 +71,8 @@ def _scores(values: Mapping[str, Any]) -> Scores:
 def compare_reports(first: Path, second: Path) -> EvalReport:
     """The rows of two reports, and differences of the first's from the second's.
 
-    If both have scores of each image, all are of the images that both have.
+    If both have scores of each image, all are of the images that both have. Notes of one report
+    alone, and those of its rows, begin with its name: their counts are of its images.
     """
     reports = [read_report(first), read_report(second)]
     one, other = reports
@@ -79,26 +83,35 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
     labels = names if names[0] != names[1] else [str(first), str(second)]
     rows = [
         [
-            replace(row, name=f"{row.name} ({label})")
+            replace(row, name=f"{row.name} ({label})", note=row.note and f"{label}: {row.note}")
             for row in report.rows
             if row.source in {Source.MODEL, Source.FILES}
         ]
         for report, label in zip(reports, labels, strict=True)
     ]
+    notes = tuple(dict.fromkeys(_notes(reports, labels)))
     sets = [{image.id for image in row.images} for own in rows for row in own]
     shared = set.intersection(*sets) if sets else set()
     if not shared:
         note = "no intervals: both need the scores of the same images (--json --per-image)"
-        return replace(one, rows=(*rows[0], *rows[1]), notes=(note,))
+        return replace(one, rows=(*rows[0], *rows[1]), notes=(*notes, note))
     kept = [[_part_of(row, shared) for row in own] for own in rows]
     scenes = {name: one.scenes.get(name, f"/{name}") for name in shared}
     return replace(
         one,
         image_count=len(shared),
         rows=(*kept[0], *kept[1]),
+        notes=notes,
         differences=tuple(_differences(kept[0], kept[1], scenes)),
         scenes=scenes,
     )
+
+
+def _notes(reports: Sequence[EvalReport], labels: Sequence[str]) -> Iterator[str]:
+    for report, label in zip(reports, labels, strict=True):
+        for note in report.notes:
+            is_shared = all(note in other.notes for other in reports)
+            yield note if is_shared else f"{label}: {note}"
 
 
 def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
@@ -106,7 +119,8 @@ def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
     if len(images) == len(row.images):
         return replace(row, images=tuple(images))
     kept = replace(row, images=tuple(images), image_count=len(images), pixel_count=0)
-    return replace(kept, scores=mean_of(images))
+    seen = 0 if row.train_overlap == 0 else None  # of some of the images, it is not known
+    return replace(kept, scores=mean_of(images), train_overlap=seen)
 
 
 def _differences(

@@ -165,6 +165,27 @@ def test_without_scores_of_images_there_is_no_interval(tmp_path: Path) -> None:
     assert len(found.rows) == 2
 
 
+def test_rows_that_were_trained_on_the_images_are_marked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files, page = [_kept(tmp_path, row) for row in (A, B)], tmp_path / "page.html"
+    document = json.loads(files[1].read_text())
+    document["rows"][0] |= {"images_trained_on": 12, "note": "b was trained on 12 of these images"}
+    document["notes"] = ["known depth"]
+    files[1].write_text(json.dumps(document))
+    words = ["eval", "compare", *map(str, files), "--html", str(page)]
+    assert main(words) == 0
+    for text in (capsys.readouterr().out, page.read_text()):
+        assert "b (b)*" in text
+        assert "* b: b was trained on 12 of these images" in text
+        assert "b: known depth" in text
+    assert main([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [row.get("images_trained_on") for row in found["rows"]] == [None, 12]
+    assert found["rows"][1]["note"].endswith(document["rows"][0]["note"])
+    assert found["notes"] == ["b: known depth"]
+
+
 def test_other_protocols_and_files_are_refused(tmp_path: Path) -> None:
     a, b = _kept(tmp_path, A), tmp_path / "b.json"
     far = replace(OPTIONS, protocol=replace(OPTIONS.protocol, max_m=5.0))
