@@ -1,6 +1,6 @@
 """How much depth pulses in videos with known motion, and whether smoothing blurs its edges.
 
-Each sequence has 20 frames of 320×240 at 30 a second: a hand-held camera turns, advances, moves
+Each sequence has 40 frames of 320×240 at 30 a second: a hand-held camera turns, advances, moves
 sideways or zooms in a rendered room; or the frame slides over, or zooms into, a photograph of NYU
 Depth v2. The motion is known exactly, so a pixel's place in the frame before is, too.
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
 Floats = npt.NDArray[np.float32]
-COUNT, SIZE, INTERVAL_S, SMOOTH_S = 20, (320, 240), 1 / 30, 0.2
+COUNT, SIZE, INTERVAL_S, SMOOTH_S = 40, (320, 240), 1 / 30, 0.2
 ZOOM, STEP_M, TURN_DEG, NOISE = 1.006, 0.012, 0.5, 1.5
 SAME_SURFACE = 0.03  # of depth
 

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -138,7 +138,8 @@ class Deflicker:
     some pixels of the thumbnail, and added up. Each frame is then moved to the mean of those around
     it in its scene, whose weights decay exponentially with time. Edges stay, as the correction is
     smooth. The mean reaches as far back as ahead, so that a steady change, as of a camera that
-    comes nearer, stays. Without look-ahead, depth lags behind it.
+    comes nearer, stays; near the ends of a scene, it is that of a straight line. Without
+    look-ahead, depth lags behind it.
 
     Source of the flow: Kroeger et al., "Fast Optical Flow using Dense Inverse Search", ECCV 2016.
     """
@@ -182,10 +183,8 @@ class Deflicker:
     def _oldest(self) -> Correction:
         now = self._waiting.popleft()
         self._past.append(now)
-        past, past_weight = _weighted_sum(self._past, 1)
-        future, future_weight = _weighted_sum(reversed(self._waiting), -1)
-        weight = past_weight + future_weight - 1  # this frame counts once
-        return Correction(np.asarray((past + future) / weight, np.float32), now.stillness)
+        has_trend = self._look_ahead > 0
+        return Correction(_rise_to_trend(self._past, self._waiting, has_trend), now.stillness)
 
     def _change(
         self,
@@ -231,18 +230,32 @@ class Deflicker:
         return np.ascontiguousarray(flow[..., 0]), np.ascontiguousarray(flow[..., 1])
 
 
-def _weighted_sum(links: Iterable[_Link], sign: int) -> tuple[Float32Array | float, float]:
-    """Sum of frames' rises above one, to which links lead, each with its weight; sum of weights.
+def _rise_to_trend(past: Sequence[_Link], future: Sequence[_Link], has_trend: bool) -> Float32Array:
+    """Rise of the mean of frames, or of a straight line through them, above the last one of past.
 
-    A frame's weight is the product of decays on its way. That one has 1; the sign is -1 for links
-    that are gone backwards.
+    Links lead from that one to those before it, and to those after it. A frame's weight is the
+    product of decays on its way, and the logarithm of that its distance in time. The line is that
+    of weighted least squares; the mean is the same where as many earlier as later frames count.
     """
-    total: Float32Array | float = 0.0
-    weight = 1.0
-    for link in links:
-        total = np.float32(link.decay) * (total + np.float32(sign * weight) * link.rise)
-        weight = 1 + link.decay * weight
-    return total, weight
+    total, tilt = np.zeros_like(past[-1].rise), np.zeros_like(past[-1].rise)
+    count, moment, square = 1.0, 0.0, 0.0  # this frame counts once
+    for links, sign in ((reversed(past), 1), (future, -1)):
+        weight, rise = 1.0, np.zeros_like(total)
+        for link in links:
+            weight *= link.decay
+            if weight == 0:  # a scene begins
+                break
+            rise = rise + np.float32(sign) * link.rise
+            away = sign * math.log(weight)
+            count += weight
+            moment += weight * away
+            square += weight * away**2
+            total += np.float32(weight) * rise
+            tilt += np.float32(weight * away) * rise
+    if has_trend and square:
+        total = np.float32(square) * total - np.float32(moment) * tilt
+        count = count * square - moment**2
+    return np.asarray(total / np.float32(count), np.float32)
 
 
 class Smoother:
