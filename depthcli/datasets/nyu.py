@@ -129,6 +129,11 @@ def open_nyu(path: Path) -> DepthDataset:
         )
     if (path / MAT_NAME).is_file():
         return open_mat(path / MAT_NAME)
+    if not (path / INDEX_NAME).is_file():
+        raise DatasetError(
+            f"{path} is not NYU Depth v2: it has neither {MAT_NAME} nor {INDEX_NAME}",
+            "compare (exported) models on pairs of your own with 'depthcli eval pairs'",
+        )
     return open_indexed_folder(path)
 
 

@@ -91,7 +91,7 @@ def plan_runs(
     ``val`` is the pairs that the runs held out.
     """
     if not all(map(base.is_label, dataset.ids)):
-        advice = "compare exported models on pairs of your own with 'depthcli eval pairs'"
+        advice = "compare (exported) models on pairs of your own with 'depthcli eval pairs'"
         raise DatasetError("the data set is not NYU Depth v2", advice)
     whole = _held_out(dataset, runs) if split is base.SplitName.VAL else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
