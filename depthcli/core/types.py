@@ -233,8 +233,8 @@ class AnchorFit(NamedTuple):
     """Residual of the fit of metres to known points."""
 
     used: int  #: points that the metres were fitted to; the others contradict them
-    given: int  #: all points
-    residual_m: float  #: median absolute difference of all points, in metres
+    given: int  #: all points before the camera, of a cloud one in each pixel
+    residual_m: float  #: median absolute difference of those in the image, in metres
     fit: AnchorsFit | None = None  #: how depth follows them; None if that is not known
 
 
