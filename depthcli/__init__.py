@@ -4,7 +4,7 @@ The Python API, loaded name by name when it is used; docs/python.md tells more::
 
     import depthcli
 
-    model = depthcli.load_model("default")
+    model = depthcli.load_model()
     depth = model.predict("room.jpg")
     depth.values  # (H, W) float32, metres
     depth.save("room.exr")

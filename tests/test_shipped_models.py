@@ -141,9 +141,8 @@ def test_readme_states_how_far_its_room_is_off(true_m: np.ndarray) -> None:
     depth, true_median_m = _depth("default"), np.median(true_m)
     words = [said[i].split(",") for i in (3, 4)]
     points = [Anchor(int(x), int(y), float(depth_m)) for x, y, depth_m in words]
-    network = depthcli.load_model(ROOT / "models" / "prompted", provider="cpu").pipeline
-    image = depthcli.read_image(ROOT / "docs" / "room.jpg")
-    fitted = network.predict(image, anchors=AnchorPoints.of(points)).depth
+    fitted = depthcli.load_model(provider="cpu").predict(ROOT / "docs/room.jpg", anchors=points)
+    assert fitted.model == "prompted"  # as of the command
     found_m = [true_median_m, np.median(depth.values), np.median(fitted.values)]
     assert found_m == pytest.approx([float(said[i]) for i in (1, 2, 5)], abs=0.02)
     for point in points:

@@ -1,7 +1,7 @@
 """The Python API: a model that predicts depth maps of pictures.
 
 >>> import depthcli
->>> model = depthcli.load_model("default")
+>>> model = depthcli.load_model()
 >>> depth = model.predict("docs/room.jpg", hfov_deg=70)
 >>> depth.save("room.exr")
 """
