@@ -469,6 +469,9 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     assert read_metadata(tmp_path / "a.png")["scale"] == "256"
     depth.save(tmp_path / "a.exr", exr_channel="depth.Z", half=True)
     assert depthcli.read_depth(tmp_path / "a.exr").values == pytest.approx(depth.values, rel=1e-3)
+    with pytest.warns(depthcli.DepthcliWarning):  # of pixels beyond
+        depth.save(tmp_path / "a.png", png_inverse=True, vmin=0.5, vmax=4)
+    assert read_metadata(tmp_path / "a.png")["range"] == "0.25 2"
     clouds = []
     for name, centre_px in (("c.ply", None), ("d.ply", (0.0, 0.0))):
         with warnings.catch_warnings():  # of the assumed camera
@@ -499,6 +502,8 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
         depth.save(tmp_path / "b.png", focal_px=9, hfov_deg=60)
     with pytest.raises(depthcli.UsageError):
         depth.save(tmp_path / "b.png", half=True)
+    with pytest.raises(depthcli.UsageError):
+        depth.save(tmp_path / "b.png", vmin=0.5)
     with pytest.raises(depthcli.UsageError):
         depth.save(tmp_path / "b.jpg")
     assert not list(tmp_path.glob("b.*"))

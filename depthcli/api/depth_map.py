@@ -232,6 +232,10 @@ class DepthMap(types.DepthMap):
         path: str | os.PathLike[str],
         *,
         png_scale: float | None = None,
+        png_normalize: bool = False,
+        png_inverse: bool = False,
+        vmin: float | None = None,
+        vmax: float | None = None,
         exr_channel: str | None = None,
         half: bool | None = None,
         stride: int | None = None,
@@ -256,6 +260,10 @@ class DepthMap(types.DepthMap):
         Args:
             path: the file; missing folders are created.
             png_scale: units per metre of a PNG; None for 1000.
+            png_normalize: stretch depth to all values of a PNG; its metadata state the range.
+            png_inverse: stretch 1/depth instead; near is white.
+            vmin: low end of the range of a preview or of such a PNG; None for the map's own.
+            vmax: high end; what is beyond saturates.
             exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
             stride: points and meshes of every n-th pixel of every n-th row.
@@ -287,6 +295,10 @@ class DepthMap(types.DepthMap):
             raise UsageError(f"{name.facts.suffix} states no camera; leave it out for {file}")
         options = {
             "png_scale": png_scale,
+            "png_normalize": png_normalize or None,
+            "png_inverse": png_inverse or None,
+            "vmin": vmin,
+            "vmax": vmax,
             "exr_channel": exr_channel,
             "half": half,
             "stride": stride,
@@ -298,7 +310,7 @@ class DepthMap(types.DepthMap):
             "convergence_m": convergence_m,
         }
         given = {option: value for option, value in options.items() if value is not None}
-        if others := given.keys() - {*name.facts.options}:
+        if others := given.keys() - name.facts.fields(is_normalized=png_normalize or png_inverse):
             raise UsageError(f"{min(others)} is not for {name.facts.suffix}")
         writer = writer_class(name)(**given)
         inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)

@@ -362,13 +362,13 @@ class PreviewOptions:
         "with gray."
     )
     vmin: float | None = option(
-        "Lower end of the depth range of previews (and of a normalized depth video), in "
-        "metres if metric. Default: 2nd percentile.",
+        "Lower end of the depth range of previews and normalized png16 (and mkv), in metres if "
+        "metric. Default: 2nd percentile; of png16, the least.",
         callback=_finite,
     )
     vmax: float | None = option(
-        "Upper end of the depth range of previews (and of a normalized depth video), in "
-        "metres if metric. Default: 98th percentile.",
+        "Upper end of the depth range of previews and normalized png16 (and mkv), in metres if "
+        "metric. Default: 98th percentile; of png16, the largest.",
         callback=_finite,
     )
     legend: bool = option("Draw a colour scale beside the preview.", default=False)

@@ -14,7 +14,7 @@ from depthcli.core.camera import DEPTH_M, HFOV_DEG, UNKNOWN_CAMERA, Anchor, Intr
 from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.table import FORMATS, WriterOptions
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions
 from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
@@ -290,6 +290,8 @@ def listed(words: Sequence[str] | None) -> tuple[str, ...]:
 FORMAT_OPTIONS: dict[str, Collection[str]] = {
     str(name): facts.parameters for name, facts in FORMATS.items()
 }  #: the options that each format uses, by parameter name
+NORMALIZED = "png16 with --png-normalize or --png-inverse"
+RANGE_OPTIONS: dict[str, Collection[str]] = {NORMALIZED: Format.PNG16.facts.range_options}
 CLOUDS, DISTANCES = "clouds of known depth", "known distances along the ray"
 KNOWN_DEPTH_OPTIONS: dict[str, Collection[str]] = {
     CLOUDS: ("centre_px", "extrinsics"),
@@ -318,6 +320,12 @@ def without_effect(
         if users and not {*users} & {*kinds}:
             warnings.append(f"{word} has no effect: it is for {', '.join(users)}")
     return warnings
+
+
+def range_kinds(formats: Iterable[str], writing: WriterOptions) -> set[str]:
+    """The kind of :data:`RANGE_OPTIONS`, if a format has normalized integers."""
+    is_ranged = any(name in FORMATS and FORMATS[Format(name)].range_options for name in formats)
+    return {NORMALIZED} if is_ranged and writing.is_normalized else set()
 
 
 def known_depth_kinds(known: AnchorFiles | tuple[Anchor, ...]) -> set[str]:

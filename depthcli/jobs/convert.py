@@ -16,7 +16,7 @@ from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOpti
 from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.depth.metadata import NORMALIZED
-from depthcli.io.depth.read import StoredDepth
+from depthcli.io.depth.read import StoredDepth, stated_range
 from depthcli.io.formats import table
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import folder as folders
@@ -143,6 +143,10 @@ def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> table.Writ
     writing, stated = request.writing, stored.metadata.get("scale")
     if stated in NORMALIZED:
         is_inverse = stated == "inverse"
+        low, high = stated_range(stored.metadata) or (None, None)
+        if is_inverse and low and high:
+            low, high = 1 / high, 1 / low
+        writing = replace(writing, vmin=low, vmax=high)
         return replace(writing, png_normalize=not is_inverse, png_inverse=is_inverse)
     if stored.is_integer and stored.scale and writing.png_scale == table.MILLIMETRES:
         return replace(writing, png_scale=stored.scale.units_per_metre)

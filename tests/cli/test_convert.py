@@ -162,10 +162,13 @@ def test_the_sidecar_of_a_png_states_its_scale(inside: Cli) -> None:
     assert inside("convert", "kitti.png", "kitti.json", "--from-scale", "256").returncode == 0
     assert json.loads((inside.folder / "kitti.json").read_text())["png16_scale"] == 256
     assert np.nanmax(read_stored_depth(inside.folder / "kitti.png").displayed.values) == 10
-    Png16Writer(png_normalize=True).write(DEPTH, inside.folder / "d.png")
-    assert inside("convert", "d.png", "d", "--format", "json").returncode == 0
-    (sidecar,) = inside.folder.glob("d*.json")
-    assert json.loads(sidecar.read_text())["png16_scale"] is None
+    for name in ("normalize", "inverse"):
+        writer = Png16Writer(**{f"png_{name}": True}, vmin=1, vmax=4)
+        writer.write(DEPTH, inside.folder / f"{name}.png")
+        assert inside("convert", f"{name}.png", name, "--format", "json").returncode == 0
+        (sidecar,) = inside.folder.glob(f"{name}*.json")
+        stated = json.loads(sidecar.read_text())
+        assert [stated[key] for key in ("png16_scale", "png16_min", "png16_max")] == [None, 1, 4]
 
 
 @pytest.mark.parametrize("between", ["a.exr", "a.png", "a.npy"])

@@ -23,6 +23,7 @@ from depthcli.core.options import Colormap, Near
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_metadata
 
+NORMALIZED = "png16 with --png-normalize or --png-inverse"
 USUAL = 12
 """Options of the first section of the help, at most."""
 
@@ -81,6 +82,7 @@ def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> No
     [
         (("predict", "room.png", "-o", "x.png", "--colormap", "turbo"), "--colormap", "preview"),
         (("predict", "room.png", "-o", "x.ply", "--half"), "--half", "exr"),
+        (("predict", "room.png", "-o", "x.png", "--vmin", "1"), "--vmin", f"preview, {NORMALIZED}"),
         (("predict", "room.png", "-o", "x.png", "--exposure", "1"), "--exposure", "EXR"),
         (("batch", "in", "-o", "out", "--legend"), "--legend", "preview"),
         (("batch", "in", "-o", "out", "--cpus-per-worker", "1"), "--cpus-per-worker", "ray"),
@@ -134,6 +136,26 @@ def test_options_of_clouds_and_distances_have_no_effect_on_other_known_depth(
     done = inside("predict", "room.png", "--focal-px", "50", *known, "-o", "x.npy", code=0)
     told = [line for line in done.stderr.decode().splitlines() if "no effect" in line]
     assert [line.split()[2] for line in told] == ([without] if without else [])
+
+
+def test_normalized_png_has_the_range_of_every_command(inside: Cli) -> None:
+    write_picture(inside.folder / "in" / "room.png")
+    write_video(inside.folder / "clip.avi", flat_frames(range(2)))
+    wanted = ("--format", "png16", "--png-inverse", "--vmin", "0.5", "--vmax", "8")
+    for words in (
+        ("predict", "in/room.png", "-o", "p/"),
+        ("batch", "in", "-o", "b"),
+        ("video", "clip.avi", "-o", "v/"),
+        ("convert", "b/room.depth.png", "c/room.png"),
+    ):
+        done = inside(*words, *wanted, code=0)
+        assert "effect" not in done.stderr.decode()
+        assert "range of each frame" not in done.stderr.decode()
+    written = [path for folder in "pbvc" for path in (inside.folder / folder).glob("*.png")]
+    assert len(written) == 5
+    assert {read_metadata(path)["range"] for path in written} == {"0.125 2"}
+    done = inside("video", "clip.avi", "-o", "w/", *wanted[:3], code=0)
+    assert "give --vmin and --vmax" in done.stderr.decode()
 
 
 def test_option_of_a_profile_may_have_no_effect(inside: Cli) -> None:

@@ -17,7 +17,7 @@ from PIL import Image
 
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError
+from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.metadata import DepthScale
 from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
@@ -360,6 +360,54 @@ def test_normalized_inverse_depth(suffix: str, tmp_path: Path) -> None:
     cv2.imwrite(str(path), steps)
     np.testing.assert_allclose(read_stored_depth(path).depth.values, HOLED_M, rtol=2e-4)
     assert SidecarWriter(png_inverse=True) == writing.writer(Format.JSON)
+
+
+@given(METRES, st.booleans())
+def test_normalized_png_of_a_stated_range_is_exact_to_half_a_step(
+    values: np.ndarray, is_inverse: bool
+) -> None:
+    writing = WriterOptions(png_normalize=not is_inverse, png_inverse=is_inverse, vmin=0.5, vmax=20)
+    found = written(writing.writer(Format.PNG16), DepthMap(values), ".png").values
+    linear = np.reciprocal if is_inverse else np.asarray
+    ends = linear(np.array([0.5, 20.0]))
+    error = linear(found.astype(float)) - linear(np.clip(values.astype(float), 0.5, 20))
+    assert np.abs(error).max() <= np.ptp(ends) / 65534 / 2 + 1e-6 * ends.max()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pgm"])
+@pytest.mark.parametrize("option", ["png_normalize", "png_inverse"])
+def test_depth_has_one_number_in_all_maps_of_a_stated_range(
+    option: str, suffix: str, tmp_path: Path
+) -> None:
+    writing = WriterOptions(**{option: True}, vmin=1, vmax=16)
+    which = Format.PNG16 if suffix == ".png" else Format.PGM
+    share = (2 - 1) / (16 - 1) if option == "png_normalize" else (1 / 2 - 1 / 16) / (1 - 1 / 16)
+    for others, beyond in (((1.5, 3.0), 0), ((0.5, 30.0), 2), ((2.0, np.nan), 0)):
+        path, depth = tmp_path / f"a{suffix}", DepthMap(np.array([[2.0, *others]], np.float32))
+        warnings = writing.writer(which).write(depth, path)
+        assert [int(warning.split()[0]) for warning in warnings] == ([beyond] if beyond else [])
+        steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert steps[0, 0] == round(1 + share * 65534)
+        expected = np.clip(depth.values, 1, 16)
+        np.testing.assert_allclose(read_stored_depth(path).depth.values, expected, rtol=2e-4)
+        # Saved again without its texts, the sidecar says what it is.
+        writing.writer(Format.JSON).write(depth, tmp_path / "a.json")
+        cv2.imwrite(str(path), steps)
+        np.testing.assert_allclose(read_stored_depth(path).depth.values, expected, rtol=2e-4)
+
+
+def test_one_end_of_a_range_leaves_the_other_to_the_map(tmp_path: Path) -> None:
+    path, depth = tmp_path / "a.png", DepthMap(np.array([[1.0, 2.0, 4.0]], np.float32))
+    for ends, steps in (
+        ({"vmin": 2}, [1, 1, 65535]),
+        ({"vmax": 2}, [1, 65535, 65535]),
+    ):
+        Png16Writer(png_normalize=True, **ends).write(depth, path)
+        found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[0].tolist()
+        assert found == steps, ends
+    for ends in ({"vmin": 0}, {"vmax": -1}):
+        with pytest.raises(OutputError):
+            Png16Writer(png_inverse=True, **ends).write(depth, path)
 
 
 def test_inverse_depth_of_a_model_without_unit_keeps_near_white(tmp_path: Path) -> None:

@@ -56,10 +56,10 @@ def test_steps(values: np.ndarray, scale: float) -> None:
 @given(MAPS)
 def test_stretched(kind: DepthKind, values: np.ndarray) -> None:
     lowest = 0 if kind is DepthKind.METRIC else -math.inf
-    steps, low, high = stretched(DepthMap(values, kind))
+    steps, (low, high), saturated = stretched(DepthMap(values, kind))
     known = [float(value) for value in values[0] if lowest < value < math.inf]
     ends = (min(known), max(known)) if known else (0.0, 0.0)
-    assert (low, high) == ends
+    assert (low, high, saturated) == (*ends, 0)
     np.testing.assert_array_equal(stretched(DepthMap(values.T, kind))[0], steps.T)
     for value, found in zip(values[0].tolist(), steps[0].tolist(), strict=True):
         share = (value - low) / (high - low or 1.0)

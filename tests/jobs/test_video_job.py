@@ -313,6 +313,7 @@ def test_a_video_that_was_stopped_twice_goes_on_to_the_same_bytes(
     ("which", "writing"),
     [
         (VideoFormat.PNG16, WriterOptions(png_normalize=True)),
+        (VideoFormat.PNG16, WriterOptions(png_inverse=True, vmin=0.5, vmax=8)),
         (VideoFormat.EXR, WriterOptions(half=True)),
     ],
 )
@@ -332,6 +333,27 @@ def test_frames_that_keep_less_than_their_depth_tell_no_other_figures(
     frames = {n: d for n, d in contents(tmp_path / "whole").items() if not n.endswith(".json")}
     assert contents(tmp_path / "alone") == frames
     assert contents(tmp_path / "described") == contents(tmp_path / "whole")
+
+
+def test_equal_depth_has_the_same_number_in_all_frames_of_a_range(
+    clip: Path, tmp_path: Path, loader: SessionLoader
+) -> None:
+    formats = (VideoFormat.PNG16, VideoFormat.EXR)
+    writing = WriterOptions(png_inverse=True, vmin=1.5, vmax=4)
+    settings = VideoSettings(writing=writing, smooth_s=0.2)
+    request = video_request(
+        clip, f"{tmp_path}/out/", formats, sidecar=True, model=loader, settings=settings
+    )
+    assert not any("range of each frame" in warning for warning in video(request).warnings)
+    for number in range(24):
+        path = tmp_path / "out" / f"clip.depth.{number:06}.png"
+        steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        depth = read_stored_depth(path.with_suffix(".exr")).depth.values.astype(float)
+        share = (1 / np.clip(depth, 1.5, 4) - 1 / 4) / (1 / 1.5 - 1 / 4)
+        np.testing.assert_allclose(steps, 1 + 65534 * share, atol=0.51)
+        stated = read_stored_depth(path).depth.values
+        cv2.imwrite(str(path), steps)  # without its texts, it has those of the video's sidecar
+        np.testing.assert_allclose(read_stored_depth(path).depth.values, stated, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,9 @@ def convert(
         console.warn_all(seen_by.warnings)
         of_camera = _CAMERA if depth_file.needs_camera else ()
         written = {name: word for name, word in given.items() if name not in of_camera}
-        console.warn_all(parse.without_effect(written, FORMAT_OPTIONS, (format_,)))
+        used = {format_, *parse.range_kinds([format_], options)}
+        used_by = FORMAT_OPTIONS | parse.RANGE_OPTIONS
+        console.warn_all(parse.without_effect(written, used_by, used))
         console.warn_all(parse.without_effect(given, SOURCE_OPTIONS, kinds))
     count = share_cores(workers)[0]
     request = job.ConvertRequest(

@@ -29,6 +29,7 @@ _POINT = re.compile(r"(?a)(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)")
 
 FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 """The options that each format uses, by parameter name."""
+_IN_STEPS = {VideoFormat.MKV, VideoFormat.PNG16}
 
 
 @group
@@ -182,9 +183,6 @@ def video(
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     destination = video_destination(output.out, output.formats or (), sidecar=output.sidecar)
-    is_normalized = writing.png.png_normalize or writing.png.png_inverse
-    if is_normalized and {VideoFormat.MKV, VideoFormat.PNG16} <= set(destination.formats):
-        raise UsageError("mkv is in millimetres", "leave out mkv, or write png16 in metres")
     say = (lambda _text: None) if screen.quiet else console.warn
     stream = None if file == STDIO else live_stream(file, is_live=frames.live, say=say)
     look_ahead = detail.look_ahead
@@ -202,6 +200,8 @@ def video(
         segment_s=None if output.segment is None else parse_segment(output.segment),
         start_number=output.start_number,
     )
+    if settings.writing.is_normalized and set(destination.formats) >= _IN_STEPS:
+        raise UsageError("mkv is in millimetres", "leave out mkv, or write png16 in metres")
     page = None
     if preview.show is not None:
         from depthcli.video.page import PreviewPage
@@ -226,8 +226,9 @@ def video(
         is_numbered = stream is None and is_sequence(file)
         kinds = {*parse.INPUT_OPTIONS} - {"videos"} if is_numbered else {"videos", "PNG and TIFF"}
         console.warn_all(settings.camera.warnings)
-        used_by = FORMAT_OPTIONS | {parse.CLOUDS: ("extrinsics",)}
+        used_by = FORMAT_OPTIONS | {parse.CLOUDS: ("extrinsics",)} | parse.RANGE_OPTIONS
         used = {*destination.wanted, *parse.known_depth_kinds(settings.anchors)}
+        used |= parse.range_kinds(destination.wanted, settings.writing)
         used |= set() if page is None else {VideoFormat.MP4}
         console.warn_all(parse.without_effect(given, used_by, used))
         console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))

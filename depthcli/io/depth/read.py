@@ -1,6 +1,5 @@
 """Depth files of depthcli and of other tools: what their numbers mean, in one description."""
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -170,15 +169,21 @@ def stored_depth(
     return StoredDepth.of(path, stored, with_sidecar(path, own, size_px), options, frame)
 
 
-def _unnormalized(steps: AnyArray, texts: Mapping[str, str]) -> Float32Array:
-    """Depth of integers that span its range, or that of 1/depth; of millimetres without a range."""
+def stated_range(texts: Mapping[str, str]) -> tuple[float, float] | None:
+    """The ends of normalized integers, of depth or 1/depth; None if a file states none."""
     try:
         low, high = (float(word) for word in texts.get("range", "").split())
     except ValueError:
-        low = high = math.nan
-    if not -_FARTHEST < low <= high < _FARTHEST:
+        return None
+    return (low, high) if -_FARTHEST < low <= high < _FARTHEST else None
+
+
+def _unnormalized(steps: AnyArray, texts: Mapping[str, str]) -> Float32Array:
+    """Depth of integers that span its range, or that of 1/depth; of millimetres without a range."""
+    ends = stated_range(texts)
+    if ends is None:
         return facts.dequantized(steps, MILLIMETRES)
-    values = facts.denormalized(steps, low, high)
+    values = facts.denormalized(steps, *ends)
     return reciprocal(values) if texts["scale"] == "inverse" else values
 
 

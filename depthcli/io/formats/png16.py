@@ -11,7 +11,7 @@ from depthcli.core.arrays import UInt16Array
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError
+from depthcli.errors import InputError, OutputError
 from depthcli.io.depth import metadata as facts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal, stored_depth
 from depthcli.io.formats.sidecar import with_sidecar
@@ -23,6 +23,7 @@ from depthcli.io.storage.paths import read_bytes
 _GRAY_RANK = 2
 _PGM_TEXT = re.compile(rb"^# (%s\w+) (.*)$" % KEY_PREFIX.encode(), re.MULTILINE)
 _PGM_HEAD_BYTES = 4096
+_OWN_RANGE = WriterOptions()
 
 
 class Png16Writer(WriterOptions):
@@ -47,7 +48,7 @@ def stored_steps(
 ) -> tuple[UInt16Array, dict[str, str], tuple[str, ...]]:
     """The integers of a map, (H, W) uint16; texts that say what they mean; and warnings."""
     texts, is_metric = facts.metadata_texts(depth), depth.is_metric
-    if not (options.png_normalize or options.png_inverse) and is_metric:
+    if not options.is_normalized and is_metric:
         steps, saturated = facts.quantized(depth.values, options.png_scale)
         texts |= {"scale": f"{options.png_scale:g}", "unit": facts.step_unit(options.png_scale)}
         limit_m = facts.UINT16_MAX / options.png_scale
@@ -57,26 +58,49 @@ def stored_steps(
     if options.png_inverse and is_metric:
         scale = "inverse"
         depth = replace(depth, values=reciprocal(depth.values))
-    steps, low, high = stretched(depth)
+        options = _reciprocal_ends(options)
+    steps, (low, high), saturated = stretched(depth, options)
     texts |= {"scale": scale, "range": f"{low:.9g} {high:.9g}"}
     warning = f"{depth.kind} depth has no unit; {suffix} is normalized"
     if options.png_inverse and depth.kind is DepthKind.RELATIVE:
         warning += ", and far is white, as it has no inverse"
-    return steps, texts, (warning,) if not (is_metric or options.png_normalize) else ()
+    warnings = (warning,) * (not (is_metric or options.png_normalize))
+    if saturated:
+        ends = (1 / high, 1 / low) if scale == "inverse" else (low, high)
+        beyond = f"outside {ends[0]:.6g} to {ends[1]:.6g}{' m' if is_metric else ''}"
+        warnings += (f"{saturated} pixels {beyond} were saturated",)
+    return steps, texts, warnings
 
 
-def stretched(depth: DepthMap) -> tuple[UInt16Array, float, float]:
-    """Depth as 1-65535, 0 for none, (H, W) uint16; and the values that 1 and 65535 stand for."""
+def _reciprocal_ends(options: Png16Writer) -> Png16Writer:
+    """The range of 1/depth for that of metres."""
+    low, high = options.vmin, options.vmax
+    if any(end is not None and end <= 0 for end in (low, high)):
+        raise OutputError("0 m has no inverse", "give {vmin} and {vmax} above 0")
+    return replace(options, vmin=high and 1 / high, vmax=low and 1 / low)
+
+
+def stretched(
+    depth: DepthMap, options: WriterOptions = _OWN_RANGE
+) -> tuple[UInt16Array, tuple[float, float], int]:
+    """Depth as 1-65535, 0 for none, (H, W) uint16; by default, its own range is stretched to that.
+
+    Also returns the values that 1 and 65535 stand for, and the number of pixels beyond.
+    """
     values, known = depth.values, depth.valid
     if not known.any():
-        return np.zeros(values.shape, np.uint16), 0.0, 0.0
-    low = float(values.min(where=known, initial=np.inf))
-    high = float(values.max(where=known, initial=-np.inf))
+        return np.zeros(values.shape, np.uint16), (0.0, 0.0), 0
+    least = float(values.min(where=known, initial=np.inf))
+    most = float(values.max(where=known, initial=-np.inf))
+    low, high = options.range_of((least, most))
+    half_step, saturated = (high - low) / (facts.UINT16_MAX - 1) / 2, 0
     steps = np.empty(values.shape, np.uint16)
     for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
         band = values[rows].astype(np.float64)
         steps[rows] = facts.normalized(band, known[rows], low, high)
-    return steps, low, high
+        beyond = (band < low - half_step) | (band > high + half_step)
+        saturated += int(np.count_nonzero(known[rows] & beyond))
+    return steps, (low, high), saturated
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:

@@ -174,13 +174,6 @@ class PreviewWriter(WriterOptions):
             image = np.hstack([frame.pixels_8bit(), image])
         return np.ascontiguousarray(image)
 
-    def range_of(self, spread: tuple[float, float]) -> tuple[float, float]:
-        """Low and high end of the colours, where ``vmin`` and ``vmax`` replace those of a map."""
-        low = spread[0] if self.vmin is None else self.vmin
-        high = spread[1] if self.vmax is None else self.vmax
-        # A percentile gives way to a limit that is given.
-        return (min(low, high), high) if self.vmin is None else (low, max(low, high))
-
 
 def percentiles(depth: DepthMap) -> tuple[float, float]:
     """The 2nd and the 98th percentile of valid depth; 1 and 1 if there is none."""

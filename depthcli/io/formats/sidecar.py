@@ -16,6 +16,7 @@ from depthcli.io.storage.paths import read_regular
 
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
 _NUMBER = re.compile(r"[._\- ]*(\d+)", re.ASCII)
+_ENDS = ("png16_min", "png16_max")
 _SHARED = (
     *("software", "kind", "orientation", "time_s", "projection", "network_size_px", "anchors"),
     *metadata.ORIGIN_FIELDS,
@@ -28,19 +29,22 @@ class SidecarWriter(WriterOptions):
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
         source = depth.provenance or Provenance()
-        is_normalized = self.png_normalize or self.png_inverse
+        found, ends = DepthRange.of(depth), dict[str, float]()
+        if self.is_normalized and found.min is not None and found.max is not None:
+            ends = dict(zip(_ENDS, self.range_of((found.min, found.max)), strict=True))
         document = {
             "software": metadata.SOFTWARE,
             "kind": depth.kind.value,
             "unit": depth.unit,
-            "png16_scale": None if is_normalized or not depth.is_metric else self.png_scale,
-            **({"png16_inverse": True} if self.png_inverse else {}),
+            "png16_scale": None if self.is_normalized or not depth.is_metric else self.png_scale,
+            **({"png16_inverse": True} if self.png_inverse and depth.is_metric else {}),
+            **ends,
             "width": depth.width,
             "height": depth.height,
             "orientation": frame.orientation if frame else source.orientation,
             **({"projection": source.projection} if source.projection.is_other else {}),
             **({} if source.time_s is None else {"time_s": source.time_s}),
-            **DepthRange.of(depth)._asdict(),
+            **found._asdict(),
             "network_size_px": source.input_size_px,
             **metadata.origin_fields(depth),
             **metadata.anchor_fields(depth),
@@ -152,7 +156,8 @@ def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
         return {"scale": _text(scale)}
     if "png16_scale" not in fields:
         return {}
-    low, high = (metadata.number(_text(fields.get(name))) for name in ("min", "max"))
+    ends = (fields.get(own, fields.get(own.removeprefix("png16_"))) for own in _ENDS)
+    low, high = (metadata.number(_text(end)) for end in ends)
     if fields.get("png16_inverse") and low and high:
         return {"scale": "inverse", "range": f"{1 / high} {1 / low}"}
     return {"scale": "normalized", "range": f"{low} {high}"}

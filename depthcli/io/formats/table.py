@@ -70,12 +70,17 @@ class FormatFacts(NamedTuple):
     #: room for any, and only a default name tells whose a file is
     mark: bytes = b""
     options: tuple[str, ...] = ()  #: fields of :class:`WriterOptions` that its class has, too
+    range_options: tuple[str, ...] = ()  #: further ones, which only normalized integers have
     shows_image: bool = False  #: whether its files show the image
     has_overscan: bool = False  #: whether its files have the pixels outside the display window
     has_camera: bool = False  #: whether its files depend on the camera of the map or state it
     #: whether its module has a function ``read``; a video is written to numbered files in it then
     is_readable: bool = False
     is_exact: bool = False  #: whether it stores the values bit for bit
+
+    def fields(self, *, is_normalized: bool) -> tuple[str, ...]:
+        """Fields of :class:`WriterOptions` that have an effect."""
+        return self.options + self.range_options if is_normalized else self.options
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -95,6 +100,7 @@ def suffix_of(path: str | PurePath) -> str:
 _COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
 _EXR = ("exr_channel", "half")
 _PNG = ("png_scale", "png_normalize", "png_inverse")
+_ENDS = ("vmin", "vmax")
 _SURFACE = ("stride", "max_depth_m", "keep_edges")
 _STEREO = ("stereo_layout", "eye_distance_m", "convergence_m")
 _PNG_MARK = f"{SOFTWARE_KEY}\0".encode()
@@ -106,8 +112,9 @@ _JSON_MARK = b'"software": "depthcli '
 _image = partial(FormatFacts, shows_image=True)
 _stated = partial(FormatFacts, has_camera=True)
 _scene = partial(_stated, shows_image=True)
-_steps = partial(_stated, is_readable=True)
-_exact = partial(_steps, is_exact=True)
+_readable = partial(_stated, is_readable=True)
+_steps = partial(_readable, options=_PNG, range_options=_ENDS)
+_exact = partial(_readable, is_exact=True)
 _floats = partial(FormatFacts, "raster:FloatWriter", is_readable=True, is_exact=True)
 
 
@@ -125,7 +132,7 @@ class Format(StrEnum):
         (member.facts,) = facts
         return member
 
-    PNG16 = "png16", _steps("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK, _PNG)
+    PNG16 = "png16", _steps("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK)
     EXR = "exr", _exact("exr:ExrWriter", ".depth.exr", ".exr", _EXR_MARK, _EXR, has_overscan=True)
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True)
     PREVIEW = "preview", _image("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS)
@@ -136,10 +143,10 @@ class Format(StrEnum):
     STEREO = "stereo", _scene("stereo:StereoWriter", ".stereo.png", None, _PNG_MARK, _STEREO)
     PFM = "pfm", _floats(".depth.pfm", ".pfm")
     TIFF = "tiff", _floats(".depth.tiff", ".tiff")
-    PGM = "pgm", _steps("png16:Png16Writer", ".depth.pgm", ".pgm", _PGM_MARK, _PNG)
+    PGM = "pgm", _steps("png16:Png16Writer", ".depth.pgm", ".pgm", _PGM_MARK)
     NPZ = "npz", _exact("npy:NpzWriter", ".depth.npz", ".npz", b"depthcli.npy")
     COLMAP = "colmap", _floats(".depth.bin", ".bin")
-    JSON = "json", _stated("sidecar:SidecarWriter", ".depth.json", ".json", _JSON_MARK, _PNG)
+    JSON = "json", _stated("sidecar:SidecarWriter", ".depth.json", ".json", _JSON_MARK, _PNG, _ENDS)
 
 
 FORMATS = {format_: format_.facts for format_ in Format}
@@ -253,10 +260,10 @@ class WriterOptions:
     half: bool = False  #: 16-bit instead of 32-bit floats in EXR
     colormap: Colormap = Colormap.INFERNO  #: colours of the preview
     near: Near = Near.WARM  #: the colormap's end that is near
-    #: low end of the colour range, in metres or the map's unit; None for percentile 2. It is the
-    #: near end, or the far end of an inverse map
+    #: low end of the range of colours and normalized integers, in metres or the map's unit; None
+    #: for percentile 2, or the least. It is the near end, or the far end of an inverse map
     vmin: float | None = None
-    vmax: float | None = None  #: high end of the colour range; None for percentile 98
+    vmax: float | None = None  #: high end of the range; None for percentile 98, or the largest
     legend: bool = False  #: a scale at the right of the preview
     side_by_side: bool = False  #: the image at the left of its preview
     stride: int = 1  #: points and meshes: every n-th pixel of every n-th row
@@ -276,6 +283,19 @@ class WriterOptions:
         if self.stride < 1:
             raise UsageError(f"a stride of {self.stride} is not 1 or more", option="stride")
 
+    @property
+    def is_normalized(self) -> bool:
+        """Whether 16-bit PNG is normalized."""
+        return self.png_normalize or self.png_inverse
+
+    def range_of(self, spread: tuple[float, float]) -> tuple[float, float]:
+        """Low and high end of a range, where ``vmin`` and ``vmax`` replace those of a map."""
+        low = spread[0] if self.vmin is None else self.vmin
+        high = spread[1] if self.vmax is None else self.vmax
+        # The map's end gives way to one that is given.
+        return (min(low, high), high) if self.vmin is None else (low, max(low, high))
+
     def writer(self, name: Format) -> Writer:
         """The writer of a format; its module is loaded now."""
-        return writer_class(name)(**{own: getattr(self, own) for own in FORMATS[name].options})
+        own = FORMATS[name].fields(is_normalized=self.is_normalized)
+        return writer_class(name)(**{option: getattr(self, option) for option in own})

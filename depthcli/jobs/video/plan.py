@@ -186,8 +186,12 @@ class VideoResult:
 
         depth = self.depth
         time_code, writing = self.first.time_code, self.settings.writing
-        is_normalized = writing.png_normalize or writing.png_inverse
-        is_stretched = is_normalized and VideoFormat.PNG16 in self.plan.names
+        is_stretched = writing.is_normalized and VideoFormat.PNG16 in self.plan.names
+        of_png16: dict[str, object] = {}
+        if is_stretched and writing.vmin is not None and writing.vmax is not None:
+            ends = {"png16_min": writing.vmin, "png16_max": writing.vmax}
+            is_inverse = writing.png_inverse and depth.is_metric
+            of_png16 = {"png16_scale": None, "png16_inverse": is_inverse, **ends}
         return {
             "frames": self.frames,
             "fps": rate_text(self.rate),
@@ -202,6 +206,7 @@ class VideoResult:
             "kind": depth.kind.value,
             "unit": depth.unit,
             "scale": writing.png_scale if depth.is_metric and not is_stretched else None,
+            **of_png16,
             "scenes": self.scenes,
             "flicker": self.flicker,
             "flicker_unsmoothed": self.flicker_unsmoothed,

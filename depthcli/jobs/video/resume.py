@@ -110,7 +110,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
     is_finer = any(which.facts.is_exact for which in plan.names)
     is_metric = bool(settings.anchors) or pipeline.card.output.kind is DepthKind.METRIC
-    is_stretched = settings.smooth_s or writing.png_normalize or writing.png_inverse
+    is_stretched = settings.smooth_s or writing.is_normalized
     if is_stretched or is_finer or not (is_in_steps and is_metric):
         return None
     return writing.png_scale

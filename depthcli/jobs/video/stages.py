@@ -21,13 +21,14 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError, OutputError, about, os_errors_as
+from depthcli.errors import InputError, Message, OutputError, about, os_errors_as
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.io.depth.metadata import dequantized, quantized
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.stereo import StereoWriter
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
@@ -373,6 +374,7 @@ def _result(
     pipeline, smooths = stages.pipeline, settings.smooth_s > 0
     camera_warnings = () if settings.anchors else focal_warnings(pipeline.card, settings.camera)
     of_input = (*source.warnings, *stages.warnings, *pipeline.session.warnings, *camera_warnings)
+    of_input += _range_warnings(plan, settings.writing)
     if stages.unfitted:
         told = f"{len(stages.unfitted)} of {len(stages.numbers)} frames keep the model's depth"
         of_input += (f"{told}; {stages.unfitted[0]}",)
@@ -394,6 +396,16 @@ def _result(
         problem=source.problem,
         live=getattr(source, "counts", None),
     )
+
+
+def _range_warnings(plan: VideoPlan, writing: WriterOptions) -> tuple[str, ...]:
+    """A warning if normalized frames have no range in common, so that they flicker."""
+    images = [which.facts.image for which in plan.names]
+    are_normalized = writing.is_normalized and any(i and i.facts.range_options for i in images)
+    if not are_normalized or None not in {writing.vmin, writing.vmax}:
+        return ()
+    told = "the range of each frame is its own, so that equal depth has other numbers in another"
+    return (Message(told, "give {vmin} and {vmax} for one range"),)
 
 
 def _no_frames(plan: VideoPlan, source: FrameSource) -> InputError:
