@@ -102,13 +102,16 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
 
 
 def _kept(name: str, given: Intrinsics) -> Intrinsics:
-    """A calibrated camera, with the focal length and principal point that are given."""
+    """A calibrated camera, with the focal length or principal point that is given."""
     from depthcli.io.calibration import kept_camera
 
     kept = kept_camera(name)
-    return replace(
-        kept if not given.has_focal else given, scale=kept.scale, centre_px=given.centre_px
-    )
+    if given.has_focal:
+        return replace(given, scale=kept.scale)
+    if given.centre_px is None:
+        return kept
+    # In pixels of images of any size, unlike the kept focal length.
+    return replace(kept, centre_px=given.centre_px, focal_px=None, size_px=None)
 
 
 def reading(options: groups.ReadOptions, eye: choices.Eye | None = None) -> ReadOptions:

@@ -118,7 +118,7 @@ class Intrinsics:
             "the calibration states no image size, so its pixels are taken for those of the images",
             "do not resize or crop these",
         )
-        is_calibrated = self.pixel_aspect is not None and self.centre_px is not None
+        is_calibrated = None not in {self.focal_px, self.pixel_aspect, self.centre_px}
         is_unsized = is_calibrated and self.size_px is None
         return (distorted,) * self.is_distorted + (unsized,) * is_unsized
 
@@ -146,7 +146,9 @@ class Intrinsics:
         """The camera of one image, of which another may be known, that has no principal point."""
         if own is None:
             return self
-        return replace(own, centre_px=own.centre_px or self.centre_px, scale=self.scale)
+        if own.centre_px is None:
+            own = replace(own, centre_px=self.centre_px, size_px=self.size_px)
+        return replace(own, pixel_aspect=own.pixel_aspect or self.pixel_aspect, scale=self.scale)
 
 
 UNKNOWN_CAMERA = Intrinsics()  #: nothing is known but what the image's file states

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from depthcli.core.camera import FOCAL_PX, CameraScale, Intrinsics, hfov_deg
+from depthcli.core.camera import FOCAL_PX, CameraScale, Intrinsics, focal_px_of_hfov, hfov_deg
 from depthcli.core.validation import parsed_json
 from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
@@ -305,10 +305,13 @@ def _numbers(value: Any) -> list[float]:  # noqa: ANN401 - of any file
 _KEPT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
-def keep_camera(scale: CameraScale, hfov_deg: float | None) -> Path:
-    """Write a camera's scale and field of view; an earlier camera of the name is replaced."""
+_KEPT = ("hfov_deg", "centre_px", "size_px", "pixel_aspect")  # in 0.22 the first alone
+
+
+def keep_camera(scale: CameraScale, camera: Intrinsics) -> Path:
+    """Write a camera, whose scale was measured; an earlier one of the name is replaced."""
     path = _kept_path(scale.name)
-    document = {"hfov_deg": hfov_deg, **asdict(scale)}
+    document = {name: getattr(camera, name) for name in _KEPT} | asdict(scale)
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2) + "\n", "utf-8")
     return path
@@ -319,8 +322,15 @@ def kept_camera(name: str) -> Intrinsics:
     path = _kept_path(name)
     try:
         document: Any = parsed_json(read_regular(path, _MAX_BYTES))
-        hfov_deg = document.pop("hfov_deg")
-        return Intrinsics(hfov_deg=hfov_deg, scale=CameraScale(**document))
+        hfov_deg, centre_px, size_px, pixel_aspect = (document.pop(name, None) for name in _KEPT)
+        return Intrinsics(
+            focal_px_of_hfov(hfov_deg, size_px[0]) if hfov_deg and size_px else None,
+            hfov_deg,
+            centre_px and tuple(centre_px),
+            size_px and tuple(size_px),
+            pixel_aspect,
+            scale=CameraScale(**document),
+        )
     except FileNotFoundError as error:
         there = sorted(file.stem for file in path.parent.glob("*.json"))
         known = f"there are {', '.join(there)}" if there else "there is none"

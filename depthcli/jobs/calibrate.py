@@ -13,7 +13,7 @@ import numpy as np
 from depthcli.core.anchors import AnchorPoints, Pairs, ScaleShift, robust
 from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
@@ -60,7 +60,8 @@ class Calibrated(NamedTuple):
     """The scale of a camera, and what it is worth."""
 
     scale: CameraScale
-    hfov_deg: float | None  #: horizontal field of view of all images in degrees, if they share one
+    #: of all images, if they share one: field of view; principal point and aspect as given
+    camera: Intrinsics
     before: float  #: mean of |error| ÷ depth without the scale, on the same points
     warnings: tuple[str, ...]
 
@@ -79,15 +80,14 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
     """
     if request.pipeline.card.output.kind is not DepthKind.METRIC:
         raise UsageError(f"model {request.pipeline.card.name!r} gives no metres to correct")
-    samples, fields_of_view = [], set()
+    samples, cameras = [], dict[tuple[float, ...], Intrinsics]()
     for frame, points in _known(request):
         depth = request.pipeline.predict(frame, replace(request.camera, scale=None)).depth
         sample = _sample(depth, points)
         if len(sample.true_m):
             samples.append(sample)
-        focal_px = depth.provenance.focal_px if depth.provenance else None
-        if focal_px is not None:
-            fields_of_view.add(round(hfov_deg(focal_px, depth.width), 2))
+        camera = _camera(depth, frame, request.camera)
+        cameras.setdefault(_rounded(camera), camera)
     if not samples:
         raise UsageError("no known depth lies where the model gives any", "give more of it")
     halves, count = _halves(samples), sum(len(sample.true_m) for sample in samples)
@@ -106,13 +106,30 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
         images=len(samples),
         points=count,
     )
-    before, warnings = _error(ScaleShift(1.0, 0.0), samples), []
+    before, warnings = _error(ScaleShift(1.0, 0.0), samples), [*request.camera.warnings]
     if scale.residual is not None and scale.residual >= before:
         warnings.append("the scale does not lower the error of points that were left out")
-    own = fields_of_view.pop() if len(fields_of_view) == 1 else None
-    if fields_of_view:
-        warnings.append("the images have several fields of view, so none is kept")
+    if len(cameras) > 1:
+        warnings.append("the images have several fields of view or sizes, so none is kept")
+    own = UNKNOWN_CAMERA if len(cameras) > 1 else next(iter(cameras.values()))
     return Calibrated(scale, own, before, tuple(warnings))
+
+
+def _camera(depth: DepthMap, frame: Frame, given: Intrinsics) -> Intrinsics:
+    """What an image of a camera says of it, for others of any size."""
+    size_px, source = frame.display_size_px, depth.provenance or Provenance()
+    return Intrinsics(
+        hfov_deg=source.focal_px and hfov_deg(source.focal_px, size_px[0]),
+        centre_px=source.centre_px,
+        size_px=size_px if source.centre_px else None,
+        pixel_aspect=given.pixel_aspect,
+    )
+
+
+def _rounded(camera: Intrinsics) -> tuple[float, ...]:
+    """Field of view and principal point up to what images differ in that were resized."""
+    sides = zip(camera.centre_px or (), camera.size_px or (), strict=True)
+    return round(camera.hfov_deg or 0, 2), *(round((at + 0.5) / side, 3) for at, side in sides)
 
 
 def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import cv2
@@ -10,9 +11,12 @@ import numpy as np
 import pytest
 from helpers.tiny import fixed_inside, load, synthetic_picture, write_model, write_picture
 
-from depthcli.core.camera import Intrinsics
+import depthcli
+from depthcli.core.camera import CameraScale, Intrinsics, hfov_deg
 from depthcli.errors import InputError
+from depthcli.io.calibration import keep_camera, kept_camera
 from depthcli.io.depth.anchors import AnchorFiles
+from depthcli.io.depth.clouds import projected
 from depthcli.io.images.read import read_image
 from depthcli.jobs.calibrate import CalibrationRequest, KnownObject, calibrate
 
@@ -94,13 +98,54 @@ def test_other_commands_use_the_kept_camera(inside: Cli) -> None:
         cv2.imwrite(str(pairs / "depth" / f"{i}.png"), depth_mm.astype(np.uint16))
     done = inside("calibrate", "robot", "--pairs", "pairs", "--hfov", "70", "--json")
     facts = json.loads(done.stdout)
-    assert (facts["scale"], facts["hfov_deg"]) == (pytest.approx(1.5, rel=2e-3), 70)
+    assert (facts["scale"], facts["hfov_deg"]) == (
+        pytest.approx(1.5, rel=2e-3),
+        pytest.approx(70),
+    )
     done = inside("predict", "pairs/rgb/0.png", "-o", "a.npy", "--camera", "robot", "--json")
     assert json.loads(done.stdout)["camera_scale"]["name"] == "robot"
     inside("batch", "pairs/rgb", "-o", "out", "--camera", "robot", "--format", "npy")
     wanted = np.load(inside.folder / "0.npy") * np.float32(facts["scale"])
     for written in ("a.npy", "out/0.depth.npy"):
         assert np.load(inside.folder / written) == pytest.approx(wanted, rel=1e-5)
+
+
+def test_the_kept_camera_gives_the_points_of_its_calibration(inside: Cli) -> None:
+    """Of an image that was resized, whose pixels are not square."""
+    for name, size in (("a", (48, 64)), ("b", (96, 128))):
+        write_picture(inside.folder / f"{name}.png", synthetic_picture(*size))
+    matrix = {"fx": 50, "fy": 60, "cx": 20, "cy": 30, "width": 64, "height": 48}
+    (inside.folder / "lens.json").write_text(json.dumps(matrix))
+    given = ("--calibration", "lens.json")
+    done = inside("calibrate", "r", "a.png", *given, "--anchor", "3,4,9", "--json")
+    scale = np.float32(json.loads(done.stdout)["scale"])
+    points_m = []
+    for words in (("--camera", "r"), given):
+        assert inside("predict", "b.png", *words, "-o", f"{words[0]}.exr").returncode == 0
+        depth = depthcli.read_depth(inside.folder / f"{words[0]}.exr")
+        points_m.append(depth.to_points(keep_edges=True).xyz_m)
+    assert points_m[0] == pytest.approx(points_m[1] * scale, rel=1e-5)
+    told = [
+        inside("predict", "b.png", "--camera", "r", *more, code=0).stderr
+        for more in ((), ("--centre-px", "9,9"))
+    ]
+    assert told[0] == told[1]  # and nothing of a size that was not stated
+
+
+def test_a_kept_camera_has_the_pixels_of_clouds_and_of_other_sizes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    scale = CameraScale("r", "tiny", "0" * 64, 1.5, 0.0, None, 1, 1)
+    lens = Intrinsics(None, hfov_deg(50, 64), (20, 30), (64, 48), 1.2)
+    path, cloud_m = keep_camera(scale, lens), np.array([[1.0, 1.0, 5.0]])
+    points = projected(cloud_m, kept_camera("r")).within(128, 96)
+    assert (points.x[0], points.y[0]) == (2 * (20 + 10) + 1, 2 * (30 + 12) + 1)
+    own = kept_camera("r").of_image(Intrinsics(100))
+    assert (own.centre_for(128, 96), own.pixel_aspect, own.scale) == ((40.5, 60.5), 1.2, scale)
+    first = json.loads(path.read_text())  # as 0.22 wrote it
+    path.write_text(json.dumps({"hfov_deg": first["hfov_deg"], **asdict(scale)}))
+    assert kept_camera("r") == Intrinsics(hfov_deg=first["hfov_deg"], scale=scale)
 
 
 def test_a_scale_is_refused_by_another_model(inside: Cli, model_folder: Path) -> None:

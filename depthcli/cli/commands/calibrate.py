@@ -79,9 +79,11 @@ def calibrate(
     )
     done = measure(request)
     scale = done.scale
-    path = keep_camera(scale, done.hfov_deg)
+    path = keep_camera(scale, done.camera)
     if screen.as_json:
-        facts = asdict(scale) | {"hfov_deg": done.hfov_deg, "before": done.before}
+        kept = ("hfov_deg", "centre_px", "size_px", "pixel_aspect")
+        facts = asdict(scale) | {name: getattr(done.camera, name) for name in kept}
+        facts["before"] = done.before
         console.out_json(facts | {"file": str(path), "warnings": list(done.warnings)})
     elif not screen.quiet:
         left_out = "" if scale.residual is None else f", {scale.residual:.1%} on points left out"
