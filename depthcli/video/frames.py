@@ -74,7 +74,8 @@ class FrameSource(ABC):
     paths: tuple[Path, ...]  #: the files that are read; none of a pipe
     rate: Fraction  #: frames a second, exact, as stated; often the mean if it varies
     tick_s: Fraction  #: seconds of which every frame's time is a multiple
-    frames_stated: int | None  #: how many frames there are; None if the source does not state it
+    #: how many frames there are, as counted once all are read; None if the source does not state it
+    frames_stated: int | None
     warnings: tuple[str, ...] = ()  #: one-line texts about the source
     problem: str | None = None  #: why frames are missing, once the others have been read
     start_s: Fraction | None = None  #: time of the first frame in the file; None without audio

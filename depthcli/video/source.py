@@ -306,6 +306,7 @@ class VideoSource(clock.FrameSource):
         self._timeline.end(self._decoder.pop_failed())
         self._report_lost()
         read = self._timeline.index + 1
+        stated, self.frames_stated = self.frames_stated, read
         try:
             is_incomplete = self._decoder.ended_early or (
                 self._path is not None and is_incomplete_matroska(self._path, self._container)
@@ -314,7 +315,7 @@ class VideoSource(clock.FrameSource):
             self.problem = f"it was changed while it was read: {error}"
             return
         # In MP4, an edit list may hide frames, and its demuxer reports a missing end.
-        stated = self.frames_stated if self._container.format.name == _AVI else None
+        stated = stated if self._container.format.name == _AVI else None
         # By the time of the last frame: the stated number includes dropped frames, without data.
         end = round(self._timeline.time_s * self.rate) + 1
         short = stated is not None and stated - end > max(1, stated // _MISSING_SHARE)

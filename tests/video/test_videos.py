@@ -386,6 +386,15 @@ def test_a_trimmed_video_is_whole(tmp_path: Path) -> None:
         assert source.problem is None
 
 
+def test_a_video_that_begins_late_has_the_frames_that_it_has(tmp_path: Path) -> None:
+    times_s = [5 + i / 25 for i in range(12)]  # as ffmpeg -copyts leaves them; MKV states 5.48 s
+    path = write_mp4(tmp_path / "late.mkv", flat_frames(range(12)), Fraction(25), times_s)
+    span = Span(Point(Fraction(90)))
+    with VideoSource(path) as source:
+        assert list(source.frames(span)) == []
+        assert source.numbers_stated == (0, 11)
+
+
 def test_frames_without_a_time_get_one(tmp_path: Path) -> None:
     path = encode(tmp_path / "a.m2v", noise_frames(30), Fraction(25), "mpeg2video", "yuv420p")
     with VideoSource(path) as source:
