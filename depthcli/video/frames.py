@@ -32,7 +32,8 @@ class Span:
 
     start: Point = Point(Fraction(0))  #: its first frame is the first at or after this point
     end: Point | None = None  #: frames from this point on are left out; None for the video's end
-    #: interval between frames; in seconds, the first frame at or after each multiple is selected
+    #: interval between frames; in seconds, the first frame at or after each multiple is selected,
+    #: in frames only multiples are
     every: Point = Point(Fraction(1), in_frames=True)
 
     def rate(self, rate: Fraction) -> Fraction:
@@ -45,19 +46,26 @@ class Span:
         """Number of frames selected from a video of ``frames`` evenly spaced ones."""
         return sum(self.selected((index, index / rate) for index in range(frames)))
 
-    def selected(self, frames: Iterable[tuple[int, Fraction]]) -> Iterator[bool]:
-        """Whether each frame, a number and a time in seconds, is selected; ends with the span."""
+    def selected(
+        self, frames: Iterable[tuple[int, Fraction]], *, is_live: bool = False
+    ) -> Iterator[bool]:
+        """Whether each frame, a number and a time in seconds, is selected; ends with the span.
+
+        Of a live stream, the next frame is selected in place of one that was dropped.
+        """
+        step, is_exact = self.every.value, self.every.in_frames and not is_live
         due: Fraction | None = None
         for index, time_s in frames:
             if self.end is not None and _at(self.end, index, time_s) >= self.end.value:
                 return
             now = _at(self.every, index, time_s)
             started = _at(self.start, index, time_s) >= self.start.value
-            if not started or (due is not None and now < due):
+            is_due = due is None or (now >= due and not (is_exact and (now - due) % step))
+            if not started or not is_due:
                 yield False
                 continue
             first = now if due is None else due
-            due = first + ((now - first) // self.every.value + 1) * self.every.value
+            due = first + ((now - first) // step + 1) * step
             yield True
 
 

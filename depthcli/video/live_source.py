@@ -235,7 +235,7 @@ class LiveSource(FrameSource):
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Convert the newest frame whenever one is asked for; as of :class:`FrameSource`."""
-        for wanted in span.selected(self._numbers_and_times()):
+        for wanted in span.selected(self._numbers_and_times(), is_live=True):
             if wanted:
                 yield self._converted()
         self._stream.stop.set()

@@ -140,13 +140,37 @@ def test_a_span_without_frames_names_the_numbers_that_there_are(start: str, insi
     assert "1001–1006" in done.stderr.decode()
 
 
-def test_steps_count_numbers_where_some_are_missing(tmp_path: Path) -> None:
-    plates(tmp_path, range(1001, 1006))
-    (tmp_path / "plate.1003.exr").unlink()
-    span = Span(every=Point(Fraction(2), in_frames=True))
+@pytest.mark.parametrize(
+    ("every", "expected"),
+    [
+        (Point(Fraction(2), in_frames=True), [1001, 1003, 1005, 1009]),
+        (Point(Fraction(2, 24)), [1001, 1003, 1005, 1008, 1009]),
+    ],
+)
+def test_steps_count_numbers_where_some_are_missing(
+    every: Point, expected: list[int], tmp_path: Path
+) -> None:
+    plates(tmp_path, range(1001, 1011), Fraction(24))
+    for number in (1006, 1007):
+        (tmp_path / f"plate.{number}.exr").unlink()
+    span = Span(every=every)
     with open_frames(tmp_path / "plate.%04d.exr") as source:
-        assert [frame.index for frame in source.frames(span)] == [1001, 1004, 1005]
-        assert source.count(span) == 3
+        assert [frame.index for frame in source.frames(span)] == expected
+        assert source.count(span) == len(expected)
+
+
+def test_a_frame_that_a_live_stream_dropped_is_replaced_by_the_next() -> None:
+    arrived = ((number, Fraction(number, 25)) for number in (0, 1, 3, 5, 6, 7, 9))  # others dropped
+    span = Span(every=Point(Fraction(2), in_frames=True))
+    assert list(span.selected(arrived, is_live=True)) == [
+        True,
+        False,
+        True,
+        True,
+        True,
+        False,
+        True,
+    ]
 
 
 def test_plates_become_a_depth_video_and_depth_plates(inside: Cli) -> None:
