@@ -31,6 +31,7 @@ _SHORT = 4  #: numbers with fewer digits and no leading zero are taken as not pa
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
 _SEPARATORS = "._- "
 _LISTED = 4  #: most patterns that an error lists
+_TIME_STEP, _LEAST_TIME = 1000, 100_000  # microseconds of 10 to 30 images a second are far above
 
 
 def is_pattern(name: str) -> bool:
@@ -129,6 +130,15 @@ def find_images(path: Path) -> list[NumberedImage]:
     if is_folder:
         return _of_folder(folder, paths)
     return sorted(NumberedImage(number_in(path.name, file.name) or 0, file) for file in paths)
+
+
+def are_times(images: Sequence[NumberedImage]) -> bool:
+    """Whether the numbers of images, in their order, are time stamps, as data sets have them.
+
+    No two are closer than a thousand; numbers of plates are not so large.
+    """
+    steps = [b.number - a.number for a, b in pairwise(images)]
+    return min(steps, default=0) >= _TIME_STEP and images[-1].number >= _LEAST_TIME
 
 
 def listed_names(folder: Path) -> Iterable[str]:

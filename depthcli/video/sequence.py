@@ -14,7 +14,7 @@ from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_exr
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
-from depthcli.video.numbering import NumberedImage, find_images
+from depthcli.video.numbering import NumberedImage, are_times, find_images
 
 _SHOWN = 10
 _TRIES = 10  #: images that are asked for their frame rate
@@ -40,8 +40,11 @@ class ImageSequence(FrameSource):
         ``max_pixels`` are refused. InputError if there is none, UsageError if the folder holds
         more than one sequence.
         """
-        self._files = find_images(path)
-        self.paths = tuple(file.path for file in self._files)
+        files = find_images(path)
+        self.paths = tuple(file.path for file in files)
+        self._is_counted = are_times(files)
+        counted = list(map(NumberedImage, range(len(files)), self.paths))
+        self._files = counted if self._is_counted else files
         self._max_pixels, self._options = max_pixels, options
         self._overscan: Window | None = None  # that of the first image
         stated = rate or _stated_rate(self.paths)
@@ -107,6 +110,8 @@ class ImageSequence(FrameSource):
     def _warnings(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield Message(f"no frame rate is given; {FALLBACK_RATE} is assumed", "give {fps}")
+        if self._is_counted:
+            yield f"numbers such as {self.paths[0].stem} are times; frames are counted from 0"
         ends = [(a + 1, b - 1) for a, b in pairwise(file.number for file in self._files)]
         gaps = [f"{a}" if a == b else f"{a}–{b}" for a, b in ends if a <= b]
         if gaps:

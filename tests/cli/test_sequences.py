@@ -173,6 +173,33 @@ def test_a_frame_that_a_live_stream_dropped_is_replaced_by_the_next() -> None:
     ]
 
 
+EUROC = "1403636579763555584 1403636579813555456 1403636579863555584"  # MH_01_easy, cam0
+TUM = "1305031102.175304 1305031102.211214 1305031102.243211"  # fr1/desk, within a second
+
+
+@pytest.mark.parametrize(
+    ("names", "numbers", "warnings"),
+    [
+        (EUROC, [0, 1, 2], 1),
+        (TUM, [0, 1, 2], 1),
+        ("1001 1002 90000", [1001, 1002, 90000], 1),  # which has a gap
+        ("1001 2101 9001", [1001, 2101, 9001], 1),
+        ("1403636579763555584", [1403636579763555584], 0),
+    ],
+)
+def test_time_stamps_are_no_frame_numbers(
+    names: str, numbers: list[int], warnings: int, tmp_path: Path
+) -> None:
+    for name in names.split():
+        cv2.imwrite(f"{tmp_path}/{name}.png", np.zeros((8, 8), np.uint8))
+    with open_frames(tmp_path, rate=Fraction(20)) as source:
+        assert len(source.warnings) == warnings
+        frames = list(source.frames())
+    assert [frame.index for frame in frames] == numbers
+    assert [frame.path and frame.path.stem for frame in frames] == names.split()
+    assert [frame.timestamp_s for frame in frames] == [(n - numbers[0]) / 20 for n in numbers]
+
+
 def test_plates_become_a_depth_video_and_depth_plates(inside: Cli) -> None:
     pattern = plates(inside.folder / "shot", range(1001, 1007))
     done = inside("video", pattern, "--out", "d.mkv", "--json")
