@@ -145,6 +145,22 @@ def test_python_reads_it(tmp_path: Path, loader: SessionLoader) -> None:
     np.testing.assert_array_equal(stored, done.depth.values[inside(common, DISPLAY)])
 
 
+@pytest.mark.parametrize("data", [CROP, MIXED, (100, 50, 100, 50)])
+def test_an_image_is_mirrored_outside_its_data_window(data: Box, tmp_path: Path) -> None:
+    frame = read_image(write_plate(tmp_path, 1, data))
+    assert frame.windows is not None
+    whole = frame.windows.pixels
+    whole_box = (whole.left, whole.top, whole.right - 1, whole.bottom - 1)
+    rows, columns = inside(data, whole_box)
+    around = [
+        (at.start, size - at.stop)
+        for at, size in zip((rows, columns), frame.pixels.shape, strict=False)
+    ]
+    expected = np.pad(frame.pixels[rows, columns], [*around, (0, 0)], "symmetric")
+    np.testing.assert_array_equal(frame.pixels, expected)
+    assert expected.max() > 0
+
+
 def test_a_store_has_plates_too(tmp_path: Path, bucket: Bucket) -> None:
     plate = write_plate(tmp_path, 1, MIXED)
     uri = bucket.put("in/plate.1.exr", plate.read_bytes())
