@@ -132,6 +132,11 @@ class Windows:
         """The part of ``pixels`` that the file has; possibly none."""
         return self.data.intersection(self.pixels)
 
+    @property
+    def seen(self) -> Window:
+        """The part of ``pixels`` that a network sees: all but overscan that the file lacks."""
+        return self.display.union(self.valid)
+
     def only(self, window: Window, values: Float32Array) -> Float32Array:
         """Values, (H, W) float32 over ``pixels``, with NaN outside a window."""
         return over_window(over_window(values, self.pixels, window), window, self.pixels)
@@ -341,11 +346,19 @@ def displayed_depth(depth: DepthMap, windows: Windows | None) -> DepthMap:
 
 def displayed_frame(frame: Frame) -> Frame:
     """A frame without the pixels outside its display window."""
-    windows = frame.windows
-    if windows is None or windows.pixels == windows.display:
+    return frame if frame.windows is None else _cut(frame, frame.windows, frame.windows.display)
+
+
+def seen_frame(frame: Frame) -> Frame:
+    """A frame without overscan that its file lacks, though others of its sequence have it."""
+    return frame if frame.windows is None else _cut(frame, frame.windows, frame.windows.seen)
+
+
+def _cut(frame: Frame, windows: Windows, window: Window) -> Frame:
+    if windows.pixels == window:
         return frame
-    pixels: Any = np.ascontiguousarray(frame.pixels[windows.display.within(windows.pixels)])
-    return replace(frame, pixels=pixels, windows=replace(windows, pixels=windows.display))
+    pixels: Any = np.ascontiguousarray(frame.pixels[window.within(windows.pixels)])
+    return replace(frame, pixels=pixels, windows=replace(windows, pixels=window))
 
 
 _STEP = 64

@@ -411,6 +411,20 @@ def test_each_plate_has_own_windows(tmp_path: Path, depth_of: Callable[..., Vide
     assert np.isnan(found[3][3]).all()
 
 
+@pytest.mark.parametrize("data", [DISPLAY, (96, 46, 167, 97), CROP])
+def test_a_plate_with_less_overscan_than_the_first_has_its_own_depth(
+    data: Box, tmp_path: Path, depth_of: Callable[..., VideoResult], loader: SessionLoader
+) -> None:
+    write_plate(tmp_path / "in", 0, OVERSCAN)
+    plate = write_plate(tmp_path / "in", 1, data)
+    depth_of(VideoFormat.EXR)
+    predicted(plate, loader, Format.EXR)
+    *windows, _, stored = written(tmp_path / "out" / "plate.depth.000001.exr")
+    *expected, _, alone = written(plate.parent / "out" / "plate.1.depth.exr")
+    assert windows == expected == [data, DISPLAY]
+    np.testing.assert_array_equal(stored, alone)
+
+
 def test_a_plate_of_another_display_window_ends_the_sequence(
     tmp_path: Path, depth_of: Callable[..., VideoResult]
 ) -> None:

@@ -262,7 +262,7 @@ class FrameStages:
             depth = DepthMap(kept, self._kind)
         else:
             kept = None
-            (depth, warnings), unfitted = self._fitted(image, camera)
+            (depth, warnings), unfitted = self._fitted(types.seen_frame(image), camera)
             if self._scale is not None:
                 values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
                 depth = dataclasses.replace(depth, values=values)
@@ -356,7 +356,7 @@ def _in_windows(
     """
     if windows is None:
         return depth, depth.values
-    covered = windows.display if is_kept else windows.pixels
+    covered = windows.display if is_kept else windows.seen
     values = types.over_window(depth.values, covered, windows.pixels)
     depth = types.masked_to_data_window(dataclasses.replace(depth, values=values), windows)
     return depth, windows.only(windows.display, depth.values)
