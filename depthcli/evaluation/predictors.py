@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,8 +17,9 @@ from depthcli.core.options import DEFAULT_UPSAMPLING, AnchorsFit, DepthEncoding,
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.datasets.base import DepthDataset
+from depthcli.datasets.base import DepthDataset, Pair
 from depthcli.datasets.folders import as_dataset_error
+from depthcli.datasets.layouts import list_files
 from depthcli.datasets.prompts import Pattern, Prompt
 from depthcli.errors import DatasetError
 from depthcli.evaluation.report import Source
@@ -41,16 +42,16 @@ class Sample:
         self.id = dataset.ids[position]
         focal_px = dataset.focal_px[position] if dataset.focal_px else None
         self.camera = Intrinsics(focal_px, None if focal_px else dataset.hfov_deg)
-        self._dataset, self._position = dataset, position
+        self.dataset, self._position = dataset, position
 
     @cached_property
     def frame(self) -> Frame:
         """The image."""
-        return self._dataset.frame(self._position)
+        return self.dataset.frame(self._position)
 
     def known_points(self, prompt: Prompt) -> AnchorPoints:
         """Points of the true depth, the same whenever they are drawn."""
-        depth_m = self._dataset.depth_m(self._position)
+        depth_m = self.dataset.depth_m(self._position)
         gray = cv2.resize(self.frame.pixels_8bit().max(2), depth_m.shape[::-1])
         random = np.random.default_rng(self._position)
         drawn_m = prompt.draw(depth_m, np.asarray(gray, np.float32), random)
@@ -112,15 +113,15 @@ def open_model(
 
 @dataclass(frozen=True, slots=True)
 class FilePredictor(Predictor):
-    """A folder of depth files named by id, which another tool wrote."""
+    """A folder of depth files that another tool wrote."""
 
-    suffix: str  #: suffix of the files that are read
+    files: Mapping[str, Path]  #: of each image, by its id
     reading: DepthReadOptions = AS_STATED  #: what is known about them
     warnings: tuple[str, ...] = ()  #: about the first file, one line each
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth of one image as it was written, any size."""
-        path = Path(self.name) / f"{sample.id}{self.suffix}"
+        path = self.files[sample.id]
         stored = _read(path, self.reading, sample)
         if stored.depth.kind is not self.kind:
             told = f"{path} states {stored.depth.kind} depth, and the first file {self.kind} depth"
@@ -131,19 +132,25 @@ class FilePredictor(Predictor):
 def open_predictions(
     folder: Path, samples: Sequence[Sample], reading: DepthReadOptions = AS_STATED
 ) -> FilePredictor:
-    """Check that a folder has ``ID.npy``, or another of :data:`SUFFIXES`, for every image."""
+    """Check that a folder has ``ID.npy``, or another of :data:`SUFFIXES`, for every image.
+
+    The name may also be the image's, with any of the folders that it is in, if no other has it.
+    """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
-    ids = [sample.id for sample in samples]
-    missing = {s: [i for i in ids if not (folder / f"{i}{s}").is_file()] for s in SUFFIXES}
+    ids, found = [sample.id for sample in samples], _found(folder, samples[0].dataset)
+    missing = {suffix: [i for i in ids if i not in files] for suffix, files in found.items()}
     suffix = min(SUFFIXES, key=lambda s: len(missing[s]))
     if missing[suffix]:
         raise DatasetError(
             f"{folder} lacks {len(missing[suffix])} of {len(ids)} predictions "
             f"(first: {missing[suffix][0]}{suffix})",
-            "every image of the split needs one that is named by its id",
+            "every image of the split needs one that is named by its id, or as the image",
         )
-    first = _read(folder / f"{ids[0]}{suffix}", reading, samples[0])
+    files = {i: found[suffix][i] for i in ids}
+    if several := next((paths for paths in files.values() if len(paths) > 1), None):
+        raise DatasetError(f"{several[0]} and {several[1]} are of one image", "remove one")
+    first = _read(files[ids[0]][0], reading, samples[0])
     kind = first.depth.kind
     is_metric = first.depth.is_metric  # others are fitted to the truth, whatever their scale
     return FilePredictor(
@@ -151,10 +158,33 @@ def open_predictions(
         Source.FILES,
         kind,
         f"{kind}, {first.unit_text}" if is_metric else kind,
-        suffix,
+        {image_id: path for image_id, (path,) in files.items()},
         reading if reading.kind else replace(reading, kind=DepthEncoding(kind)),
         first.warnings_with_scale("predictions_scale") if is_metric else first.warnings,
     )
+
+
+def _found(folder: Path, dataset: DepthDataset) -> dict[str, dict[str, list[Path]]]:
+    """The depth files of each image, by suffix and id."""
+    id_of = _ids_by_name(dataset.pairs)
+    found: dict[str, dict[str, list[Path]]] = {suffix: {} for suffix in SUFFIXES}
+    for file in list_files(folder):
+        for suffix in filter(file.endswith, SUFFIXES):
+            image_id = id_of.get(file.removesuffix(suffix))
+            if image_id is not None:
+                found[suffix].setdefault(image_id, []).append(folder / file)
+    return found
+
+
+def _ids_by_name(pairs: Sequence[Pair]) -> dict[str, str]:
+    """Id of each image by its names: the id, and ends of its path that no other image has."""
+    ids_of: dict[str, set[str]] = {}
+    for pair in pairs:
+        parts = pair.image.with_suffix("").parts if pair.image else ()
+        for i in range(len(parts)):
+            ids_of.setdefault("/".join(parts[i:]), set()).add(pair.id)
+    unique = {name: min(ids) for name, ids in ids_of.items() if len(ids) == 1}
+    return unique | {pair.id: pair.id for pair in pairs}
 
 
 def _read(path: Path, reading: DepthReadOptions, sample: Sample) -> StoredDepth:

@@ -7,6 +7,7 @@ from helpers.small_set import small_set
 
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
+from depthcli.datasets.folders import open_paired_folder
 from depthcli.errors import DatasetError
 from depthcli.evaluation.predictors import Sample, open_predictions
 from depthcli.io.depth.read import DepthReadOptions
@@ -124,3 +125,70 @@ def test_a_stray_file_does_not_stand_for_the_others(tmp_path: Path) -> None:
     np.save(tmp_path / f"{IDS[0]}.npy", np.full((4, 6), 9, np.float32))
     predictor = open_predictions(tmp_path, SAMPLES)
     assert (predictor.predict(Sample(small_set(), 0)).values == 3).all()
+
+
+SEVEN = ("frame-{}.color.png", "frame-{}.depth.png")
+SELECTED = (
+    "image/a_sync_image_{}_image_02.png",
+    "groundtruth_depth/a_sync_groundtruth_depth_{}_image_02.png",
+)
+DRIVE = ("{}_sync/image_02/data/1.png", "{}_sync/proj_depth/groundtruth/image_02/1.png")
+PATTERN = ("left/{}_left.png", "gt/{}_gt.png")
+
+
+def _samples(root: Path, names: tuple[str, str], patterns: tuple[str, str] | None) -> list[Sample]:
+    """Two pairs, 1 and 2."""
+    for name, pixels in zip(names, (np.zeros((4, 6, 3)), np.full((4, 6), 999)), strict=True):
+        for number in "12":
+            file = root / name.format(number)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            assert cv2.imwrite(str(file), pixels.astype(np.uint16))
+    dataset = open_paired_folder(root, patterns=patterns)
+    return [Sample(dataset, i) for i in (0, 1)]
+
+
+def _predict(folder: Path, name: str) -> None:
+    for number in "12":
+        file = folder / name.format(number)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.save(file, np.full((4, 6), int(number), np.float32))
+
+
+@pytest.mark.parametrize(
+    ("names", "prediction"),
+    [
+        (SEVEN, "frame-{}.npy"),
+        (SEVEN, "frame-{}.color.depth.npy"),
+        (SELECTED, "a_sync/{}_image_02.npy"),
+        (SELECTED, "a_sync_image_{}_image_02.depth.npy"),
+        (SELECTED, "image/a_sync_image_{}_image_02.npy"),
+        (DRIVE, "{}_sync/image_02/1.npy"),
+        (DRIVE, "{}_sync/image_02/data/1.depth.npy"),
+        (PATTERN, "{}.npy"),
+        (PATTERN, "{}_left.depth.npy"),
+    ],
+)
+def test_predictions_are_named_by_id_or_as_the_image(
+    names: tuple[str, str], prediction: str, tmp_path: Path
+) -> None:
+    """KITTI's devkit and ``batch`` name them as the image."""
+    patterns = (names[0].format("*"), names[1].format("*")) if names is PATTERN else None
+    samples = _samples(tmp_path / "data", names, patterns)
+    _predict(tmp_path / "files", prediction)
+    predictor = open_predictions(tmp_path / "files", samples)
+    assert [predictor.predict(sample).values.max() for sample in samples] == [1, 2]
+
+
+def test_the_name_of_two_images_is_not_that_of_one(tmp_path: Path) -> None:
+    samples = _samples(tmp_path / "data", DRIVE, None)
+    _predict(tmp_path / "files", "1.npy")
+    with pytest.raises(DatasetError):
+        open_predictions(tmp_path / "files", samples[:1])
+
+
+def test_two_predictions_of_one_image_are_an_error(tmp_path: Path) -> None:
+    samples = _samples(tmp_path / "data", SEVEN, None)
+    for name in ("frame-{}.npy", "frame-{}.color.npy"):
+        _predict(tmp_path / "files", name)
+    with pytest.raises(DatasetError, match=r"frame-1\.npy"):
+        open_predictions(tmp_path / "files", samples)

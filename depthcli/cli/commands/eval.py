@@ -50,7 +50,7 @@ class ModelOptions:
         autocompletion=completion.models,
     )
     predictions: list[Path] | None = groups.usual(
-        "Folder with predictions of another tool, as ID.npy, ID.exr or ID.png; repeatable.",
+        "Folder with predictions of another tool, named by id or as the images; repeatable.",
         metavar="DIR",
     )
     predictions_kind: choices.DepthEncoding | None = groups.option(
