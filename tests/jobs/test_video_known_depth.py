@@ -84,6 +84,19 @@ def test_table_of_frames_points(
     assert "4 of 6 frames" in done.warnings[-1]
 
 
+@pytest.mark.parametrize("column", ["frame", "time_s"])
+def test_the_nearest_points_count_for_frames_between_scans_of_a_slower_lidar(
+    column: str, clip: Path, loader: SessionLoader, tmp_path: Path
+) -> None:
+    """10 scans a second, every third frame of a camera of 30."""
+    keys = {"frame": (0, 3), "time_s": (0.0, 0.12)}[column]
+    table = tmp_path / "known.csv"
+    table.write_text(f"{column},{HEADER}\n{keys[0]},5,4,4\n{keys[1]},5,4,5\n")
+    done = run(clip, loader, table, anchors_within_s=0.05)
+    assert depths_m(clip) == pytest.approx([4, 4, 5, 5, 5, 2.6], abs=0.05)
+    assert "1 of 6 frames" in done.warnings[-1]
+
+
 def test_a_frame_that_points_do_not_fit_is_counted_and_all_fail(
     clip: Path, loader: SessionLoader, tmp_path: Path
 ) -> None:

@@ -138,6 +138,17 @@ class SmoothOptions(groups.MapOptions):
     )
 
 
+@group
+class FrameAnchorOptions(groups.AnchorOptions):
+    """Known depth."""
+
+    anchors_within: float | None = groups.option(
+        "Largest time from a frame to its known depth in seconds (for example 0.05 for a lidar of "
+        "10 Hz); the nearest counts. Default: half a frame.",
+        callback=groups.not_negative,
+    )
+
+
 @app.command(cls=Command)
 @grouped
 def video(
@@ -153,7 +164,7 @@ def video(
     model: groups.ModelOptions,
     workers: groups.WorkersOption = None,
     camera: groups.CameraOptions,
-    anchors: groups.AnchorOptions,
+    anchors: FrameAnchorOptions,
     read: groups.ImageOptions,
     detail: SmoothOptions,
     writing: groups.WritingOptions,
@@ -194,6 +205,7 @@ def video(
         smooth_s=detail.smooth,
         look_ahead=look_ahead,
         lock_s=preview.lock,
+        anchors_within_s=anchors.anchors_within,
         stream=frames.stream,
         eye=frames.eye,
         fps=None if frames.fps is None else parse_fps(frames.fps),

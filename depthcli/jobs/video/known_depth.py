@@ -26,6 +26,7 @@ _RULES = {
     _TIME_S: Rule("seconds from the first frame", lambda s: abs(s) < 1e9),  # noqa: PLR2004
 }
 _Points = AnchorPoints | Path
+_HALF_FRAME = 0.5
 
 
 class FrameAnchors:
@@ -39,37 +40,44 @@ class FrameAnchors:
     """
 
     def __init__(
-        self, stated: AnchorFiles | tuple[Anchor, ...], fit: AnchorsFit | None = None
+        self,
+        stated: AnchorFiles | tuple[Anchor, ...],
+        fit: AnchorsFit | None = None,
+        within_s: float | None = None,
     ) -> None:
-        """List the folder, or read the file."""
-        self._stated, self._fit, self.paths = stated, fit, list[Path]()
+        """List the folder, or read the file.
+
+        Points of the nearest number or time count, if it is at most ``within_s`` seconds from a
+        frame; None for half a frame.
+        """
+        self._stated, self._fit, self._within_s = stated, fit, within_s
+        self.paths = list[Path]()
         self._of_all: AnchorPoints | None = None
-        self._by_number: Mapping[int, _Points] = {}
-        self._by_time_s: Mapping[float, AnchorPoints] = {}
+        self._each: Mapping[float, _Points] = {}
+        self._is_timed = False
         if isinstance(stated, tuple):
             self._of_all = AnchorPoints.of(stated)
             return
         path = path_of(stated.path)
         self.paths = [path]
         if path.is_dir():
-            self._by_number = files = _numbered_files(path)
-            self.paths = [*files.values()]
+            files = _numbered_files(path)
+            self._each, self.paths = dict(sorted(files.items())), [*files.values()]
         elif path.suffix.lower() == ".csv":
             self._read_table(path, stated)
         else:
             self._of_all = stated.read()
 
-    def of_frame(self, number: int, time_s: float, within_s: float) -> AnchorPoints | None:
-        """The points of a frame; None if it has none.
-
-        Points of the nearest time count, if it is at most ``within_s`` away.
-        """
-        found: _Points | None = self._of_all or self._by_number.get(number)
-        if self._by_time_s:
-            times_s = list(self._by_time_s)
-            at = bisect_left(times_s, time_s)
-            nearest_s = min(times_s[max(0, at - 1) : at + 1], key=lambda at_s: abs(at_s - time_s))
-            found = self._by_time_s[nearest_s] if abs(nearest_s - time_s) <= within_s else None
+    def of_frame(self, number: int, time_s: float, rate: float) -> AnchorPoints | None:
+        """The points of a frame of a video of ``rate`` frames a second; None if it has none."""
+        found: _Points | None = self._of_all
+        if self._each:
+            keys, at = list(self._each), time_s if self._is_timed else number
+            after = bisect_left(keys, at)
+            nearest = min(keys[max(0, after - 1) : after + 1], key=lambda key: abs(key - at))
+            frames = _HALF_FRAME if self._within_s is None else self._within_s * rate
+            within = frames / rate if self._is_timed else frames
+            found = self._each[nearest] if abs(nearest - at) <= within else None
         if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
             found = read_known_depth(found, self._stated)
         return replace(found, fit=self._fit) if isinstance(found, AnchorPoints) else None
@@ -77,7 +85,7 @@ class FrameAnchors:
     def states(self) -> list[object]:
         """What the depth of the frames depends on, for a fingerprint."""
         files = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in self.paths]
-        return [self._stated, self._fit, files]
+        return [self._stated, self._fit, self._within_s, files]
 
     def _read_table(self, path: Path, stated: AnchorFiles) -> None:
         table = CsvTable(read_bytes(path), str(path))
@@ -86,11 +94,11 @@ class FrameAnchors:
             self._of_all = read_known_depth(path, stated)
             return
         rows = numbers_of(table, {key: _RULES[key], **COLUMNS})
-        each = {k: AnchorPoints.of_table(rows[rows[:, 0] == k, 1:]) for k in np.unique(rows[:, 0])}
-        if key == _FRAME:
-            self._by_number = {int(number): points for number, points in each.items()}
-        else:
-            self._by_time_s = {float(time_s): points for time_s, points in each.items()}
+        self._is_timed = key == _TIME_S
+        self._each = {
+            float(at): AnchorPoints.of_table(rows[rows[:, 0] == at, 1:])
+            for at in np.unique(rows[:, 0])
+        }
 
 
 def _numbered_files(folder: Path) -> dict[int, Path]:

@@ -43,6 +43,8 @@ class VideoSettings(MapOptions):
     smooth_s: float = 0.0  #: time constant of the depth's smoothing in seconds; 0 for none
     look_ahead: int = LOOK_AHEAD  #: later frames that smoothing takes into account
     lock_s: float = LOCK_S  #: time constant of the preview's range in seconds; 0 for each frame's
+    #: largest distance of known depth from its frame in seconds; None for half a frame
+    anchors_within_s: float | None = None
     stream: int | None = None  #: number of the video stream; None for the one with most frames
     eye: Eye | None = None  #: view of a stereo video; None for whole frames
     fps: Fraction | None = None  #: frames per second of an image sequence; None for what it states

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from array import array
 from collections import deque
@@ -68,7 +67,9 @@ def write_video(
                 raise OutputError(f"{path} is a folder", advice)
     with _open_source(plan, settings) as source, ExitStack() as stack:
         stated = settings.anchors
-        anchors = FrameAnchors(stated, settings.anchors_fit) if stated else None
+        anchors = None
+        if stated:
+            anchors = FrameAnchors(stated, settings.anchors_fit, settings.anchors_within_s)
         journal = stack.enter_context(open_journal(plan, source, pipeline, settings, anchors))
         known = anchors.paths if anchors else []
         inputs, overwrite = [*source.paths, *known], plan.overwrite or journal.is_resumed
@@ -227,7 +228,7 @@ class FrameStages:
         """
         self._journal, self._scale = journal or FrameJournal(), scale
         self.pipeline, self._settings, self._anchors = pipeline, settings, anchors
-        self._shift, self._within_s = 0, math.inf  # of numbers; of the times of known depth
+        self._shift, self._source_rate = 0, 1.0  # of numbers; frames a second
         self._first_number: int | None = None
         self._changes = temporal.ChangeDetector()
         self._lock = temporal.RangeLock()
@@ -245,7 +246,7 @@ class FrameStages:
     def renumbered(self, source: FrameSource) -> Iterator[Frame]:
         """The frames with the output's rate and frame numbers."""
         rate, wanted = self._settings.span.rate(source.rate), self._settings.start_number
-        self._within_s = 0.5 / float(source.rate)
+        self._source_rate = float(source.rate)
         for count, frame in enumerate(source.frames(self._settings.span)):
             if count == 0:
                 self._shift = 0 if wanted is None else wanted - frame.index
@@ -280,7 +281,7 @@ class FrameStages:
             return self.pipeline.predict(image, camera), None
         number, time_s = image.index - self._shift, image.timestamp_s or 0.0
         try:
-            points = self._anchors.of_frame(number, time_s, self._within_s)
+            points = self._anchors.of_frame(number, time_s, self._source_rate)
             if points is not None:
                 return self.pipeline.predict(image, camera, points), None
             problem = f"frame {number} has no known depth"
@@ -377,7 +378,8 @@ def _result(
     of_input += _range_warnings(plan, settings.writing)
     if stages.unfitted:
         told = f"{len(stages.unfitted)} of {len(stages.numbers)} frames keep the model's depth"
-        of_input += (f"{told}; {stages.unfitted[0]}",)
+        advice = "to take the nearest known depth for frames without any, give {anchors_within}"
+        of_input += (Message(f"{told}; {stages.unfitted[0]}", advice),)
     return VideoResult(
         plan=plan,
         settings=settings,
