@@ -25,7 +25,7 @@ _BRADFORD = np.array(  # from CIE XYZ to cone responses, in which one white is a
 _MOST_GAIN = 100.0  # no matrix of real primaries has larger values
 _NO_PRIMARIES = "the header's chromaticities are not valid primaries; those of Rec. 709 are assumed"
 _MOST_LIGHT = 1e6
-_MANY = 0.3  # share of clipped pixels from which abs_rel grows by .01 (benchmarks/clipped_light.py)
+_MANY = 0.3  # share of clipped pixels from which abs_rel grows by .01
 
 
 def encode(pixels: Float32Array, exposure: float = 0.0, matrix: Float32Array | None = None) -> int:
