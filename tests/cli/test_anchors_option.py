@@ -90,33 +90,6 @@ def test_points_of_a_table_are_those_of_the_option(inside: Cli) -> None:
     assert json.loads((inside.folder / "c.json").read_text())["anchors"] is None
 
 
-def test_a_conversion_keeps_the_fit(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png", synthetic_picture())
-    words = ("predict", "room.png", "--sidecar", "-o", "a.png", "--anchors-fit", "global")
-    assert inside(*words, "--anchor", "5,40,2", "--anchor", "60,40,12").returncode == 0
-    assert inside("convert", "a.png", "b.png").returncode == 0
-    for name in "ab":
-        assert inside("convert", f"{name}.png", f"c{name}.json").returncode == 0
-    a, ca, cb = (
-        json.loads((inside.folder / f"{name}.json").read_text()) for name in ("a", "ca", "cb")
-    )
-    assert a["anchors"]["given"] == 2
-    for field in ("anchors", "camera", "network_size_px"):
-        assert ca[field] == a[field]
-    # A PNG does not state the network's size.
-    assert (cb["anchors"], cb["camera"], cb["network_size_px"]) == (a["anchors"], a["camera"], None)
-
-
-def test_a_map_of_another_aspect_fails_that_image(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png", synthetic_picture())
-    np.save(inside.folder / "lidar.npy", sparse_twice(inside, "room.png"))
-    write_picture(inside.folder / "large.png", synthetic_picture(96, 96))
-    done = inside("predict", "large.png", "room.png", "--anchors", "lidar.npy", "--format", "npy")
-    assert done.returncode == 1
-    assert "64×48" in (done.stderr.decode())
-    assert (inside.folder / "room.depth.npy").exists()
-
-
 def test_points_of_one_image_for_several_are_a_warning_that_names_batch(inside: Cli) -> None:
     for name in ("a.jpg", "b.jpg"):
         write_picture(inside.folder / name)

@@ -110,15 +110,6 @@ def test_probe_refuses_areas_that_are_not_in_the_map(place: str, inside: Cli) ->
     assert inside("probe", "d.npy", place).returncode == 2
 
 
-@pytest.mark.usefixtures("depth_npy")
-def test_convert_between_scales(inside: Cli) -> None:
-    assert inside("convert", "d.npy", "kitti.png", "--png-scale", "256").returncode == 0
-    pixels = cv2.imread(str(inside.folder / "kitti.png"), cv2.IMREAD_UNCHANGED)
-    assert (pixels[11, 15], pixels[0, 0]) == (9 * 256, 0)
-    inside("convert", "kitti.png", "again.npy", "--from-scale", "512", code=0)
-    assert np.load(inside.folder / "again.npy")[11, 15] == pytest.approx(4.5)
-
-
 @pytest.mark.parametrize(
     ("words", "option"),
     [

@@ -146,25 +146,6 @@ def test_text_csv_and_page_show_the_same_table(
     assert sheet.shape[1] > 4 * 240  # input, two methods, truth, and the legend
 
 
-def test_a_checkpoint_is_exported_once_and_again_when_it_changes(
-    runs: Path, data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    quiet = ("--json", "--no-trivial", "--no-published")
-    assert _run(runs, data, *quiet) == 0
-    models = sorted(runs.glob("*/evaluated.onnx"))
-    assert len(models) == 3
-    before = [model.stat().st_mtime_ns for model in models]
-    first = _json(capsys)["rows"][1]["runs"][0]["model_sha256"]
-    assert _run(runs, data, *quiet) == 0
-    assert [model.stat().st_mtime_ns for model in models] == before
-    assert _json(capsys)["rows"][1]["runs"][0]["model_sha256"] == first
-    _train(_config("proposed"), open_nyu(data), runs / "proposed-seed0")
-    assert _run(runs, data, *quiet) == 0
-    again = _json(capsys)["rows"][1]
-    assert again["training"]["steps"] == [8]
-    assert again["runs"][0]["model_sha256"] != first
-
-
 def test_averaged_and_raw_weights_are_models_of_their_own(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -191,17 +191,6 @@ def test_near_white_and_black_select_gray(
     assert (made.colormap, made.near) == chosen
 
 
-def test_errors_name_options_of_the_command_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    write_picture(tmp_path / "room.png")
-    assert main(["predict", "room.png", "--png-scale", "256", "--png-normalize"]) == 2
-    assert "--png-scale" in capsys.readouterr().err
-    assert main(["predict", "room.png", "--anchor", "1,2"]) == 2
-    assert "--anchor: " in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("words", "meant"),
     [
