@@ -17,7 +17,6 @@ from depthcli.core.imageops import (
     resize_area_or_cubic,
     resize_bilinear,
     resize_cubic,
-    transfer_warning,
 )
 from depthcli.core.options import one_line, short_repr
 from depthcli.core.progress import begin_bytes
@@ -211,12 +210,6 @@ def test_area_or_cubic_is_area_where_both_sides_shrink() -> None:
         np.testing.assert_array_equal(resize_area_or_cubic(values, *size), expected)
     colours = np.dstack([values] * 3)
     assert resize_area(colours, 8, 6) is resize_bilinear(colours, 8, 6) is colours
-
-
-def test_high_dynamic_range_is_named() -> None:
-    told = [transfer_warning(code, "photo", "SDR") for code in (1, 16, 18)]
-    assert told[0] is None
-    assert ["(PQ)" in told[1], "(HLG)" in told[2]] == [True, True]
 
 
 def test_text_of_strangers_is_short_and_printable() -> None:

@@ -97,14 +97,6 @@ def test_squeezed_pictures_have_the_metres_and_the_points_of_square_ones(
         np.testing.assert_allclose(cloud.max(0)[:2], expected, rtol=1e-5)
 
 
-@pytest.mark.parametrize("fit", FITS)
-@pytest.mark.parametrize("size", [(40, 30), (32, 24), (1600, 1200)])
-def test_pictures_of_the_learned_shape_keep_the_network_s_metres(
-    tmp_path: Path, fit: dict[str, object], size: tuple[int, int]
-) -> None:
-    np.testing.assert_array_equal(model(tmp_path, **fit).predict(black(*size)).depth.values, 1)
-
-
 @pytest.mark.parametrize(
     ("size", "from_px"),
     [

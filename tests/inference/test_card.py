@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.tiny import CARD, card_with
-from hypothesis import given
-from hypothesis import strategies as st
 
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError
@@ -117,6 +115,7 @@ def test_a_card_holds_the_codec() -> None:
 def test_error_names_the_wrong_value(changes: dict[str, Any], named: str) -> None:
     with pytest.raises(ModelError) as caught:
         read(changes)
+    assert str(caught.value).startswith("a.json")
     assert named in str(caught.value)
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 300
@@ -151,28 +150,3 @@ def test_smallest_input_shared_mean_and_no_metres_are_a_card() -> None:
     assert read({"input.colour": "rgb", "input.std": [0.1, 0.2, 0.3]}).input.mean == (0.5,)
     found = read({"output.kind": "relative", "output.min_m": None, "output.max_m": None}).output
     assert (found.min_m, found.max_m) == (None, None)
-
-
-@given(
-    st.dictionaries(
-        st.sampled_from(["schema", "name", "input", "output", "camera", "onnx", "extra"]),
-        st.none()
-        | st.booleans()
-        | st.integers()
-        | st.text()
-        | st.dictionaries(st.text(), st.none()),
-    )
-)
-def test_any_json_object_is_read_or_refused_in_one_line(fields: dict[str, Any]) -> None:
-    text = json.dumps({**CARD, **fields})
-    try:
-        card = ModelCard.from_json(text, where="a.json")
-    except ModelError as error:
-        said = str(error)
-    else:
-        assert "extra" not in fields
-        assert card.name == fields.get("name", CARD["name"])
-        return
-    assert said.startswith("a.json")
-    assert "\n" not in said
-    assert fields

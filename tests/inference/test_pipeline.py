@@ -113,11 +113,6 @@ def test_a_model_of_inverse_depth_says_so(tmp_path: Path) -> None:
     assert load(folder).predict(gray(0)).depth.kind is DepthKind.INVERSE
 
 
-def test_the_learned_field_of_view_changes_nothing(kinect: Pipeline) -> None:
-    depth = kinect.predict(gray(0), Intrinsics(hfov_deg=60)).depth
-    np.testing.assert_allclose(depth.values, 1, rtol=1e-6)
-
-
 def test_provenance_states_model_camera_and_image(kinect: Pipeline) -> None:
     model = kinect.session.model
     scale = CameraScale("robot", "tiny", model.sha256, 2.0, 0.0, None, 1, 1)

@@ -5,7 +5,6 @@ import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
-from torch.utils.flop_counter import FlopCounterMode
 
 from depthcli.training.networks.layers import BlurDown, InstanceNorm
 from depthcli.training.networks.patch import PatchGan, PatchSampler, SimilarityMap
@@ -40,16 +39,6 @@ def test_paper_size_has_the_papers_parameters(antialias: bool, residual: str, mo
     assert _parameters(network) == 11_365_633 + more
 
 
-@pytest.mark.parametrize(("antialias", "gmac"), [(False, 48.7), (True, 63.3)])
-def test_paper_size_costs_what_the_paper_size_costs(antialias: bool, gmac: float) -> None:
-    with torch.device("meta"):
-        network = ResnetGenerator(antialias=antialias, residual="none")
-        image = torch.zeros(1, 1, 256, 256)
-    with FlopCounterMode(display=False) as counter:
-        network(image)
-    assert counter.get_total_flops() / 2 / 1e9 == pytest.approx(gmac, abs=0.1)
-
-
 def test_tap_channels_are_known_before_any_picture() -> None:
     with torch.device("meta"):
         network, image = ResnetGenerator(residual="none"), torch.zeros(2, 1, 64, 32)
@@ -81,15 +70,6 @@ def test_taps_can_be_chosen_and_fall_back_to_the_last_block() -> None:
     torch.testing.assert_close(chosen, [named["down1"], named["block5"]])
     last = network.blocks[1](named["block1"])
     torch.testing.assert_close(named["block5"], last)
-
-
-@pytest.mark.parametrize("antialias", [False, True])
-@pytest.mark.parametrize("residual", ["none", "stem"])
-def test_norm_hides_contrast_and_brightness(antialias: bool, residual: str) -> None:
-    network, image = _grown(antialias=antialias, residual=residual), torch.rand(1, 1, 32, 32)
-    plain, changed = network(image), network(0.5 * image + 0.2)
-    assert float(plain.detach().std()) > 0.1
-    torch.testing.assert_close(changed, plain, atol=2e-3, rtol=0)
 
 
 def test_input_residual_sees_brightness_once_its_gain_is_learned() -> None:
@@ -292,10 +272,6 @@ def test_vectors_are_full_precision_under_autocast() -> None:
     with torch.autocast("cpu", torch.bfloat16):
         (vectors,), _ = sampler(_maps((3, 4, 4)))
     assert vectors.dtype == torch.float32
-
-
-def test_similarity_map_has_the_parameters_stated() -> None:
-    assert sum(p.numel() for p in SimilarityMap(4).parameters()) == 10_688
 
 
 @pytest.mark.parametrize("narrow", [torch.bfloat16, torch.float16])
