@@ -131,13 +131,6 @@ def test_broken_folder_is_a_dataset_error_in_one_line(name: str, nyu_folder: Any
     assert "\n" not in str(error.value)
 
 
-def test_pairs_of_ones_own_are_for_eval_pairs(nyu_folder: Any) -> None:
-    (nyu_folder.path / "index.csv").unlink()
-    with pytest.raises(DatasetError) as error:
-        open_nyu(nyu_folder.path)
-    assert "depthcli eval pairs" in error.value.message.advice
-
-
 def test_files_that_change_after_opening(nyu_folder: Any) -> None:
     dataset = open_nyu(nyu_folder.path)
     (nyu_folder.path / "rgb" / "0004.png").unlink()

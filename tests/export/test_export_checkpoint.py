@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 import torch
 from helpers.small import EFFICIENT, RESNET, small_network, write_checkpoint
@@ -15,7 +14,7 @@ from helpers.small import EFFICIENT, RESNET, small_network, write_checkpoint
 from depthcli.core.options import Weights
 from depthcli.datasets.base import NYU
 from depthcli.datasets.training_data import NYU_PAPER
-from depthcli.errors import CheckpointError, DepthcliError, OutputError, ParityError, UsageError
+from depthcli.errors import DepthcliError, OutputError, ParityError, UsageError
 from depthcli.evaluation.task import group_by_seed
 from depthcli.export import onnx as exporting
 from depthcli.export.onnx import (
@@ -68,13 +67,6 @@ def test_onnx_file_alone_is_enough(tmp_path: Path) -> None:
     assert alone == dataclasses.replace(done.card, file=None, sha256=None, size_bytes=None)
 
 
-def test_one_file_and_its_card_are_all_that_is_written(tmp_path: Path) -> None:
-    checkpoint = write_checkpoint(tmp_path / "last.ckpt")
-    export_checkpoint(checkpoint, tmp_path / "out" / "room.onnx", ExportOptions())
-    names = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert names == ["room.card.json", "room.onnx"]
-
-
 def test_models_in_one_folder_keep_their_own_cards(tmp_path: Path) -> None:
     checkpoint = write_checkpoint(tmp_path / "last.ckpt")
     for name in ("one", "two"):
@@ -103,38 +95,6 @@ def test_same_checkpoint_gives_the_same_bytes(tmp_path: Path) -> None:
     assert first == second
 
 
-def test_averaged_weights_are_the_ones_exported(tmp_path: Path) -> None:
-    average = small_network(seed=5)
-    checkpoint = write_checkpoint(tmp_path / "last.ckpt", small_network(seed=1), average=average)
-    done = export_checkpoint(checkpoint, tmp_path / "room.onnx", ExportOptions())
-    image = np.full((1, 1, 32, 48), 0.25, np.float32)
-    with torch.no_grad():
-        wanted = average(torch.from_numpy(image))[:, 0].numpy()
-    found = Session(find_model(done.path), provider="cpu").run(image)
-    np.testing.assert_allclose(found, wanted, atol=1e-3)
-
-
-def test_half_weights_halve_the_file(tmp_path: Path) -> None:
-    config = dataclasses.replace(EFFICIENT, encoder=(8, 16, 32, 32, 64))
-    checkpoint = write_checkpoint(tmp_path / "last.ckpt", generator=config)
-    sizes = [
-        export_checkpoint(checkpoint, tmp_path / f"{half}.onnx", ExportOptions(half=half))
-        .path.stat()
-        .st_size
-        for half in (False, True)
-    ]
-    assert sizes[1] < 0.6 * sizes[0]
-    kinds = {t.data_type for t in onnx.load(tmp_path / "True.onnx").graph.initializer}
-    assert onnx.TensorProto.FLOAT16 in kinds
-
-
-def test_nothing_is_written_when_the_gate_refuses(tmp_path: Path) -> None:
-    checkpoint, out = write_checkpoint(tmp_path / "last.ckpt"), tmp_path / "out"
-    with pytest.raises(ParityError):
-        export_checkpoint(checkpoint, out / "m.onnx", ExportOptions(half=True, tolerance=1e-6))
-    assert not out.exists()
-
-
 def test_gate_leaves_an_older_model_in_place(tmp_path: Path) -> None:
     checkpoint, path = write_checkpoint(tmp_path / "last.ckpt"), tmp_path / "m.onnx"
     export_checkpoint(checkpoint, path, ExportOptions())
@@ -143,28 +103,6 @@ def test_gate_leaves_an_older_model_in_place(tmp_path: Path) -> None:
         export_checkpoint(checkpoint, path, ExportOptions(half=True, tolerance=1e-6))
     assert path.read_bytes() == before
     assert find_model(path).sha256 == hashlib.sha256(before).hexdigest()
-
-
-@pytest.mark.parametrize("kept", [0, 1, 100, -1])
-def test_truncated_checkpoint(kept: int, tmp_path: Path) -> None:
-    checkpoint = write_checkpoint(tmp_path / "last.ckpt")
-    checkpoint.write_bytes(checkpoint.read_bytes()[:kept])
-    with pytest.raises(CheckpointError):
-        export_checkpoint(checkpoint, tmp_path / "m.onnx", ExportOptions())
-    assert not (tmp_path / "m.onnx").exists()
-
-
-def test_checkpoint_of_another_network(tmp_path: Path) -> None:
-    checkpoint = write_checkpoint(tmp_path / "last.ckpt", small_network(RESNET), EFFICIENT)
-    with pytest.raises(CheckpointError):
-        export_checkpoint(checkpoint, tmp_path / "m.onnx", ExportOptions())
-
-
-def test_missing_and_foreign_checkpoints(tmp_path: Path) -> None:
-    torch.save({"state_dict": {}}, tmp_path / "foreign.ckpt")
-    for name in ("foreign.ckpt", "none.ckpt"):
-        with pytest.raises(CheckpointError):
-            export_checkpoint(tmp_path / name, tmp_path / "m.onnx", ExportOptions())
 
 
 @pytest.mark.parametrize("name", ["m.onnx", "m.card.json"])
