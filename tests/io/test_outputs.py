@@ -3,8 +3,6 @@
 import itertools
 import os
 import stat
-import subprocess
-import sys
 import unicodedata
 from collections.abc import Sequence
 from itertools import permutations
@@ -13,14 +11,13 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.command_line import unmeasured
 from helpers.file_trees import names
 from helpers.tiny import write_picture
 from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.api.depth_map import DepthMap
-from depthcli.core.types import DepthKind, Frame
+from depthcli.core.types import DepthKind
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
@@ -48,37 +45,6 @@ def test_nothing_is_left_of_an_interrupted_output(
         raise error
     assert names(tmp_path) == ["a.png"]
     assert (tmp_path / "a.png").read_bytes() == b"old"
-
-
-def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
-    script = (
-        "import resource, signal, sys; from pathlib import Path\n"
-        "from depthcli.io.storage.atomic import atomic_path\n"
-        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
-        "with atomic_path(Path(sys.argv[1])) as path: path.write_bytes(bytes(5000))\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script, tmp_path / "a.png"],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=unmeasured(),
-    )
-    assert "OutputError: cannot write" in done.stderr
-    assert names(tmp_path) == []
-
-
-def test_a_map_is_not_written_over_its_picture(tmp_path: Path) -> None:
-    source = write_picture(tmp_path / "a.png")
-    whole, depth = source.read_bytes(), DepthMap(np.ones((2, 3), np.float32))
-    with pytest.raises(OutputError, match="input"):
-        DepthMap.of(depth, Frame(np.zeros((2, 3), np.uint8), path=source)).save(source)
-    assert source.read_bytes() == whole
-    with pytest.raises(OutputError):  # of memory alone, but a file of another program
-        depth.save(source)
-    depth.save(source, overwrite=True)
-    assert source.read_bytes() != whole
 
 
 def test_outputs_stand_beside_their_input() -> None:

@@ -4,12 +4,10 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from depthcli._version import __version__
 from depthcli.core.camera import CameraSource
-from depthcli.core.types import DepthKind, DepthMap, Provenance
-from depthcli.errors import OutputError
+from depthcli.core.types import DepthMap, Provenance
 from depthcli.io.formats.geometry import PlyWriter
 
 FLOATS = ("x", "y", "z", "nx", "ny", "nz")
@@ -69,10 +67,3 @@ def test_comments_state_software_model_and_camera(tmp_path: Path) -> None:
         "comment depthcli:focal_px 519.5",
         "comment depthcli:camera_source exif",
     ]
-
-
-@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
-def test_depth_without_a_unit_makes_no_cloud(kind: DepthKind, tmp_path: Path) -> None:
-    with pytest.raises(OutputError):
-        PlyWriter().write(DepthMap(DEPTH_M, kind), tmp_path / "a.ply")
-    assert not (tmp_path / "a.ply").exists()

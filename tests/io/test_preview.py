@@ -62,17 +62,6 @@ def test_every_map_has_a_preview(
     assert (image[:, : values.shape[1]][nothing] == INVALID).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(
-    ("vmin", "vmax"),
-    [(None, None), (2, 5), (0, 6), (8.9, None), (None, 1.5), (50, None), (None, 0.1)],
-)
-def test_nearer_is_never_colder(kind: DepthKind, vmin: float | None, vmax: float | None) -> None:
-    image = render(RAMP_M[:1], kind, vmin=vmin, vmax=vmax, colormap="gray")[0, :, 0].astype(int)
-    steps = np.diff(image)
-    assert (steps >= 0).all() if kind is DepthKind.INVERSE else (steps <= 0).all()
-
-
 def test_limits_the_wrong_way_round_are_refused() -> None:
     with pytest.raises(UsageError):
         PreviewWriter(vmin=5, vmax=2)

@@ -24,7 +24,6 @@ from depthcli.api.depth_map import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.listing.folder import InputFile, Skipped, list_folder
-from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest import RowsFolder
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import Guard, atomic_path
@@ -411,12 +410,6 @@ def test_variable_sets_the_number_of_retries(
             objects._retries()
     else:
         assert objects._retries() == count
-
-
-def test_a_list_in_a_bucket(bucket: Bucket) -> None:
-    assert list(read_list(bucket.put("l.csv", b"path\na.png\n"))) == ["a.png"]
-    with pytest.raises(UsageError):
-        list(read_list(bucket.uri("none")))
 
 
 PART = r"out/\.depthcli-batch\.jsonl\.\d{20}-[0-9a-f]{8}"

@@ -124,16 +124,6 @@ def test_pictures_without_a_row_are_those_of_a_batch_without_a_table(tmp_path: P
     assert kept(with_table(tmp_path)) == {"a.png": False, "z.png": True, "hall/b.png": False}
 
 
-def test_unmatched_cameras_are_warned_of_once(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    plan = with_table(tmp_path, TABLE + "attic/c,30\nattic/d,30\n").plan
-    assert [warning.partition("cameras.csv ")[2] for warning in plan.warnings] == [
-        "has no camera for 1 of 3 inputs; their focal lengths are those in EXIF, or assumed",
-        "match no input, for example 'attic/c'",
-    ]
-    assert list(with_table(tmp_path, TABLE + "z,30\n").plan.warnings) == []
-
-
 def test_a_table_of_other_pictures_is_refused(tmp_path: Path) -> None:
     pictures(tmp_path)
     with pytest.raises(UsageError):

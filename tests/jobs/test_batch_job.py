@@ -29,7 +29,7 @@ from depthcli.io.manifest import FAILED, OK, CacheKey, ManifestRow, known_rows, 
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
-from depthcli.jobs.batch.workers import ThreadEngine, WorkerSpec
+from depthcli.jobs.batch.workers import WorkerSpec
 from depthcli.jobs.predict import predict
 from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.run import video
@@ -161,14 +161,6 @@ def test_a_processor_takes_one_picture_at_a_time_if_nothing_is_said(
     batch = Batch(replace(request(tmp_path), batch_size=asked), engine=Sized())
     assert len(list(batch)) == sum(found) == batch.tally.done
     assert found == sizes
-
-
-def test_another_engine_gives_the_same(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    threads = list(Batch(request(tmp_path, "threads"), engine=ThreadEngine(1)))
-    own = list(Batch(request(tmp_path, "own"), engine=LastFirst()))
-    assert [result.row.input for result in own] == [result.row.input for result in threads]
-    assert outputs(tmp_path / "own") == outputs(tmp_path / "threads")
 
 
 def test_recorded_results_are_in_the_manifest_after_close(tmp_path: Path) -> None:
