@@ -181,12 +181,12 @@ def test_doubts_about_a_calibration_are_warnings() -> None:
         assert advice in warning
 
 
-def test_camera_of_one_image_keeps_the_common_scale_and_principal_point() -> None:
+def test_camera_of_one_image_keeps_all_of_the_common_one_but_its_focal_length() -> None:
     scale = CameraScale("a", "m", "", 2.0, 0.0, None, 1, 1)
     common = replace(CALIBRATED, scale=scale)
     assert common.of_image(None) is common
-    assert common.of_image(Intrinsics(5.0)) == Intrinsics(5.0, centre_px=(319.5, 200), scale=scale)
-    own = Intrinsics(5.0, centre_px=(1.0, 2.0))
+    assert common.of_image(Intrinsics(5.0)) == replace(common, focal_px=5.0)
+    own = Intrinsics(5.0, centre_px=(1.0, 2.0), pixel_aspect=1.1)
     assert common.of_image(own) == replace(own, scale=scale)
 
 
