@@ -22,7 +22,6 @@ _WRONG_RATIO = 1.2, 3.0  # of wrong to true depth, as seen past an edge
 _NEARER = 0.25  # share of wrong points that are nearer by as much
 _SLOPE = 0.1  # largest, of lidar lines
 _LEAST_DENSITY = 0.3  # of the points of a lidar line
-_CAMERA_RANGE_M = 5.0
 _EDGE, _EDGE_HOLES = 0.1, 0.7  # log ratio of neighbours at an edge, and share of them without depth
 _CORNER_PX = 5
 
@@ -33,7 +32,7 @@ class Pattern(StrEnum):
     UNIFORM = "uniform"  #: points anywhere; the size is their number
     LIDAR = "lidar"  #: slanted lines; the size is their number
     CAMERA = "camera"
-    """A depth camera of few pixels, with holes at edges and beyond 5 m; the size is its columns."""
+    """A depth camera, with holes at edges and beyond its range; the size is its columns."""
     CORNERS = "corners"
     """Corners of the image, as visual odometry tracks; the size is their number."""
 
@@ -50,6 +49,7 @@ class Prompt:
     shift_px: tuple[float, float] = (0.0, 0.0)  #: columns and rows by which all points are off
     jitter_px: float = 0.0  #: standard deviation of further shifts of each point
     part: Part = WHOLE  #: the part of the image that has points
+    range_m: float = 5.0  #: of a depth camera
 
     def __str__(self) -> str:
         errors = {"noise": self.noise, "wrong": self.wrong}
@@ -68,7 +68,7 @@ class Prompt:
             (H, W) float32 metres, 0 where nothing is known.
         """
         height, width = depth_m.shape
-        y, x = _PLACES[self.pattern](self.size, depth_m, gray, random)
+        y, x = _PLACES[self.pattern](self, depth_m, gray, random)
         left, top, right, bottom = self.part
         inside = (x >= left * width) & (x < right * width)
         inside &= (y >= top * height) & (y < bottom * height)
@@ -100,18 +100,18 @@ def _kinect_noise_m(depth_m: Float64Array) -> Float64Array:
     return 0.0012 + 0.0019 * (depth_m - 0.4) ** 2
 
 
-def _uniform(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
+def _uniform(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
     del gray
     places = np.flatnonzero(depth_m > 0)
-    chosen = random.choice(places, min(size, len(places)), replace=False)
+    chosen = random.choice(places, min(prompt.size, len(places)), replace=False)
     return np.divmod(chosen, depth_m.shape[1])
 
 
-def _lidar(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
+def _lidar(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
     del gray
     height, width = depth_m.shape
     slope, phase = random.uniform(-_SLOPE, _SLOPE), random.random()
-    x = np.arange(width)
+    x, size = np.arange(width), prompt.size
     lines = (np.arange(size)[:, None] + phase) * height / size + slope * (x - width / 2)
     y, x = np.rint(lines).astype(np.int64).ravel(), np.tile(x, size)
     seen = (y >= 0) & (y < height)
@@ -119,15 +119,16 @@ def _lidar(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) ->
     return y[seen], x[seen]
 
 
-def _camera(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
+def _camera(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
     del gray
     height, width = depth_m.shape
-    columns, rows = min(size, width), max(1, round(min(size, width) * height / width))
+    columns = min(prompt.size, width)
+    rows = max(1, round(columns * height / width))
     x = ((np.arange(columns) + 0.5) * width / columns).astype(np.int64)
     y = ((np.arange(rows) + 0.5) * height / rows).astype(np.int64)
     seen_m = depth_m[y[:, None], x]
     is_hole = _beside_edge(seen_m) & (random.random(seen_m.shape) < _EDGE_HOLES)
-    found = np.nonzero((seen_m > 0) & (seen_m < _CAMERA_RANGE_M) & ~is_hole)
+    found = np.nonzero((seen_m > 0) & (seen_m < prompt.range_m) & ~is_hole)
     return y[found[0]], x[found[1]]
 
 
@@ -139,13 +140,13 @@ def _beside_edge(depth_m: _Map) -> BoolArray:
     return np.asarray(jump > _EDGE)
 
 
-def _corners(size: int, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
+def _corners(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
     del random
     response = np.asarray(cv2.cornerMinEigenVal(gray, _CORNER_PX))
     around = np.ones((_CORNER_PX, _CORNER_PX), np.uint8)
     is_corner = (response == np.asarray(cv2.dilate(response, around))) & (depth_m > 0)
     y, x = np.nonzero(is_corner)
-    best = np.argsort(-response[y, x], kind="stable")[:size]
+    best = np.argsort(-response[y, x], kind="stable")[: prompt.size]
     return y[best], x[best]
 
 

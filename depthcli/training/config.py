@@ -91,6 +91,7 @@ class PromptConfig:
     corners: tuple[Positive, Positive] = (10, 1_000)  #: of corners
     lines: tuple[Positive, ...] = (1, 4, 16, 64)  #: numbers of lidar lines
     columns: tuple[Positive, Positive] = (16, 64)  #: of a depth camera
+    range_m: tuple[Metres, Metres] = (2.5, 8.0)  #: beyond which a depth camera sees nothing
     exact: UnitInterval = 0.5  #: share of prompts whose only errors are those of ``jitter_px``
     #: largest standard deviation of noise relative to depth, of half of the others
     noise: Share = 0.03

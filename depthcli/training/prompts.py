@@ -37,10 +37,11 @@ def drawn_prompt(config: PromptConfig, random: np.random.Generator) -> Prompt:
             Pattern.CORNERS: config.corners,
             Pattern.CAMERA: config.columns,
         }[pattern]
-        size = round(math.exp(random.uniform(math.log(least), math.log(most))))
+        size = round(_between(least, most, random))
+    range_m = _between(*config.range_m, random)
     part = _drawn_part(random) if random.random() < config.missing else WHOLE
     if random.random() < config.exact:
-        return Prompt(pattern, size, jitter_px=config.jitter_px, part=part)
+        return Prompt(pattern, size, jitter_px=config.jitter_px, part=part, range_m=range_m)
     is_shifted = random.random() < config.shifted
     shift_px = random.uniform(-config.shift_px, config.shift_px, 2) * is_shifted
     return Prompt(
@@ -52,7 +53,13 @@ def drawn_prompt(config: PromptConfig, random: np.random.Generator) -> Prompt:
         shift_px=(float(shift_px[0]), float(shift_px[1])),
         jitter_px=config.jitter_px,
         part=part,
+        range_m=range_m,
     )
+
+
+def _between(least: float, most: float, random: np.random.Generator) -> float:
+    """A number between two, whose logarithm is uniform."""
+    return math.exp(random.uniform(math.log(least), math.log(most)))
 
 
 def _drawn_part(random: np.random.Generator) -> Part:

@@ -56,6 +56,7 @@ def test_depth_camera_has_holes_at_edges_and_far_away() -> None:
     assert 0 < beside < 0.6 * 2 * 12
     assert len(x) - beside == 14 * 12
     assert not _drawn("camera:16", step_m + 3).any()
+    assert _drawn("camera:16", step_m + 3, range_m=6.0).max() == 5
 
 
 def test_corners_are_those_of_the_image() -> None:

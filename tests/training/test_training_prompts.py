@@ -44,5 +44,8 @@ def test_config_decides_patterns_sizes_and_how_many_are_exact() -> None:
         for pattern in config.patterns
     }
     assert sizes["lidar"] == {64, 99}
+    ranges_m = [one.range_m for one in drawn]
+    assert 2.5 < min(ranges_m) < 2.6
+    assert 7.8 < max(ranges_m) < 8
     assert min(sizes["uniform"]) in {5, 6}
     assert 45 < max(sizes["uniform"]) <= 50
