@@ -24,7 +24,7 @@ from depthcli.models.card import PROMPT_INPUTS, InputSpec
 
 _CORRECTION = "correction"  # scope of what is computed with known depth
 # Scopes of convolutions of the correction that may be rounded.
-_FEATURES = {"features", "head", "interpolation", "of_below", "of_points", "of_seen"}
+_FEATURES = {"features", "head", "interpolation", "of_below", "of_known", "of_seen"}
 _BELIEF = "belief"  # that may not
 _CHAIN = ("Conv", "Clip", "Relu")  # operators next to the input
 _LEVELS = 64  # of a weight of 7 bits, on each side of 0

@@ -13,6 +13,7 @@ from depthcli.training.methods.base import Method, Phase, required
 from depthcli.training.networks.build import build_network
 from depthcli.training.networks.prompted import PromptedGenerator, coded_prompt
 
+_NEARER = 0.5  # share of views whose farthest parts are made nearer
 _NODES = 4, 5, 6  # of random errors: in depth, rows and columns
 
 
@@ -20,7 +21,7 @@ class Prompted(Method):
     """L1 and the other losses against truth; the trained network itself does not change.
 
     On pairs that it has seen, the trained network errs less than it will on others, so that random
-    errors are added to its output.
+    errors are added to its output, and what is far away made nearer.
     """
 
     TERMS: ClassVar = frozenset({"l1", "custom", *PAIRED_LOSSES})
@@ -43,7 +44,8 @@ class Prompted(Method):
         prompt, mask = coded_prompt(required(batch.prompt_m), self.codec)
         maps, raw = self.generator.plain(batch.network_input)
         if self.config.prompt.base_errors:
-            raw = raw + random_errors(raw) * (self.config.prompt.base_errors / self.codec.scale)
+            errors = random_errors(raw) * (self.config.prompt.base_errors / self.codec.scale)
+            raw = nearer_far_away(raw + errors)
         made = self.generator.correction(batch.network_input, maps, raw, prompt, mask).float()
         return self.paired_terms(made, self.encode(batch.depth_m), batch.valid_mask)
 
@@ -65,3 +67,15 @@ def random_errors(raw: Tensor) -> Tensor:
     with full_precision(raw):
         errors = F.grid_sample(nodes, at[:, None], align_corners=True)
     return errors[:, :, 0]
+
+
+def nearer_far_away(raw: Tensor) -> Tensor:
+    """Raw depth (B, 1, H, W), compressed from a random depth on in half of the views.
+
+    Of images that a network has not seen, it tends to see the farthest parts too near.
+    """
+    begin, share, is_chosen = torch.rand((3, len(raw), 1, 1, 1), device=raw.device)
+    low, high = raw.amin((2, 3), keepdim=True), raw.amax((2, 3), keepdim=True)
+    beyond = F.relu(raw - low - begin * (high - low))
+    found: Tensor = raw - share * (is_chosen < _NEARER) * beyond
+    return found

@@ -23,6 +23,7 @@ _SPREAD, _ERROR_SPREAD = 0.3, 0.15  # of points around their mean and around oth
 _SELF = -1e4  # logit of a cell for itself, where it is left out
 _LEAST_LOGIT = -60.0  # of less, softmax makes denormal numbers, which take CPUs ten times as long
 _CENTRE_STEPS, _CENTRE_SD = 4, 0.15
+_NEAREST = -1e4  # of a cell without points, among which the farthest is sought
 
 
 class Points:
@@ -54,6 +55,17 @@ class Points:
         weight = _cauchy(self.share, rest, GAIN * log_spread.exp())
         share, total = (pooled(values, stride // 2) for values in (weight, weight * rest))
         return share, total / (share + LEAST)
+
+    def beyond_farthest(self, predicted: Tensor) -> Tensor:
+        """Predicted less farthest known depth, of cells of stride 16; coded, times GAIN.
+
+        Of predicted (B, 1, H/2, W/2), less the centre. Sensors see nothing beyond their range, so
+        that a hole that seems to be as far as the farthest points is often farther.
+        """
+        known = GAIN * predicted + self.mean
+        share, total = (pooled(values, 8) for values in (self.share, self.share * known))
+        known = torch.where(share > 0, total / (share + LEAST), _NEAREST)
+        return GAIN * predicted - known.amax((2, 3), keepdim=True)
 
 
 class PointInterpolation(nn.Module):

@@ -16,6 +16,7 @@ from depthcli.training.networks.points import (
     HEADS,
     PointInterpolation,
     Points,
+    pooled,
     unpacked,
 )
 
@@ -103,9 +104,10 @@ class Correction(nn.Module):
         known = unpacked(mask)
         points = Points(unpacked(prompt), known, neighbours(raw, self.enlarging.bilinear))
         field, below, told = self.interpolation(maps[1][0], points)
+        beyond = points.beyond_farthest(raw)
         pixels = torch.cat([unpacked(image, self.channels).float(), known], 1)
         for level, seen in zip(self.levels, maps, strict=True):
-            field, below = level(seen, below, field, points, told, pixels)
+            field, below = level(seen, below, field, points, told, beyond, pixels)
         is_prompted = (points.share.sum((2, 3), keepdim=True) > 0).float()
         raw = raw + is_prompted * (points.centre + field / GAIN)
         enlarged: Tensor = self.enlarging(raw, below, is_prompted)
@@ -130,9 +132,9 @@ class CorrectionLevel(nn.Module):
         self.log_stiffness = nn.Parameter(torch.tensor(_STIFFNESS).log())
         self.of_seen = nn.ModuleList(nn.Conv2d(one, width, 1) for one in seen if one)
         self.of_below = nn.Conv2d(below, _BELOW, 1)
-        given = 7 + extra + _BELOW
+        given = 8 + extra + _BELOW
         self.more = -given % _MULTIPLE  # of the first channel, to fill up
-        self.of_points = nn.Conv2d(given + self.more, width, 3, padding=1)
+        self.of_known = nn.Conv2d(given + self.more, width, 3, padding=1)
         self.features = nn.Sequential(
             *(ConvNorm(width, width, norm=False) for _ in range(_CONVOLUTIONS[level]))
         )
@@ -155,6 +157,7 @@ class CorrectionLevel(nn.Module):
         field: Tensor,
         points: Points,
         told: Tensor,
+        beyond: Tensor,
         pixels: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """The finer field of corrections (B, 1, h, w), and features (B, width, h, w).
@@ -165,6 +168,7 @@ class CorrectionLevel(nn.Module):
             field: (B, 1, h', w'), the field of the coarser level.
             points: what is known.
             told: (B, 2, 1, 1), of all points.
+            beyond: (B, 1, H/2, W/2), predicted less farthest known depth, without the field.
             pixels: (B, extra, H/2, W/2) of the image and the mask, for the finest level.
         """
         coarser = resized(field, points.mean)
@@ -174,6 +178,7 @@ class CorrectionLevel(nn.Module):
         spread = total / (near + _PRIOR)
         given = [trust, near, told * torch.ones_like(mean)]
         given += [mean, spread, (mean - spread).abs() * trust]
+        given.append(pooled(beyond + coarser, self.stride // 2))
         if self.is_finest:
             given += [pixels, points.difference - coarser * points.known]
         below = self.of_below(below)
@@ -181,7 +186,7 @@ class CorrectionLevel(nn.Module):
             below = resized(below, mean)
             field = coarser if self.is_finest else resized(field, mean)
         given += [below, *[trust] * self.more]
-        x = self.of_points(torch.cat(given, 1).clamp(-_LARGEST, _LARGEST))
+        x = self.of_known(torch.cat(given, 1).clamp(-_LARGEST, _LARGEST))
         for conv, one in zip(self.of_seen, seen, strict=True):
             x = x + conv(one)
         features = self.features(F.relu(x))

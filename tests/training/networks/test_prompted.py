@@ -17,9 +17,10 @@ from depthcli.export.graph import build_graph, check_parity
 from depthcli.export.onnx import ExportOptions, export_checkpoint
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import TrainConfig
+from depthcli.training.methods.prompted import nearer_far_away
 from depthcli.training.networks.efficient import EfficientGenerator
 from depthcli.training.networks.encoder import EncoderGenerator
-from depthcli.training.networks.points import robust_mean
+from depthcli.training.networks.points import GAIN, Points, robust_mean
 from depthcli.training.networks.prompted import PromptedGenerator, coded_prompt
 from depthcli.training.settings import resolve_config
 
@@ -94,6 +95,36 @@ def test_starts_as_an_interpolation_that_leaves_wrong_points_out() -> None:
     ]
     assert errors[0] < 0.02
     assert errors[1] < 0.04
+
+
+def test_farthest_known_depth_is_that_of_a_cell_of_stride_16() -> None:
+    random = torch.Generator().manual_seed(2)
+    predicted, wide = torch.rand(2, 2, 1, 16, 24, generator=random)
+    prompt, known = torch.rand(2, 2, 4, 16, 24, generator=random)
+    known = (known < 0.1).float()
+    points = Points(prompt, known, predicted.expand(2, 4, 16, 24))
+    found = points.beyond_farthest(wide)
+    for which in range(2):
+        means = []
+        for top in (0, 8):
+            for left in (0, 8, 16):
+                at = which, ..., slice(top, top + 8), slice(left, left + 8)
+                error = (prompt - predicted)[at] * known[at]
+                share = known[at].sum(0)
+                mean = error.sum(0) / share.clamp(min=1) + wide[at][0]
+                means.append(float((mean * share).sum() / share.sum()))
+        wanted = wide[which] - max(means) + points.centre[which]
+        torch.testing.assert_close(found[which], GAIN * wanted, rtol=1e-4, atol=1e-3)
+
+
+def test_only_far_depth_of_half_of_the_views_is_made_nearer() -> None:
+    torch.manual_seed(0)
+    raw = torch.linspace(-1, 1, 101).expand(400, 1, 1, 101)
+    less = raw - nearer_far_away(raw)
+    assert 0.4 < (less.amax((1, 2, 3)) > 0).float().mean() < 0.6
+    assert (less.diff(dim=3) >= -1e-6).all()
+    assert less.min() > -1e-6
+    assert (less <= raw + 1 + 1e-6).all()
 
 
 def test_robust_mean_is_near_most_values() -> None:
