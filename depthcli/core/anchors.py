@@ -3,7 +3,7 @@
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -144,6 +144,7 @@ _STEPS = 50
 _NORMAL = 1.4826  # standard deviation over median absolute deviation, of a normal distribution
 _CUTOFF = 4.685  # 95 % efficiency for normal errors
 _EXACT = 1e-6  # relative; depth maps are float32
+_SETTLED = 1e-12  # of scale and shift
 _MOST = 100_000  # points in each step
 
 _Values = Float64Array
@@ -165,6 +166,12 @@ class Pairs:
     unit: _Values  #: (N,), above 0, in which the error of each pair is measured
     error_sd: float = 1.0  #: expected standard deviation of the errors, in their units
     shift_sd: float = math.inf  #: that of the shift, in the median unit; infinite if not known
+    centre: float = field(init=False)  #: median of the absolute values; 1 if that is 0
+    median_unit: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre", float(np.median(np.abs(self.values))) or 1.0)
+        object.__setattr__(self, "median_unit", float(np.median(self.unit)))
 
     def errors(self, fit: ScaleShift) -> _Values:
         """Absolute error of each pair, in its unit: (N,) float64."""
@@ -184,7 +191,7 @@ def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
     Values are not all equal, or the shift is expected to be finite. Weights are (N,) float64.
     """
     weights = np.ones_like(pairs.values) if weights is None else weights
-    centre, unit = float(np.median(np.abs(pairs.values))) or 1.0, float(np.median(pairs.unit))
+    centre, unit = pairs.centre, pairs.median_unit
     rows = np.stack([pairs.values / centre, np.full_like(pairs.values, unit)], axis=1)
     rows /= pairs.unit[:, None]
     weighted = rows * weights[:, None]
@@ -216,7 +223,9 @@ def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
     some = replace(some, error_sd=max(_NORMAL * float(np.median(some.errors(fit))), least))
     width = _CUTOFF * some.error_sd
     for _ in range(_STEPS):
-        fit = least_squares(some, _biweights(some.errors(fit) / width))
+        before, fit = fit, least_squares(some, _biweights(some.errors(fit) / width))
+        if abs(fit.scale - before.scale) + abs(fit.shift - before.shift) < _SETTLED:
+            break
     return fit, _biweights(pairs.errors(fit) / width)
 
 

@@ -73,6 +73,7 @@ class _Level:
         """Sum of (N,) values at each node, weighted by distance: (depths, rows, columns)."""
         weighted = (self._weight * values).ravel()
         summed: Any = np.bincount(self._index.ravel(), weighted, math.prod(self.nodes))
+        summed = summed.astype(np.float32)  # filtered in half the time
         for size in self.nodes[::-1]:  # each axis in turn is the last
             flat = summed.reshape(-1, size)
             flat = cv2.sepFilter2D(flat, -1, _TAPS, np.ones(1), borderType=cv2.BORDER_CONSTANT)
@@ -194,10 +195,12 @@ def _sliced(
     depths, rows, columns = finest.nodes
     low = np.nanmin(log_depth)
     place = np.nan_to_num((log_depth - low) / np.float32(finest.depth_step), nan=-2.0)
-    result = np.zeros_like(log_depth)
+    result, share = np.zeros_like(log_depth), np.empty_like(log_depth)
     for depth in range(depths):
         at = depth * finest.depth_step
         each = [lv.layer(f, at, (columns, rows)) for lv, f in zip(levels, fields, strict=True)]
         layer = cv2.resize(np.sum(each, axis=0, dtype=np.float32), log_depth.shape[::-1])
-        result += layer * np.maximum(1 - np.abs(place - depth), 0)
+        share = np.abs(np.subtract(place, depth, out=share), out=share)
+        share = np.maximum(np.subtract(1, share, out=share), 0, out=share)
+        result += np.multiply(layer, share, out=share)
     return result
