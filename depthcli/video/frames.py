@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -87,6 +87,7 @@ class FrameSource(ABC):
     warnings: tuple[str, ...] = ()  #: one-line texts about the source
     problem: str | None = None  #: why frames are missing, once the others have been read
     start_s: Fraction | None = None  #: time of the first frame in the file; None without audio
+    name_numbers: Sequence[int] = ()  #: those in the images' names, if frames are counted from 0
     numbers_follow_times = False  #: whether missing frames are missing in the numbers
 
     @property

@@ -42,9 +42,10 @@ class ImageSequence(FrameSource):
         """
         files = find_images(path)
         self.paths = tuple(file.path for file in files)
-        self._is_counted = are_times(files)
-        counted = list(map(NumberedImage, range(len(files)), self.paths))
-        self._files = counted if self._is_counted else files
+        if are_times(files):
+            self.name_numbers = [file.number for file in files]
+            files = list(map(NumberedImage, range(len(files)), self.paths))
+        self._files = files
         self._max_pixels, self._options = max_pixels, options
         self._overscan: Window | None = None  # that of the first image
         stated = rate or _stated_rate(self.paths)
@@ -110,7 +111,7 @@ class ImageSequence(FrameSource):
     def _warnings(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
             yield Message(f"no frame rate is given; {FALLBACK_RATE} is assumed", "give {fps}")
-        if self._is_counted:
+        if self.name_numbers:
             yield f"numbers such as {self.paths[0].stem} are times; frames are counted from 0"
         ends = [(a + 1, b - 1) for a, b in pairwise(file.number for file in self._files)]
         gaps = [f"{a}" if a == b else f"{a}–{b}" for a, b in ends if a <= b]

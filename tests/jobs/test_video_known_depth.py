@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.requests import video_request
-from helpers.tiny import write_model
+from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_mp4
 
 from depthcli.core.camera import Anchor
@@ -67,6 +67,21 @@ def test_a_folder_has_a_file_for_each_frame_by_its_number(
     done = run(clip, loader, known, span=Span(start), start_number=1001)
     assert depths_m(clip) == pytest.approx([2, 3, 4, 5], abs=0.05)
     assert list(done.numbers) == [1001, 1002, 1003, 1004]
+
+
+def test_files_named_by_the_time_stamps_of_images_belong_to_them(
+    loader: SessionLoader, tmp_path: Path
+) -> None:
+    """As colour and aligned depth of one camera, in the names of EuRoC."""
+    for folder in ("rgb", "known"):
+        (tmp_path / folder).mkdir()
+    for number in range(3):
+        name = str(1403636579763555584 + number * 50_000_000)
+        write_picture(tmp_path / "rgb" / f"{name}.png", synthetic_picture(48, 64))
+        (tmp_path / "known" / f"{name}.csv").write_text(f"{HEADER}\n5,4,{number + 3}\n")
+    run(tmp_path / "rgb", loader, tmp_path / "known")
+    images = [np.load(file) for file in sorted((tmp_path / "out").glob("*.npy"))]
+    assert [image[4, 5] for image in images] == pytest.approx([3, 4, 5], abs=0.01)
 
 
 @pytest.mark.parametrize("column", ["frame", "time_s"])

@@ -230,6 +230,7 @@ class FrameStages:
         self.pipeline, self._settings, self._anchors = pipeline, settings, anchors
         self._shift, self._source_rate = 0, 1.0  # of numbers; frames a second
         self._first_number: int | None = None
+        self._name_numbers: Sequence[int] = ()
         self._changes = temporal.ChangeDetector()
         self._lock = temporal.RangeLock()
         self._deflicker = temporal.Deflicker(settings.look_ahead)
@@ -246,7 +247,7 @@ class FrameStages:
     def renumbered(self, source: FrameSource) -> Iterator[Frame]:
         """The frames with the output's rate and frame numbers."""
         rate, wanted = self._settings.span.rate(source.rate), self._settings.start_number
-        self._source_rate = float(source.rate)
+        self._source_rate, self._name_numbers = float(source.rate), source.name_numbers
         for count, frame in enumerate(source.frames(self._settings.span)):
             if count == 0:
                 self._shift = 0 if wanted is None else wanted - frame.index
@@ -280,8 +281,9 @@ class FrameStages:
         if self._anchors is None:
             return self.pipeline.predict(image, camera), None
         number, time_s = image.index - self._shift, image.timestamp_s or 0.0
+        named = self._name_numbers[number] if self._name_numbers else number
         try:
-            points = self._anchors.of_frame(number, time_s, self._source_rate)
+            points = self._anchors.of_frame(named, time_s, self._source_rate)
             if points is not None:
                 return self.pipeline.predict(image, camera, points), None
             problem = f"frame {number} has no known depth"
