@@ -2,8 +2,7 @@
 
 Run ``python docs/draw_methods.py docs/methods.jpg docs/results/generators/*-seed1``. Each column
 after the room and its depth is one model, scaled to the median of the true depth; colours are
-those of the true depth's span, and black is no depth. Photographs (``--photo FILE``, repeatable)
-have no true depth: each of their maps has its own span.
+those of the true depth's span, and black is no depth.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from depthcli.core.options import Colormap
 from depthcli.datasets.rooms.render import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
 from depthcli.export.onnx import export_run, open_run
 from depthcli.io.formats.preview import colour_table, contact_sheet
-from depthcli.io.images.read import read_image
 
 _LEAST_M = 1e-3
 SETTINGS = RoomSettings(seed=2, size=(192, 144), hfov_deg=(TYPICAL_HFOV_DEG, TYPICAL_HFOV_DEG))
@@ -46,16 +44,6 @@ def coloured(
     return table[np.rint(nearness * 255).astype(np.uint8)]
 
 
-def photo_row(path: Path, models: list[depthcli.DepthModel]) -> list[npt.NDArray[np.uint8]]:
-    """A photograph, nothing, and the depth of each model."""
-    pixels = read_image(path).pixels
-    height = round(pixels.shape[0] * SETTINGS.size[0] / pixels.shape[1])
-    size = (SETTINGS.size[0], height)
-    small = np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
-    maps = [model.predict(small).values for model in models]
-    return [small, np.full_like(small, 255), *(coloured(depth, depth) for depth in maps)]
-
-
 def row(pair: Pair, models: list[depthcli.DepthModel]) -> list[npt.NDArray[np.uint8]]:
     """The room, its depth, and that of each model."""
     known = pair.depth_m > 0
@@ -71,12 +59,10 @@ def main() -> None:
     parser.add_argument("picture", type=Path, help="picture to write")
     parser.add_argument("models", type=Path, nargs="+", help="runs of depthcli train, or models")
     parser.add_argument("--rooms", type=int, default=6)
-    parser.add_argument("--photo", type=Path, action="append", default=[])
     arguments = parser.parse_args()
     with TemporaryDirectory() as spare:
         models = [model_of(path, Path(spare)) for path in arguments.models]
     rows = [row(render_pair(SETTINGS, i), models) for i in range(arguments.rooms)]
-    rows += [photo_row(path, models) for path in arguments.photo]
     titles = ["room", "depth", *(re.sub(r"-seed\d+$", "", path.name) for path in arguments.models)]
     sheet = cv2.cvtColor(contact_sheet(rows, titles), cv2.COLOR_RGB2BGR)
     data = cv2.imencode(arguments.picture.suffix, sheet, (cv2.IMWRITE_JPEG_QUALITY, 88))[1]
