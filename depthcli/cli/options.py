@@ -138,6 +138,11 @@ class CameraOptions(PinholeOptions):
         "A camera that 'depthcli calibrate' measured: its scale, and its field of view.",
         metavar="NAME",
     )
+    undistort: bool = option(
+        "Remove the lens distortion that --calibration states from the images first; all outputs "
+        "are then of the rectified images.",
+        default=False,
+    )
 
 
 @group

@@ -26,6 +26,7 @@ ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov"),
     ("calibration", "camera"),
     ("calibration", "centre_px"),
+    ("rectified", "undistort"),
     ("anchor", "anchors"),
     ("png_scale", "png_normalize", "png_inverse"),
 )  #: parameters of which only one is given, because they state the same
@@ -86,8 +87,10 @@ def _colours(options: groups.PreviewOptions) -> tuple[choices.Colormap | None, c
 def camera(options: groups.PinholeOptions) -> Intrinsics:
     """The camera of the options."""
     _refuse_alternatives({field.name: getattr(options, field.name) for field in fields(options)})
-    if options.rectified and options.calibration is None:
-        raise UsageError("", "{rectified} is for {calibration}: give both or neither")
+    undistort = getattr(options, "undistort", False)
+    if (options.rectified or undistort) and options.calibration is None:
+        told = "{undistort} is" if undistort else "{rectified} is"
+        raise UsageError("", f"{told} for {{calibration}}: give both or neither")
     if options.calibration is None:
         centre_px = None if options.centre_px is None else _centre(options.centre_px)
         found = Intrinsics(options.focal_px, options.hfov, centre_px)
@@ -96,7 +99,8 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
     from depthcli.io.calibration import read_calibration
 
     try:
-        return read_calibration(options.calibration, rectified=options.rectified)
+        found = read_calibration(options.calibration, rectified=options.rectified)
+        return replace(found, is_undistorted=undistort)
     except InputError as error:
         raise UsageError(error.message.problem, option="calibration") from error
 

@@ -61,6 +61,15 @@ class CameraScale:
             raise UsageError(f"a scale of {self.scale} with a shift of {self.shift_m} m is none")
 
 
+class Distortion(NamedTuple):
+    """Distortion of a lens, as OpenCV models it."""
+
+    focal_px: tuple[float, float]  #: fx and fy that it was measured with
+    #: k1, k2, p1, p2, k3, …; of a fisheye lens k1 to k4; none of a model that OpenCV lacks
+    coefficients: tuple[float, ...]
+    is_fisheye: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
     """A pinhole camera, as far as it is known."""
@@ -75,7 +84,8 @@ class Intrinsics:
     size_px: tuple[int, int] | None = None
     pixel_aspect: float | None = None  #: width by height of a pixel; None for what the image states
     source: CameraSource | None = None  #: where the focal length comes from, if that is known
-    is_distorted: bool = False  #: whether its lens has a distortion, which a pinhole has not
+    distortion: Distortion | None = None  #: of its lens, which a pinhole has not
+    is_undistorted: bool = False  #: whether images are rectified by it when they are read
     scale: CameraScale | None = None  #: correction of metres that was measured for it
 
     def __post_init__(self) -> None:
@@ -112,7 +122,7 @@ class Intrinsics:
         """Doubts about a calibration, one line each."""
         distorted = Message(
             "the camera has lens distortion, which is not removed",
-            "rectify the pictures, and then add {rectified}",
+            "predict with {undistort}, or rectify the images first and then add {rectified}",
         )
         unsized = Message(
             "the calibration states no image size, so its pixels are taken for those of the images",
@@ -120,7 +130,8 @@ class Intrinsics:
         )
         is_calibrated = None not in {self.focal_px, self.pixel_aspect, self.centre_px}
         is_unsized = is_calibrated and self.size_px is None
-        return (distorted,) * self.is_distorted + (unsized,) * is_unsized
+        is_distorted = self.distortion is not None and not self.is_undistorted
+        return (distorted,) * is_distorted + (unsized,) * is_unsized
 
     def focal_for(self, width: int) -> float | None:
         """Focal length in pixels of an image of this width; None if it is not known."""

@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from depthcli.core.camera import FOCAL_PX, CameraScale, Intrinsics, focal_px_of_hfov, hfov_deg
+from depthcli.core.camera import (
+    FOCAL_PX,
+    CameraScale,
+    Distortion,
+    Intrinsics,
+    focal_px_of_hfov,
+    hfov_deg,
+)
 from depthcli.core.validation import parsed_json
 from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
@@ -21,11 +28,13 @@ _ADVICE = "name the calibration of a camera"
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"))
 _MATRICES = ("camera_matrix", "K", "k")
 _PROJECTIONS = ("projection_matrix", "P", "p")
-_DISTORTIONS = (  # nodes with a number that is not 0 if there is distortion
-    *("distortion_coefficients", "distortion_coeffs", "dist_coeffs", "D", "d"),
-    *("fisheye_model", "distortion_parameters"),
-)
+_DISTORTIONS = re.compile(r"(?i:dist(?!ance))\w*|coeffs|[Dd]")  # nodes with coefficients
 _COEFFICIENTS = re.compile(r"(Camera1?\.)?[kp]\d")
+_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # of OpenCV
+_FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
+_MODELS = ("distortion_model", "camera_model", "Camera.type", "model_type", "model")
+_FISHEYE = re.compile(r"equidistant|fisheye|kannala")
+_OTHER_MODELS = re.compile(r"fov|division|thin_prism|omni|(inverse|modified)_brown|another")
 _LISTS = ("intrinsics", "intrinsic", "calibration")  # nodes with fx, fy, cx, cy and distortion
 _PREFIXES = ("", "Camera.", "Camera1.")
 _NORMALIZED = 10  # MoGe, DUSt3R and RealEstate10K state intrinsics in shares of the size
@@ -48,7 +57,8 @@ class _Camera:
 
     matrix: tuple[float, float, float, float]  #: fx, fy, cx, cy
     size_px: tuple[float, float] | None = None  #: columns, rows; None if they are not stated
-    is_distorted: bool = False
+    coefficients: tuple[float, ...] = ()  #: of distortion, in the order of its model
+    model: str = ""  #: of distortion, in lower case; empty if it is not stated
     counts_from_corner: bool = False  #: whether (.5, .5) is the middle of the first pixel
 
 
@@ -106,8 +116,32 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
         centre_px=(cx, cy),
         size_px=size_px,
         pixel_aspect=aspect,
-        is_distorted=found.is_distorted and not rectified,
+        distortion=None if rectified else _distortion(found),
     )
+
+
+def _distortion(camera: _Camera) -> Distortion | None:
+    """The distortion of a lens, of four coefficients or more; None if there is none."""
+    is_fisheye, found = bool(_FISHEYE.search(camera.model)), camera.coefficients
+    if not (is_fisheye or any(found)):
+        return None
+    filled = () if _OTHER_MODELS.search(camera.model) else (*found, *[0.0] * (4 - len(found)))
+    return Distortion(camera.matrix[:2], filled, is_fisheye)
+
+
+def _coefficients_in(tree: Mapping[str, Any]) -> tuple[tuple[float, ...], str]:
+    """Coefficients of distortion in the order of its model, and that model's name."""
+    model = next((str(tree[name]) for name in _MODELS if name in tree), "").lower()
+    if _number(tree.get("fisheye_model")) == 1:  # of OpenCV's program
+        model = "fisheye"
+    named = {n[-2:]: _number(tree[n]) for n in tree if _COEFFICIENTS.fullmatch(n)}
+    if not any(named.values()):
+        listed = _numbers([tree[name] for name in tree if _DISTORTIONS.fullmatch(name)])
+        return tuple(filter(math.isfinite, listed)), model
+    order = _FISHEYE_ORDER if _FISHEYE.search(model) else _ORDER[: 8 if "k6" in named else 5]
+    if any(named[name] for name in named if name not in order):
+        return tuple(named.values()), "another"
+    return tuple(named.get(name, 0) for name in order), model
 
 
 def _camera_in(path: Path, *, rectified: bool) -> _Camera:
@@ -139,26 +173,24 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
     if rectified:
         advice = "give {focal_px} and {centre_px} of the rectified images"
         raise InputError(f"{path} has no projection_matrix", advice)
-    coefficients = [tree[name] for name in tree if _COEFFICIENTS.fullmatch(name)]
-    coefficients += [tree[name] for name in _DISTORTIONS if name in tree]
-    is_distorted = any(number != 0 for number in _numbers(coefficients))
+    coefficients, model = _coefficients_in(tree)
     named = _of_named(tree, size_px)
     if named is not None:
-        return replace(named, is_distorted=is_distorted)
+        return replace(named, coefficients=coefficients, model=model)
     matrix = next((_numbers(tree[name]) for name in (*_MATRICES, *_LISTS) if name in tree), None)
     if matrix is None or size_px is None:
         lacks = "camera_matrix" if matrix is None else "image_width and image_height"
         raise InputError(f"{path} has no {lacks}", _ADVICE)
     if any(name in tree for name in _LISTS) and 4 <= len(matrix) != 9:  # noqa: PLR2004
         fx, fy, cx, cy, *more = matrix
-        return _Camera((fx, fy, cx, cy), size_px, is_distorted or any(more))
+        return _Camera((fx, fy, cx, cy), size_px, coefficients or tuple(more), model)
     fx, fy, cx, cy = _of_rows(_rows(matrix, 3), path)
     # ROS states the matrix for the whole sensor, also of images that are a part of it.
     roi = tree.get("roi") or {}
     x, y, *region = (_number(roi.get(name, 0)) for name in ("x_offset", "y_offset", *_SIZES[1]))
     if any(region):
         size_px = region[0], region[1]
-    return _Camera((fx, fy, cx - x, cy - y), size_px, is_distorted)
+    return _Camera((fx, fy, cx - x, cy - y), size_px, coefficients, model)
 
 
 def _unwrapped(tree: Mapping[str, Any], path: Path) -> dict[str, Any]:
@@ -248,9 +280,8 @@ def _of_colmap(lines: list[list[str]], path: Path) -> _Camera:
     if _ONE_FOCAL.match(model):
         parameters = parameters[:1] + parameters
     fx, fy, cx, cy, *distortion = parameters
-    is_distorted = any(distortion) or "FISHEYE" in model
-    size_px = float(width), float(height)
-    return _Camera((fx, fy, cx, cy), size_px, is_distorted, counts_from_corner=True)
+    size_px, numbers = (float(width), float(height)), tuple(distortion)
+    return _Camera((fx, fy, cx, cy), size_px, numbers, model.lower(), counts_from_corner=True)
 
 
 def _parsed(text: str) -> Mapping[str, Any]:

@@ -68,10 +68,11 @@ class MapOptions:
 
     def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:
         """An image; arguments and errors as of :func:`depthcli.io.images.read.read_image`."""
-        from depthcli.io.images.read import read_image  # noqa: PLC0415 - needs numpy
+        from depthcli.io.images.read import read_image, undistorted  # noqa: PLC0415 - needs numpy
 
-        limit = self.max_pixels
-        return read_image(path, data, max_pixels=limit, name=name, **self.reading._asdict())
+        limit, options = self.max_pixels, self.reading._asdict()
+        frame = read_image(path, data, max_pixels=limit, name=name, **options)
+        return undistorted(frame, self.camera)
 
 
 class Kind(StrEnum):

@@ -4,6 +4,7 @@ import csv
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from helpers.command_line import Cli
@@ -71,7 +72,7 @@ distortion_coefficients:
   cols: 5
   data: [0, 0, 0, 0, 0]
 """
-DISTORTED = CALIBRATION.replace("[0, 0,", "[0.1, 0,")
+DISTORTED = CALIBRATION.replace("[0, 0,", "[-0.1, 0,")
 GIVEN = ("--focal-px", "80", "--centre-px", "30.5,25.25")
 
 
@@ -100,20 +101,30 @@ def test_predict_has_what_the_options_give(inside: Cli, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["predict", "batch", "video"])
-def test_a_distorted_lens_is_one_warning(inside: Cli, folder: Path, command: str) -> None:
+def test_a_distorted_lens_is_one_warning_or_undistorted(
+    inside: Cli, folder: Path, command: str
+) -> None:
     (folder / "cam.yaml").write_text(DISTORTED)
+    image = synthetic_picture()
     for number in range(2):
-        write_picture(folder / "in" / f"f{number}.png", synthetic_picture())
+        write_picture(folder / "in" / f"f{number}.png", image)
     words = {
         "predict": ("in/f0.png", "in/f1.png", "-o", "out/"),
         "batch": ("in", "--out", "out"),
         "video": ("in/f%d.png", "--out", "out/", "--fps", "25"),
     }[command]
-    done = inside(command, *words, "--format", "npy", "--calibration", "cam.yaml", code=0)
-    warning = "depthcli: warning: the camera has lens distortion, which is not removed; rectify"
-    assert done.stderr.decode().count(warning) == 1
-    done = inside(command, *words, "--format", "npy", "--calibration", "cam.yaml", "--quiet")
+    words = (*words, "--format", "npy", "--calibration")
+    done = inside(command, *words, "cam.yaml", code=0)
+    assert done.stderr.decode().count("the camera has lens distortion, which is not removed") == 1
+    done = inside(command, *words, "cam.yaml", "--quiet")
     assert (done.returncode, done.stderr) == (0, b"")
+    done = inside(command, *words, "cam.yaml", "--undistort", "--overwrite", code=0)
+    assert not done.stderr
+    matrix = np.array([[80, 0, 30.5], [0, 80, 25.25], [0, 0, 1]])
+    write_picture(folder / "flat.png", cv2.undistort(image, matrix, np.array([-0.1, 0, 0, 0])))
+    inside("predict", "flat.png", *GIVEN, "-o", "flat.npy", code=0)
+    (path, _) = sorted((folder / "out").glob("*.npy"))
+    np.testing.assert_allclose(np.load(path), np.load(folder / "flat.npy"), rtol=1e-6)
 
 
 def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:

@@ -206,7 +206,7 @@ def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None
         *(("--tile", word) for word in ("0", "-5", "half", "1.5", "", "9" * 5000)),
         *(("--centre-px", word) for word in ("3", "nan,3")),
         ("--calibration", "a.yaml", "--centre-px", "3,4"),
-        ("--rectified",),
+        *(("--rectified",), ("--undistort",)),
         ("-", "-"),
         ("-o", "/dev/stdout", "--format", "npy"),
         ("-o", "a.obj"),

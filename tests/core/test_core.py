@@ -17,6 +17,7 @@ from depthcli.core import options
 from depthcli.core.camera import (
     UNKNOWN_CAMERA,
     CameraScale,
+    Distortion,
     Intrinsics,
     focal_px_of_35mm,
     focal_px_of_hfov,
@@ -174,8 +175,9 @@ def test_principal_point_is_resized_with_its_image() -> None:
 
 
 def test_doubts_about_a_calibration_are_warnings() -> None:
+    lens = Distortion((1, 1), (0.1,))
     assert UNKNOWN_CAMERA.warnings == CALIBRATED.warnings == ()
-    for doubt, advice in ({"is_distorted": True}, "rectify"), ({"size_px": None}, "do not resize"):
+    for doubt, advice in ({"distortion": lens}, "rectify"), ({"size_px": None}, "do not resize"):
         (warning,) = replace(CALIBRATED, **doubt).warnings
         assert warning.startswith("the ")
         assert advice in warning

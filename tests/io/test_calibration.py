@@ -1,8 +1,10 @@
 """Calibrations of ROS and OpenCV: what is read, and what is refused."""
 
+import json
 import math
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,9 +12,10 @@ import numpy as np
 import pytest
 
 import depthcli
-from depthcli.core.camera import Intrinsics, hfov_deg
+from depthcli.core.camera import Distortion, Intrinsics, hfov_deg
 from depthcli.errors import InputError
 from depthcli.io.calibration import read_calibration
+from depthcli.io.images.read import undistorted
 
 ROS = """image_width: 640
 image_height: 480
@@ -54,7 +57,7 @@ def calibration(
     height: int,
     focal_px: float,
     centre_px: tuple[float, float],
-    is_distorted: bool = False,
+    distortion: Distortion | None = None,
     pixel_aspect: float = 1.0,
 ) -> Intrinsics:
     return Intrinsics(
@@ -63,7 +66,7 @@ def calibration(
         centre_px,
         (width, height),
         pixel_aspect,
-        is_distorted=is_distorted,
+        distortion=distortion,
     )
 
 
@@ -76,7 +79,8 @@ def test_camera_info_of_ros(tmp_path: Path, start: str, end: str) -> None:
     path = tmp_path / "head.yaml"
     path.write_text(start + ROS, "utf-8", newline=end)
     found = read_calibration(path)
-    assert found == calibration(640, 480, 431.5, (337.8, 250.7), is_distorted=True)
+    distortion = Distortion((431.5, 431.5), (0.1, -0.3, 0, 0, 0))
+    assert found == calibration(640, 480, 431.5, (337.8, 250.7), distortion)
     path.write_text(start + TOPIC, "utf-8", newline=end)
     assert read_calibration(path) == EXPECTED
 
@@ -101,7 +105,8 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
     file.write("distortion_coefficients", np.array([[0.0, 0, 0.1 * is_distorted, 0, 0]]))
     file.release()
     found = read_calibration(path)
-    assert found == calibration(640, 480, 400, (337.8, 250.7), is_distorted, 1.1025)
+    distortion = Distortion((400, 441), (0, 0, 0.1, 0, 0)) if is_distorted else None
+    assert found == calibration(640, 480, 400, (337.8, 250.7), distortion, 1.1025)
 
 
 @pytest.mark.parametrize(
@@ -230,26 +235,42 @@ def test_calibrations_of_other_programs(tmp_path: Path, name: str) -> None:
     found = read_calibration(tmp_path / name)
     assert found.focal_px == pytest.approx(431.5)
     assert found.centre_px == pytest.approx((337.8, 250.7))
-    assert (found.size_px, found.is_distorted, found.pixel_aspect) == ((640, 480), False, 1)
+    assert (found.size_px, found.distortion, found.pixel_aspect) == ((640, 480), None, 1)
+
+
+FISHEYE = ("equidistant", '"KannalaBrandt8"', "SIMPLE_RADIAL_FISHEYE")
+FOV = "[0.9]\n  distortion_model: fov"
 
 
 @pytest.mark.parametrize(
-    ("text", "is_distorted"),
+    ("name", "old", "new", "expected"),
     [
-        (DIALECTS["kalibr.yaml"].replace("[0, 0, 0, 0]", "[0, -0.28, 0, 0]"), True),
-        (DIALECTS["transforms.json"].replace('"k1": 0', '"k1": 0.01'), True),
-        (DIALECTS["orb_slam.yaml"].replace("k1: 0.0", "k1: 0.26"), True),
-        (DIALECTS["vins.yaml"].replace("k1: 0", "k1: -0.1"), True),
-        (DIALECTS["simple.txt"].replace("251.2 0", "251.2 0.01"), True),
-        (DIALECTS["mast3r.yaml"].replace("250.7]", "250.7, 0.26]"), True),
-        (DIALECTS["mast3r.yaml"].replace("250.7]", "250.7, 0.0]"), False),
+        ("kalibr.yaml", "[0, 0, 0, 0]", "[0, -0.28, 0, 0]", (0, -0.28, 0, 0)),
+        ("kalibr.yaml", "radtan", "equidistant", (0, 0, 0, 0)),
+        ("kalibr.yaml", "[0, 0, 0, 0]\n  distortion_model: radtan", FOV, ()),
+        ("transforms.json", '"k1": 0', '"p1": 0.2, "k2": 0.01', (0, 0.01, 0.2, 0, 0)),
+        ("transforms.json", '"k1": 0', '"k4": 0.01', ()),  # not that of OpenCV
+        ("orb_slam.yaml", "k1: 0.0", "k1: 0.26", (0.26, 0, 0, 0, 0)),
+        ("orb_slam.yaml", '"PinHole"', '"KannalaBrandt8"', (0, 0, 0, 0)),
+        ("vins.yaml", "k1: 0", "k1: -0.1", (-0.1, 0, 0, 0)),
+        ("simple.txt", "251.2 0", "251.2 0.01", (0.01, 0, 0, 0)),
+        ("simple.txt", "SIMPLE_RADIAL", "SIMPLE_RADIAL_FISHEYE", (0, 0, 0, 0)),
+        ("mast3r.yaml", "250.7]", "250.7, 0.26]", (0.26, 0, 0, 0)),
+        ("mast3r.yaml", "250.7]", "250.7, 0.0]", None),
+        ("realsense.json", "[0, 0, 0, 0, 0]", "[0, 0.1, 0, 0, 0]", (0, 0.1, 0, 0, 0)),
+        ("realsense.json", "brown_conrady", "inverse_brown_conrady", None),
+        ("topic.yaml", "D: \n- 0.0", "D: \n- 0.1", (0.1, 0, 0, 0, 0)),
     ],
 )
 def test_distortion_in_calibrations_of_other_programs(
-    tmp_path: Path, text: str, is_distorted: bool
+    tmp_path: Path, name: str, old: str, new: str, expected: tuple[float, ...] | None
 ) -> None:
-    (tmp_path / "camera.yaml").write_text(text)
-    assert read_calibration(tmp_path / "camera.yaml").is_distorted is is_distorted
+    """In the order of OpenCV; without coefficients, of a model that it lacks."""
+    assert old in DIALECTS[name]
+    (tmp_path / "camera.yaml").write_text(DIALECTS[name].replace(old, new))
+    found = read_calibration(tmp_path / "camera.yaml").distortion
+    assert (found and found.coefficients) == expected
+    assert found is None or found.is_fisheye is (new in FISHEYE)
 
 
 @pytest.mark.parametrize(
@@ -282,3 +303,44 @@ def test_a_binary_calibration_of_colmap(tmp_path: Path, model: int, numbers: lis
     (tmp_path / "cameras.bin").write_bytes(data[:-1])
     with pytest.raises(InputError):
         read_calibration(tmp_path / "cameras.bin")
+
+
+@pytest.mark.parametrize("is_fisheye", [False, True])
+@pytest.mark.parametrize("scale", [1, 2])
+def test_points_land_where_a_pinhole_sees_them_once_undistorted(
+    tmp_path: Path, is_fisheye: bool, scale: int
+) -> None:
+    """Also in images that are larger than those of the calibration."""
+    model, lens = "plumb_bob", np.array([-0.3, 0.1, 0.001, -0.002, 0.0])
+    if is_fisheye:
+        model, lens = "equidistant", np.array([0.05, -0.02, 0.004, -0.001])
+    matrix, size = np.array([[200.0, 0, 155], [0, 200, 125], [0, 0, 1]]), (320, 240)
+    stated = {"width": 320, "height": 240, "K": matrix.tolist(), "D": lens.tolist()}
+    (tmp_path / "camera.json").write_text(json.dumps(stated | {"distortion_model": model}))
+    camera = replace(read_calibration(tmp_path / "camera.json"), is_undistorted=True)
+    project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
+    points = np.array([[x, y, 2.0] for x in (-1.2, 0.3, 1.3) for y in (-1, 0.2, 0.9)])
+    raw = project(points[:, None], np.zeros(3), np.zeros(3), matrix, lens)[0].reshape(-1, 2)
+    flat = points[:, :2] / 2 * 200 + (155, 125)
+    assert np.abs(raw - flat).max() > 12
+    for seen, expected in zip((raw + 0.5) * scale - 0.5, (flat + 0.5) * scale - 0.5, strict=True):
+        image = np.zeros((size[1] * scale, size[0] * scale), np.uint8)
+        cv2.circle(image, tuple(np.rint(seen * 16).astype(int)), 64, 255, -1, cv2.LINE_AA, 4)
+        found = undistorted(depthcli.Frame(image), camera).pixels.astype(float)
+        rows, columns = np.indices(found.shape)
+        middle = np.array([(columns * found).sum(), (rows * found).sum()]) / found.sum()
+        assert np.abs(middle - expected).max() < 0.3
+
+
+def test_pixels_that_a_lens_does_not_show_get_no_depth() -> None:
+    camera = replace(EXPECTED, distortion=Distortion((431.5, 431.5), (0.3, 0, 0, 0)))
+    image = np.full((480, 640, 3), 9, np.uint8)
+    frame = depthcli.Frame(image, transparent=np.indices((480, 640))[0] > 460)
+    assert undistorted(frame, camera) is frame
+    found = undistorted(frame, replace(camera, is_undistorted=True))
+    assert found.transparent is not None
+    assert [found.transparent[at] for at in ((0, 0), (250, 337), (470, 337))] == [True, False, True]
+    assert found.pixels[0, 0].tolist() == [9, 9, 9]
+    other = replace(camera, distortion=Distortion((431.5, 431.5), ()), is_undistorted=True)
+    with pytest.raises(InputError):
+        undistorted(frame, other)

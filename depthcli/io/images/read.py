@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from depthcli.core.arrays import AnyArray
+from depthcli.core.camera import Intrinsics
 from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import (
     EXPOSURE,
@@ -281,6 +282,29 @@ def masked(frame: Frame, alpha: AnyArray) -> Frame:
     told = Message(problem, "give {ignore_alpha} to use their colours")
     warnings = (*frame.warnings, told)
     return replace(frame, pixels=pixels, transparent=hidden, warnings=warnings)
+
+
+def undistorted(frame: Frame, camera: Intrinsics) -> Frame:
+    """An image as a pinhole of the same matrix takes it, if its camera says so.
+
+    Pixels that the lens does not show are transparent.
+    """
+    lens = camera.distortion
+    if lens is None or not camera.is_undistorted:
+        return frame
+    if frame.windows is not None or not lens.coefficients:
+        what = "distortion of this model" if frame.windows is None else "that of EXR with overscan"
+        raise InputError(f"{what} cannot be removed", "rectify the images first")
+    scale = 1 if camera.size_px is None else frame.width / camera.size_px[0]
+    matrix = np.diag([*np.multiply(lens.focal_px, scale), 1])
+    matrix[:2, 2] = camera.centre_for(frame.width, frame.height)
+    undistort = cv2.fisheye.undistortImage if lens.is_fisheye else cv2.undistort
+    stated = matrix, np.array(lens.coefficients), None, matrix
+    hidden = np.zeros(frame.pixels.shape[:2]) if frame.transparent is None else frame.transparent
+    alpha = undistort(np.where(hidden, np.uint8(0), np.uint8(255)), *stated)
+    pixels: AnyArray = undistort(frame.pixels, *stated)
+    pixels, transparent = fill_transparent(pixels, alpha) or (pixels, None)
+    return replace(frame, pixels=pixels, transparent=transparent)
 
 
 def _frame_pixels(

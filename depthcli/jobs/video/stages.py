@@ -28,6 +28,7 @@ from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.stereo import StereoWriter
 from depthcli.io.formats.table import WriterOptions
+from depthcli.io.images.read import undistorted
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
@@ -257,7 +258,8 @@ class FrameStages:
     def predict(self, image: Frame) -> PredictedFrame:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
         camera = self._settings.camera
-        image = dataclasses.replace(image, pixel_aspect=camera.pixel_aspect or image.pixel_aspect)
+        aspect = camera.pixel_aspect or image.pixel_aspect
+        image = undistorted(dataclasses.replace(image, pixel_aspect=aspect), camera)
         kept, warnings = self._journal.depth(image.index), tuple[str, ...]()
         unfitted = None
         if kept is not None and image.index != self._first_number:  # predicted, for the report
