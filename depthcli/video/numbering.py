@@ -32,6 +32,7 @@ _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
 _SEPARATORS = "._- "
 _LISTED = 4  #: most patterns that an error lists
 _TIME_STEP, _LEAST_TIME = 1000, 100_000  # microseconds of 10 to 30 images a second are far above
+_MILLISECONDS = 10**12  # since 1970, of the year 2001
 
 
 def is_pattern(name: str) -> bool:
@@ -135,10 +136,17 @@ def find_images(path: Path) -> list[NumberedImage]:
 def are_times(images: Sequence[NumberedImage]) -> bool:
     """Whether the numbers of images, in their order, are time stamps, as data sets have them.
 
-    No two are closer than a thousand; numbers of plates are not so large.
+    No two are closer than a thousand, or they are as large as those in milliseconds and none is
+    followed by the next number; numbers of plates are not so large.
     """
-    steps = [b.number - a.number for a, b in pairwise(images)]
-    return min(steps, default=0) >= _TIME_STEP and images[-1].number >= _LEAST_TIME
+    step, last = min((b.number - a.number for a, b in pairwise(images)), default=0), images[-1]
+    is_fine = step >= _TIME_STEP and last.number >= _LEAST_TIME
+    return is_fine or (step > 1 and last.number >= _MILLISECONDS)
+
+
+def stamps_a_second(stamp: int) -> int | None:
+    """The unit of a time stamp since 1970, by its digits; None if it is another number."""
+    return {13: 10**3, 16: 10**6, 19: 10**9}.get(len(str(stamp)))
 
 
 def listed_names(folder: Path) -> Iterable[str]:
