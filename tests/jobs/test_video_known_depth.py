@@ -72,16 +72,21 @@ def test_a_folder_has_a_file_for_each_frame_by_its_number(
 def test_files_named_by_the_time_stamps_of_images_belong_to_them(
     loader: SessionLoader, tmp_path: Path
 ) -> None:
-    """As colour and aligned depth of one camera, in the names of EuRoC."""
+    """As colour and aligned depth of one camera, in the names of EuRoC; or of another's times."""
     for folder in ("rgb", "known"):
         (tmp_path / folder).mkdir()
     for number in range(3):
         name = str(1403636579763555584 + number * 50_000_000)
         write_picture(tmp_path / "rgb" / f"{name}.png", synthetic_picture(48, 64))
         (tmp_path / "known" / f"{name}.csv").write_text(f"{HEADER}\n5,4,{number + 3}\n")
-    run(tmp_path / "rgb", loader, tmp_path / "known")
-    images = [np.load(file) for file in sorted((tmp_path / "out").glob("*.npy"))]
-    assert [image[4, 5] for image in images] == pytest.approx([3, 4, 5], abs=0.01)
+    for later_ms, within_s in ((0, None), (19, None), (5, 0.025)):
+        for file in sorted((tmp_path / "known").iterdir(), reverse=True):
+            file.rename(file.with_name(f"{int(file.stem) + later_ms * 10**6}.csv"))
+        run(tmp_path / "rgb", loader, tmp_path / "known", anchors_within_s=within_s)
+        images = [np.load(file) for file in sorted((tmp_path / "out").glob("*.npy"))]
+        assert [image[4, 5] for image in images] == pytest.approx([3, 4, 5], abs=0.01)
+    with pytest.raises(InputError):  # half a frame is 20 ms
+        run(tmp_path / "rgb", loader, tmp_path / "known")
 
 
 @pytest.mark.parametrize("column", ["frame", "time_s"])
@@ -97,6 +102,7 @@ def test_table_of_frames_points(
     done = run(clip, loader, table)
     assert depths_m(clip) == pytest.approx([2.6, 4, 2.6, 2.6, 4, 2.6], abs=0.05)
     assert "4 of 6 frames" in done.warnings[-1]
+    assert "anchors_within" in done.warnings[-1]
 
 
 @pytest.mark.parametrize("column", ["frame", "time_s"])
@@ -121,6 +127,7 @@ def test_a_frame_that_points_do_not_fit_is_counted_and_all_fail(
     assert depths_m(clip)[:2] == pytest.approx([4, 2.6], abs=0.05)
     assert "5 of 6 frames" in done.warnings[-1]
     assert "frame 1: " in done.warnings[-1]
+    assert "anchors_within" not in done.warnings[-1]
     table.write_text(f"frame,{HEADER}\n77,5,4,4\n")
     with pytest.raises(InputError, match="frame 0 has no known depth"):
         run(clip, loader, table)

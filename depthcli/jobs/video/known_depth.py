@@ -68,15 +68,20 @@ class FrameAnchors:
         else:
             self._of_all = stated.read()
 
-    def of_frame(self, number: int, time_s: float, rate: float) -> AnchorPoints | None:
-        """The points of a frame of a video of ``rate`` frames a second; None if it has none."""
+    def of_frame(
+        self, number: int, time_s: float, rate: float, numbers_a_second: float | None = None
+    ) -> AnchorPoints | None:
+        """The points of a frame of a video of ``rate`` frames a second; None if it has none.
+
+        ``numbers_a_second`` is of images that are numbered by their times.
+        """
         found: _Points | None = self._of_all
         if self._each:
             keys, at = list(self._each), time_s if self._is_timed else number
             after = bisect_left(keys, at)
             nearest = min(keys[max(0, after - 1) : after + 1], key=lambda key: abs(key - at))
-            frames = _HALF_FRAME if self._within_s is None else self._within_s * rate
-            within = frames / rate if self._is_timed else frames
+            within_s = _HALF_FRAME / rate if self._within_s is None else self._within_s
+            within = within_s if self._is_timed else within_s * (numbers_a_second or rate)
             found = self._each[nearest] if abs(nearest - at) <= within else None
         if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
             found = read_known_depth(found, self._stated)

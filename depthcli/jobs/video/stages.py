@@ -37,7 +37,7 @@ from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat, preview_codec
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.numbering import base_name, numbered_name
+from depthcli.video.numbering import base_name, numbered_name, stamps_a_second
 from depthcli.video.outputs import (
     DepthFrame,
     DepthVideoOutput,
@@ -284,13 +284,15 @@ class FrameStages:
             return self.pipeline.predict(image, camera), None
         number, time_s = image.index - self._shift, image.timestamp_s or 0.0
         named = self._name_numbers[number] if self._name_numbers else number
+        stamps = stamps_a_second(named) if self._name_numbers else None
         try:
-            points = self._anchors.of_frame(named, time_s, self._source_rate)
+            points = self._anchors.of_frame(named, time_s, self._source_rate, stamps)
             if points is not None:
                 return self.pipeline.predict(image, camera, points), None
-            problem = f"frame {number} has no known depth"
+            advice = "{anchors_within} takes that of the nearest time"
+            problem: str = Message(f"frame {number} has no known depth", advice)
         except InputError as error:
-            problem = about(f"frame {number}", str(error))
+            problem = about(f"frame {number}", error.message)
         if self.pipeline.card.output.kind is not DepthKind.METRIC:
             raise InputError(problem, "give some for every frame, or another {model}")
         return self.pipeline.predict(image, camera), problem
@@ -382,8 +384,7 @@ def _result(
     of_input += _range_warnings(plan, settings.writing)
     if stages.unfitted:
         told = f"{len(stages.unfitted)} of {len(stages.numbers)} frames keep the model's depth"
-        advice = "to take the nearest known depth for frames without any, give {anchors_within}"
-        of_input += (Message(f"{told}; {stages.unfitted[0]}", advice),)
+        of_input += (about(told, stages.unfitted[0]),)
     return VideoResult(
         plan=plan,
         settings=settings,
