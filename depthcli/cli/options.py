@@ -124,8 +124,7 @@ class PinholeOptions:
         metavar="FILE",
     )
     rectified: bool = option(
-        "The images are rectified: the camera is that of projection_matrix (P) in "
-        "--calibration, without distortion.",
+        "The images are rectified: the camera is that of projection_matrix (P) in --calibration.",
         default=False,
     )
 
@@ -139,8 +138,7 @@ class CameraOptions(PinholeOptions):
         metavar="NAME",
     )
     undistort: bool = option(
-        "Remove the lens distortion that --calibration states from the images first; all outputs "
-        "are then of the rectified images.",
+        "Remove the lens distortion in --calibration first; outputs are of the rectified images.",
         default=False,
     )
 
@@ -237,7 +235,7 @@ class AnchorOptions:
     )
     extrinsics: str | None = option(
         "Pose of the axes of a cloud's sensor in the camera (x right, y down, z forward): 3x4 "
-        "numbers as text, or the calibration of KITTI's objects or odometry.",
+        "numbers, x y z qx qy qz qw, /tf_static of ROS, or KITTI's calibration.",
         metavar="FILE",
     )
     anchors_scale: float | None = option(

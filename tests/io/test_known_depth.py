@@ -209,7 +209,26 @@ KITTI = f"P2: 50 0 32 0 0 50 24 0 0 0 1 0\nR0_rect: 1 0 0 0 1 0 0 0 1\nTr_velo_t
 ODOMETRY = f"P2: 50 0 32 -2.5 0 50 24 0 0 0 1 0\nTr: {ROWS.replace('0.1', '0.15')}"
 
 
-@pytest.mark.parametrize("text", [TURNED, f"{TURNED}\n0 0 0 1", KITTI, ODOMETRY])
+TF = """transforms:
+- header: {frame_id: camera_optical}
+  child_frame_id: lidar
+  transform:
+    translation:
+      x: 0.1
+      y: -0.2
+      z: 3.0e-1
+    rotation:
+      x: 0.5
+      y: -0.5
+      z: 0.5
+      w: 0.5
+"""  # as "ros2 topic echo --once /tf_static" prints it
+HAND_EYE = "transformation:\n  {qw: 0.5, qx: 0.5, qy: -0.5, qz: 0.5, x: 0.1, y: -0.2, z: 0.3}"
+PUBLISHER = "--x 0.1 --y -0.2 --z 0.3 --qx 0.5 --qy -0.5 --qz 0.5 --qw 0.5 --frame-id camera"
+ROS = ("0.1 -0.2 0.3 0.5 -0.5 0.5 0.5", TF, HAND_EYE, PUBLISHER)
+
+
+@pytest.mark.parametrize("text", [TURNED, f"{TURNED}\n0 0 0 1", KITTI, ODOMETRY, *ROS])
 def test_extrinsics_take_a_cloud_to_the_camera(text: str, tmp_path: Path) -> None:
     file = tmp_path / "pose.txt"
     file.write_text(text)
@@ -218,7 +237,16 @@ def test_extrinsics_take_a_cloud_to_the_camera(text: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    "text", ["1 2 3", "2 0 0 0 0 2 0 0 0 0 2 0", "1 0 0 0 0 1 0 0 0 0 -1 0", ""]
+    "text",
+    [
+        "1 2 3",
+        TF + TF,
+        "0 0 0 1 1 1 1",
+        "x: 1",
+        "2 0 0 0 0 2 0 0 0 0 2 0",
+        "1 0 0 0 0 1 0 0 0 0 -1 0",
+        "",
+    ],
 )
 def test_what_is_no_pose_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "pose.txt").write_text(text)

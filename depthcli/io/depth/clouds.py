@@ -21,6 +21,8 @@ from depthcli.io.storage.paths import read_bytes
 
 _POSE = 4  # rows and columns of a rotation and a translation in one matrix
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
+_QUATERNION = 7  # numbers with a translation
+_FIELD = re.compile(r"\b(q?[xyzw])\b\"?[\s:]+([-+]?[\d.][-+.\deE]*)")  # of YAML, JSON or arguments
 _NAMED = re.compile(r"([A-Za-z_]\w*)\s*:(.*)")
 
 _Values = Float64Array
@@ -54,13 +56,15 @@ def _of_pcd(data: bytes) -> _Values:
 def read_extrinsics(path: Path) -> _Values:
     """The matrix that takes points of a cloud to the camera: (4, 4) float64.
 
-    A text of 3×4 or 4×4 numbers by rows; or of KITTI's objects or odometry, for camera 2 as of
+    A text of 3×4 or 4×4 numbers by rows, or of a translation and a quaternion, x, y, z, w, as ROS
+    writes them; or of KITTI's objects or odometry, for camera 2 as of
     :func:`depthcli.io.calibration.read_calibration`.
     """
     try:
         text = read_bytes(path).decode()
         named = {m[1]: m[2] for m in map(_NAMED.fullmatch, map(str.strip, text.splitlines())) if m}
-        pose = _of_kitti(named) if named else _matrix(text)
+        fields = _FIELD.findall(text)
+        pose = _of_fields(fields) if fields else _of_kitti(named) if named else _matrix(text)
     except (ValueError, KeyError) as error:
         raise _no_pose(path) from error
     turn = pose[:3, :3]
@@ -82,9 +86,28 @@ def _of_kitti(named: Mapping[str, str]) -> _Values:
     return np.asarray(beside @ rectified @ _matrix(lidar))
 
 
+def _of_fields(fields: list[tuple[str, str]]) -> _Values:
+    """From x, y, z of a translation and, with or without a q, x, y, z, w of a quaternion."""
+    found: dict[str, str] = {}
+    for name, value in fields:
+        found[f"q{name}" if name == "w" or name in found else name] = value
+    if len(found) != len(fields):
+        raise ValueError(fields)
+    return _matrix(" ".join(found[name] for name in ("x", "y", "z", "qx", "qy", "qz", "qw")))
+
+
+def _rotation(w: float, x: float, y: float, z: float) -> _Values:
+    """The matrix of a quaternion of length 1: (3, 3)."""
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
+
+
 def _matrix(text: str) -> _Values:
-    """3×4 or 4×4 numbers as (4, 4)."""
+    """3×4 or 4×4 numbers, or a translation and a quaternion, as (4, 4)."""
     numbers = np.array(re.sub(r"[\[\],;]", " ", text).split(), np.float64)
+    if len(numbers) == _QUATERNION:
+        x, y, z, w = numbers[3:]
+        numbers = np.column_stack([_rotation(w, x, y, z), numbers[:3]]).ravel()
     rows = numbers.reshape(-1, _POSE)
     if len(rows) not in {_POSE - 1, _POSE}:
         raise ValueError(len(rows))
@@ -99,7 +122,9 @@ def posed(cloud: _Values, extrinsics: Path, units_per_m: float) -> _Values:
 
 def _no_pose(path: Path) -> InputError:
     told = f"{path} is not the pose of a sensor in the camera"
-    return InputError(told, "give 3×4 numbers, a rotation and in the last column metres")
+    return InputError(
+        told, "give 3×4 numbers, a rotation and in the last column metres, or x y z qx qy qz qw"
+    )
 
 
 def projected(cloud: _Values, camera: Intrinsics, units_per_m: float = 1.0) -> AnchorPoints:
@@ -166,7 +191,7 @@ def read_reconstruction(
     seen_in = found.images[max(names, key=len)]
     rows = [row for row in seen_in.seen.tolist() if int(row[2]) in found.points]
     places = np.array([found.points[int(row[2])] for row in rows]).reshape(-1, 3)
-    depth = places @ _third_row(*seen_in.pose[:4]) + seen_in.pose[6]
+    depth = places @ _rotation(*seen_in.pose[:4])[2] + seen_in.pose[6]
     depth_m = depth / (units_per_m or 1)
     is_before = (depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1])
     if not is_before.any():
@@ -183,11 +208,6 @@ def read_reconstruction(
     )
     size_px = found.sizes_px[seen_in.camera]
     return AnchorPoints(x, y, depth_m[is_before], size_px, tuple(warnings))
-
-
-def _third_row(w: float, x: float, y: float, z: float) -> _Values:
-    """The row of a rotation that gives distances along the axis of the camera: (3,)."""
-    return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
 
 
 @lru_cache(maxsize=1)  # for all images of a batch
