@@ -340,6 +340,20 @@ def test_many_anchors_are_a_table_or_a_map(model: depthcli.DepthModel, tmp_path:
         model.predict(PIXELS, anchors=relative)
 
 
+@pytest.mark.parametrize("options", [{}, *STREAM_OPTIONS])
+def test_each_image_of_a_stream_has_its_own_anchors(
+    options: dict[str, int], model: depthcli.DepthModel
+) -> None:
+    each = [[(8, 10, 3.0)], None, np.array([[8, 10, 7.0]])]
+    depths = [*model.predict_many([PIXELS] * 3, anchors_each=iter(each), **options)]
+    own_m = model.predict(PIXELS).values[10, 8]
+    assert [depth.values[10, 8] for depth in depths] == pytest.approx([3, own_m, 7])
+    with pytest.raises(ValueError, match="shorter"):
+        list(model.predict_many([PIXELS] * 4, anchors_each=each, **options))
+    with pytest.raises(depthcli.UsageError):
+        model.predict_many([PIXELS], anchors=each[0], anchors_each=each)
+
+
 def test_pixels_that_a_fit_erases_give_a_warning() -> None:
     values = np.float32([[math.nan, 1, 2, 3]])
     relative = depthcli.DepthMap(values, depthcli.DepthKind.RELATIVE)

@@ -31,29 +31,32 @@ from depthcli.io.images.pixels import check_levels
 from depthcli.io.images.read import Picture, frame_of
 from depthcli.models.card import ModelCard
 
+_Task: TypeAlias = tuple[Picture, AnchorPoints | None]
+
 
 def _batches(
-    pictures: Iterable[Picture], size: int, white_level: int | None
-) -> Iterator[list[Picture | Exception]]:
-    """Up to ``size`` images at a time; what ends the iterator is the last one.
+    tasks: Iterable[_Task], size: int, white_level: int | None
+) -> Iterator[list[_Task | Exception]]:
+    """Up to ``size`` images and their points at a time; what ends the iterator is the last one.
 
     Pixels in memory are copied here, since the caller may overwrite a buffer, or close a PIL
     image, before the batch is processed; files are not read.
     """
-    rest = iter(pictures)
-    batch: list[Picture | Exception] = []
+    rest = iter(tasks)
+    batch: list[_Task | Exception] = []
     while not (batch and isinstance(batch[-1], Exception)):
         batch = []
         try:
-            for picture in itertools.islice(rest, size):
+            for picture, points in itertools.islice(rest, size):
                 if isinstance(picture, (bytearray, memoryview)):
-                    batch.append(bytes(picture))
+                    batch.append((bytes(picture), points))
                 elif isinstance(picture, (str, bytes, os.PathLike)):
-                    batch.append(picture)
+                    batch.append((picture, points))
                 else:
                     frame = frame_of(picture, white_level)
-                    is_shared = frame is picture
-                    batch.append(replace(frame, pixels=frame.pixels.copy()) if is_shared else frame)
+                    if frame is picture:
+                        frame = replace(frame, pixels=frame.pixels.copy())
+                    batch.append((frame, points))
         except Exception as error:  # noqa: BLE001 - raised at its position
             batch.append(error)
         if batch:
@@ -171,6 +174,7 @@ class DepthModel:
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         anchors: Anchors | None = None,
+        anchors_each: Iterable[Anchors | None] | None = None,
         anchors_fit: str | None = None,
         white_level: int | None = None,
         batch_size: int = 1,
@@ -179,10 +183,11 @@ class DepthModel:
         """Depth of a stream of pictures of one camera, in their order and in constant memory.
 
         Args:
-            pictures: as in :meth:`predict`, like the next five; read when they are needed.
+            pictures: as in :meth:`predict`, like the others; read when they are needed.
             focal_px: of all of them.
             hfov_deg: of all of them.
             anchors: of all of them.
+            anchors_each: in place of these, those of each, None for none; as many as pictures.
             anchors_fit: of all of them.
             white_level: of all of them.
             batch_size: pictures in one run of the network, which is faster on a GPU.
@@ -200,29 +205,36 @@ class DepthModel:
         points = None if anchors is None else anchor_points(anchors, anchors_fit)
         check_levels(white_level)
         _check_several(pictures, batch_size, workers)
-        for text in self._focal_warnings(camera, points):
-            warnings.warn(text, DepthcliWarning, stacklevel=2)
+        if not (anchors is None or anchors_each is None):
+            raise UsageError("give anchors of all images, or of each, not both")
+        known: Iterable[AnchorPoints | None] = itertools.repeat(points)
+        if anchors_each is None:
+            for text in self._focal_warnings(camera, points):
+                warnings.warn(text, DepthcliWarning, stacklevel=2)
+        else:
+            known = (None if a is None else anchor_points(a, anchors_fit) for a in anchors_each)
 
-        def predicted(batch: list[Picture | Exception]) -> list[_Displayed | Exception]:
+        def predicted(batch: list[_Task | Exception]) -> list[_Displayed | Exception]:
             frames, problem = list[Frame](), list[_Displayed | Exception]()
-            for picture in batch:
+            for task in batch:
                 try:
-                    if isinstance(picture, Exception):
-                        raise picture  # noqa: TRY301 - as one that is raised here
-                    level = None if isinstance(picture, Frame) else white_level
-                    frames.append(frame_of(picture, level))
+                    if isinstance(task, Exception):
+                        raise task  # noqa: TRY301 - as one that is raised here
+                    level = None if isinstance(task[0], Frame) else white_level
+                    frames.append(frame_of(task[0], level))
                 except Exception as error:  # noqa: BLE001 - raised at its position
                     problem.append(error)
                     break
-            cameras, known = [camera] * len(frames), [points] * len(frames)
-            found = self.pipeline.predict_many(frames, cameras, known)
+            own = [task[1] for task in batch[: len(frames)] if not isinstance(task, Exception)]
+            found = self.pipeline.predict_many(frames, [camera] * len(frames), own)
             done = zip(found, frames, strict=True)
             return [
                 *(one if isinstance(one, Exception) else _displayed(one, f) for one, f in done),
                 *problem,
             ]
 
-        batches = _batches(pictures, batch_size, white_level)
+        tasks = zip(pictures, known, strict=anchors_each is not None)
+        batches = _batches(tasks, batch_size, white_level)
         return _maps(ordered_map(predicted, batches, workers=workers))
 
     def _focal_warnings(self, camera: Intrinsics, points: AnchorPoints | None) -> tuple[str, ...]:

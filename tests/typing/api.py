@@ -55,6 +55,7 @@ model.predict(Image.open("room.jpg"))
 
 assert_type(model.predict_many(Path().glob("*.jpg"), workers=4), Iterator[depthcli.DepthMap])
 model.predict_many([camera_frame, camera_frame], batch_size=2)
+model.predict_many(["a.png", "b.png"], anchors_each=[np.zeros((9, 3)), None])
 model.predict_many(depthcli.VideoSource("walk.mp4").frames())
 
 read = depthcli.read_depth("depth.exr")
