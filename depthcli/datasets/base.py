@@ -106,6 +106,7 @@ class DepthDataset(ABC):
 NYU = "NYU Depth v2"
 TRAIN_IDS = "nyu_train_ids"  #: field of a card's ``training``: pairs of NYU, :func:`compact`
 ALL_PAIRS = "all"  #: name of the split of a data set without one: all of its pairs are test pairs
+HELD_OUT = "held-out"  #: name of the split of pairs of one's own that training runs held out
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000
 _COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
@@ -123,7 +124,7 @@ class SplitName(StrEnum):
 class Split:
     """Positions in a data set."""
 
-    name: str  #: a :class:`SplitName`, or ``ALL_PAIRS``
+    name: str  #: a :class:`SplitName`, ``ALL_PAIRS`` or ``HELD_OUT``
     train: tuple[int, ...]  #: positions of the training pairs in the data set
     test: tuple[int, ...]  #: positions of the test pairs in the data set
     train_count: int  #: training pairs of the complete split

@@ -195,7 +195,7 @@ def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions
             is_run, card = predictor.run is not None, predictor.pipeline.card
         name = group_of[predictor.name] if is_run else predictor.name
         overlap = None if card is None else train_overlap(card, task)
-        mark = "" if card is None else train_mark(predictor.name, card, task, overlap)
+        mark = "" if card is None or is_run else train_mark(predictor.name, card, task, overlap)
         entry = entry_for(predictor, options.alignments, overlap, mark)
         groups.setdefault(name if is_run else id(predictor), (name, []))[1].append(entry)
     return [_Line(name, tuple(entries)) for name, entries in groups.values()]

@@ -234,7 +234,8 @@ def fit_trivial(
             if not counts.size:
                 sums, counts = np.zeros(depth_m.shape), np.zeros(depth_m.shape, np.int64)
             if depth_m.shape != sums.shape:
-                raise DatasetError(f"depth of {dataset.ids[i]} has another size than the others")
+                told = f"depth of {dataset.ids[i]} has another size than the others"
+                raise DatasetError(told, "leave out the baselines with {no_trivial}")
             valid_mask = (depth_m > min_m) & (depth_m < max_m)
             np.add(sums, depth_m, out=sums, where=valid_mask)
             counts += valid_mask

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from depthcli.core.options import Alignment, Part
-from depthcli.datasets.base import ALL_PAIRS, SplitName
+from depthcli.datasets.base import ALL_PAIRS, HELD_OUT, SplitName
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
@@ -170,7 +170,7 @@ class EvalReport:
     def title(self) -> str:
         """Data set, split, number of images and protocol in one line."""
         if self.has_training:
-            held_out = self.split == SplitName.VAL
+            held_out = self.split in {SplitName.VAL, HELD_OUT}
             split = "scenes that the runs held out" if held_out else self.split
         else:
             split = "all pairs" if self.split == ALL_PAIRS else f"{self.split} split"

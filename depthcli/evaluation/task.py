@@ -14,7 +14,7 @@ from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.predictors import Sample
 from depthcli.evaluation.protocol import FULL_SIZE_PX
 from depthcli.models.card import ModelCard
-from depthcli.training.provenance import TrainedRun
+from depthcli.training.provenance import TrainedRun, common_ids
 
 TRAIN_SPLIT = "nyu_split"  #: field of a card: the split whose training scenes it was trained on
 _NYU_NAME = re.compile(r"0\d{3}|1[0-4]\d\d")
@@ -85,25 +85,25 @@ def plan_runs(
     runs: Sequence[TrainedRun],
     split: base.SplitName = base.SplitName.VAL,
     limit: int | None = None,
+    title: str = base.NYU,
 ) -> EvalTask:
     """Choose images that no run was trained on, at most ``limit``, evenly over the split.
 
-    ``val`` is the pairs that the runs held out.
+    ``val`` is the pairs that the runs held out, of NYU Depth v2 or, with another title, of a folder
+    of one's own.
     """
-    if not all(map(base.is_label, dataset.ids)):
-        advice = "compare (exported) models on pairs of your own with 'depthcli eval pairs'"
-        raise DatasetError("the data set is not NYU Depth v2", advice)
-    whole = _held_out(dataset, runs) if split is base.SplitName.VAL else plan_nyu(dataset, split)
+    is_held_out = split is base.SplitName.VAL
+    whole = _held_out(dataset, runs, title) if is_held_out else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:
-        seen = set(run.nyu_ids).intersection(map(base.label_id, task.ids))
+        seen = common_ids(base.NYU if task.is_nyu else run.data, task.ids, run.seen_ids)
         if seen:
             told = f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test images"
             raise UsageError(told, "choose another {split}, or omit it")
     return task
 
 
-def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun]) -> EvalTask:
+def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun], title: str) -> EvalTask:
     first = runs[0]
     for run in runs:
         if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
@@ -118,9 +118,8 @@ def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun]) -> EvalTas
         raise DatasetError(told, "give the data set that they were trained on")
     train = tuple(places[i] for i in first.train_ids)
     test = tuple(places[i] for i in first.held_out_ids)
-    return EvalTask(
-        dataset, base.Split(base.SplitName.VAL, train, test, len(train), len(test)), test
-    )
+    name = base.SplitName.VAL if title == base.NYU else base.HELD_OUT
+    return EvalTask(dataset, base.Split(name, train, test, len(train), len(test)), test, title)
 
 
 def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:

@@ -236,9 +236,12 @@ def open_run(folder: Path) -> TrainedRun:
         epochs_planned=config.optim.epochs,
         steps=state.step,
         minutes=state.seconds / 60,
+        data=provenance.data,
+        units_per_metre=config.data.units_per_metre,
+        max_m=config.output.max_m,
         train_ids=provenance.train_ids,
         held_out_ids=provenance.held_out_ids,
-        nyu_ids=provenance.seen_ids.get(datasets.NYU, ()),
+        seen_ids=provenance.seen_ids,
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from depthcli.core.options import AnchorsFit, Mask, UpsamplingOptions, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.datasets.base import DepthDataset, SplitName, opener_of
+from depthcli.datasets.base import NYU, DepthDataset, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
 from depthcli.datasets.prompts import Prompt
@@ -27,13 +27,14 @@ from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pai
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import measure_latencies, network_run
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions
+from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text
 from depthcli.io.storage.temporary import temporary_folder
-from depthcli.training.provenance import TrainedRun
+from depthcli.metrics.pixels import MAX_DEPTH_M
+from depthcli.training.provenance import TrainedRun, data_set
 
 _OWN_CSV, _OWN_HTML = b"name,source,align,", b"<footer>depthcli "
 _SECONDS_A_NETWORK = 0.9
-_RAW_WEIGHTS = "weights of the last step, not their moving average"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +79,12 @@ def run_evaluation(
     warn: Callable[[str], object] = lambda _text: None,
 ) -> EvalResult:
     """Make the table; ``warn`` is called with warnings about models and predictions."""
-    options, failed = request.options, list[str]()
+    failed = list[str]()
     runs = _open_runs(request.runs, failed) if request.runs else []
+    if request.split is SplitName.VAL and any(data_set(run.data) != NYU for run in runs):
+        request = _on_own_pairs(request, runs)
     task = _plan_task(request, runs)
+    options = request.options
     positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
     trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if not (request.models or request.predictions or runs or trivial):
@@ -102,20 +106,24 @@ def run_evaluation(
         about_models = (text for model in models for text in model.pipeline.session.warnings)
         about_files = (text for file in files for text in file.warnings)
         compared: list[Predictor] = [*models, *files]
-        for text in dict.fromkeys((*task.dataset.warnings, *about_models, *about_files)):
+        about_data = () if runs else task.dataset.warnings  # which training gave
+        for text in dict.fromkeys((*about_data, *about_models, *about_files)):
             warn(text)
         report = table.evaluate(task, compared, options, progress)
         for text in _doubts(report):
             warn(text)
-        if runs and request.weights is Weights.RAW:
-            report = replace(report, notes=(*report.notes, _RAW_WEIGHTS))
-        if request.prompt:
-            told = f"the models are given known depth of these images, {request.prompt}"
-            report = replace(report, notes=(*report.notes, told))
+        report = replace(report, notes=(*report.notes, *_notes(request)))
         shown, figures = _shown(compared, report), tuple[Figure, ...]()
         if positions and shown:
             figures = draw_figures(task, positions, shown, progress)
     return EvalResult(report, figures, tuple(failed))
+
+
+def _notes(request: EvalRequest) -> Iterator[str]:
+    if request.weights is Weights.RAW:
+        yield "weights of the last step, not their moving average"
+    if request.prompt:
+        yield f"the models are given known depth of these images, {request.prompt}"
 
 
 def _doubts(report: EvalReport) -> Iterator[Message]:
@@ -128,10 +136,21 @@ def _doubts(report: EvalReport) -> Iterator[Message]:
             yield Message(problem, "state what it holds with {predictions_kind}")
 
 
+def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalRequest:
+    """The request for runs of a folder of one's own, whose unit and range are the runs'."""
+    unit, max_m = runs[0].units_per_metre, max(MAX_DEPTH_M, *(run.max_m for run in runs))
+    protocol = replace(request.options.protocol, full_size_px=None, max_m=max_m)
+    options = replace(request.options, protocol=protocol, published=False)
+    truth = DepthReadOptions(scale=None if unit == MILLIMETRES else unit)
+    return replace(request, split=None, truth=truth, options=options)
+
+
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
     if request.split is None:
-        name = request.data.resolve().name
-        return plan_pairs(_open_pairs(request), name, request.limit)
+        pairs, name = _open_pairs(request), request.data.resolve().name
+        if runs:
+            return plan_runs(pairs, runs, limit=request.limit, title=name)
+        return plan_pairs(pairs, name, request.limit)
     dataset = open_nyu(request.data)
     if runs:
         return plan_runs(dataset, runs, request.split, request.limit)

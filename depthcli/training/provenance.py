@@ -115,18 +115,16 @@ def ids_of_card(card: ModelCard) -> PairIds:
     return {NYU: tuple(f"{number:04d}" for number in numbers)}
 
 
-def common_ids(
-    data: TrainingData, ids: Iterable[str], seen: Mapping[str, Sequence[str]]
-) -> set[str]:
+def common_ids(title: str, ids: Iterable[str], seen: Mapping[str, Sequence[str]]) -> set[str]:
     """Ids of a data set's pairs that are also in a record of pairs by data set."""
-    name = data_set(data.title)
+    name = data_set(title)
     own = set(map(base.label_id, ids)) if name == NYU else set(ids)
     return own.intersection(seen.get(name, ()))
 
 
 def check_pseudo_labels(data: TrainingData, provenance: DataProvenance) -> None:
     """Check that the pseudo labels have none of the pairs that the run holds out."""
-    common = common_ids(data, provenance.held_out_ids, provenance.pseudo_label_ids)
+    common = common_ids(data.title, provenance.held_out_ids, provenance.pseudo_label_ids)
     if common:
         raise DatasetError(
             f"the pseudo labels contain {len(common)} of the held-out pairs of "
@@ -208,9 +206,12 @@ class TrainedRun:
     epochs_planned: int  #: epochs of the whole schedule
     steps: int  #: optimization steps done
     minutes: float  #: training time in minutes
+    data: str  #: name of its data set, as in model cards
+    units_per_metre: float  #: of that, as configured
+    max_m: float  #: farthest depth of its output, metres
     train_ids: tuple[str, ...]  #: pairs it was trained on
     held_out_ids: tuple[str, ...]  #: pairs it was validated on
-    nyu_ids: tuple[str, ...]  #: pairs of NYU that it or its init weights were trained on
+    seen_ids: PairIds  #: pairs that it or its init weights were trained on
 
     @property
     def name(self) -> str:

@@ -291,7 +291,7 @@ def fit(
     for follower in followers:
         follower.on_train_start(
             lacks_scenes=bool(config.data.holdout_every) and not held_out,
-            seen_held_out=len(provenance.common_ids(data, held_out, seen)),
+            seen_held_out=len(provenance.common_ids(data.title, held_out, seen)),
             warnings=data.warnings,
         )
     started, before = time.monotonic(), run.state

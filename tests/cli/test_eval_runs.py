@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 from helpers.rooms import large_rooms, write_rooms
 from helpers.tiny import load
@@ -18,9 +19,9 @@ from lightning_fabric import Fabric
 from depthcli.cli.app import main
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
-from depthcli.datasets.base import DepthDataset
 from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.training_data import NYU_PAPER, TrainingData
+from depthcli.datasets.training_data import NYU_PAPER, TrainingData, open_training_data
+from depthcli.errors import ExitCode
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import TrainConfig, updated
 from depthcli.training.methods.registry import default_config
@@ -38,10 +39,8 @@ def _config(method: str, seed: int = 0) -> TrainConfig:
     return replace(updated(default_config(method), SMALL), seed=seed)
 
 
-def _train(config: TrainConfig, data: DepthDataset, folder: Path, steps: float = math.inf) -> None:
-    fabric = Fabric(accelerator="cpu", devices=1)
-    opened = TrainingData(data, NYU_PAPER, None)
-    fit(config, opened, folder, fabric, Callback(), max_steps=steps)
+def _train(config: TrainConfig, data: TrainingData, folder: Path, steps: float = math.inf) -> None:
+    fit(config, data, folder, Fabric(accelerator="cpu", devices=1), Callback(), max_steps=steps)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +52,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def trained(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two seeds of FastCUT, one run of the proposed method that stopped early."""
     folder = tmp_path_factory.mktemp("runs")
-    dataset = open_nyu(data)
+    dataset = TrainingData(open_nyu(data), NYU_PAPER, None)
     for seed in (0, 1):
         _train(_config("fastcut", seed), dataset, folder / f"fastcut-seed{seed}")
     _train(_config("proposed"), dataset, folder / "proposed-seed0", steps=5)
@@ -146,11 +145,48 @@ def test_text_csv_and_page_show_the_same_table(
     assert sheet.shape[1] > 4 * 240  # input, two methods, truth, and the legend
 
 
+def test_runs_on_pairs_of_ones_own_are_compared_on_their_scenes_that_were_held_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of sizes and cameras of their own, in the unit and up to the depth of the runs."""
+    yard, numbers = tmp_path / "yard", np.random.default_rng(0)
+    for scene in "abcd":
+        size, depth_m = (48, 64) if scene < "c" else (36, 48), 20 + 8 * ord(scene) % 7
+        for kind, values in (
+            ("rgb", numbers.integers(0, 255, (*size, 3), np.uint8)),
+            ("depth", numbers.integers(0, 256 * depth_m, size).astype(np.uint16)),
+        ):
+            (yard / kind / scene).mkdir(parents=True)
+            cv2.imwrite(str(yard / kind / scene / "0.png"), values)
+    (yard / "cameras.csv").write_text("id,focal_px\na/0,90\nb/0,50\nc/0,40\nd/0,40")
+    own = {"data": {"units_per_metre": 256.0}, "output": {"max_m": 30.0}}
+    opened = open_training_data(yard, paired=True, units_per_metre=256)
+    for seed in (0, 1):
+        config, run = updated(_config("proposed", seed), own), f"proposed-seed{seed}"
+        _train(config, opened, tmp_path / "runs" / run)
+    assert _run(tmp_path / "runs", yard) == ExitCode.USAGE  # no mean of pixels of two sizes
+    assert "--no-trivial" in capsys.readouterr().err
+    assert _run(tmp_path / "runs", yard, "--no-trivial", "--json") == 0
+    document = _json(capsys)
+    ((row,), split) = document["rows"], document["split"]
+    assert (document["dataset"], split["name"], split["images"]) == ("yard", "held-out", 2)
+    assert "note" not in row
+    words = ["eval", "pairs", str(yard), "--png-scale", "256", "--max-depth", "30", "--json"]
+    for one in row["runs"]:
+        model = str(tmp_path / "runs" / one["name"] / "evaluated.onnx")
+        assert main([*words, "--per-image", "--model", model]) == 0
+        (every,) = _json(capsys)["rows"]
+        held_out = [i["abs_rel"] for i in every["per_image"] if i["id"] in {"b/0", "d/0"}]
+        assert one["scores"]["abs_rel"] == pytest.approx(sum(held_out) / 2, abs=1e-9)
+
+
 def test_averaged_and_raw_weights_are_models_of_their_own(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = updated(_config("proposed"), {"optim": {"ema": 0.9}})
-    _train(config, open_nyu(data), tmp_path / "runs" / "proposed-seed0")
+    _train(
+        config, TrainingData(open_nyu(data), NYU_PAPER, None), tmp_path / "runs" / "proposed-seed0"
+    )
     quiet = ("--json", "--no-trivial", "--no-published")
     documents = []
     for weights in ("averaged", "raw", "averaged"):

@@ -15,7 +15,8 @@ from helpers.small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_se
 from helpers.tiny import write_model
 
 from depthcli.core.options import Alignment, Averaging
-from depthcli.datasets.base import Split, SplitName
+from depthcli.datasets.base import HELD_OUT, NYU, Split, SplitName
+from depthcli.datasets.training_data import NYU_PAPER
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import (
     EvalOptions,
@@ -49,7 +50,10 @@ RUN = TrainedRun(
     minutes=1.23456,
     train_ids=("0002", "0003", "0004"),
     held_out_ids=("0005", "0001"),
-    nyu_ids=("0002", "0003", "0004"),
+    data=NYU_PAPER,
+    units_per_metre=1000.0,
+    max_m=10.0,
+    seen_ids={NYU: ("0002", "0003", "0004")},
 )
 LONGER = replace(RUN, seed=1, epochs=3, steps=60, minutes=2.5)
 
@@ -204,20 +208,24 @@ def test_notes(task: EvalTask, models: list[ModelPredictor]) -> None:
 
 
 def test_a_title_states_the_part_of_a_split(models: list[ModelPredictor]) -> None:
-    runs = [replace(model.run, train_ids=("0003",), nyu_ids=("0003",)) for model in models]
+    runs = [replace(model.run, train_ids=("0003",), seen_ids={NYU: ("0003",)}) for model in models]
     report = _report(plan_runs(small_set(), runs, SplitName.OFFICIAL, limit=1), models)
     assert report.title == f"NYU Depth v2 · official, 1 of 654 images · protocol: {PROTOCOL.name}"
 
 
 def test_ids_of_custom_pairs_do_not_count_as_nyu() -> None:
-    own = _run("a", train_ids=("0000", "0002"), nyu_ids=())
+    own = _run("a", train_ids=("0000", "0002"), seen_ids={"own": ("0000",)})
     assert plan_runs(small_set(), [own], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
 
 
-def test_runs_are_compared_on_nyu_only() -> None:
-    own = _run("a", held_out_ids=("1449",), train_ids=("1450",))
-    with pytest.raises(DatasetError):
-        plan_runs(small_set(2, first=1449), [own])
+def test_pairs_of_ones_own_must_not_have_been_trained_on() -> None:
+    dataset, own = small_set(2, first=1449), "own pairs (yard)"
+    run = _run("a", data=own, held_out_ids=("1449",), train_ids=("1450",), seen_ids={})
+    task = plan_runs(dataset, [run], title="yard")
+    assert (task.ids, task.is_nyu, task.title) == (("1449",), False, "yard")
+    assert task.split == Split(HELD_OUT, (1,), (0,), 1, 1)
+    with pytest.raises(UsageError):
+        plan_runs(dataset, [replace(run, seen_ids={own: ("1449",)})], title="yard")
 
 
 @pytest.mark.parametrize(
@@ -228,7 +236,7 @@ def test_runs_are_compared_on_nyu_only() -> None:
         [_run("a", held_out_ids=())],
         [_run("a", held_out_ids=("0001", "0099"))],
         [_run("a", train_ids=("0098", "0099"))],
-        [_run("a", nyu_ids=("0001", "0005"))],
+        [_run("a", seen_ids={NYU: ("0001", "0005")})],
     ],
     ids=["held out", "trained on", "none held out", "lost test", "lost training", "seen"],
 )

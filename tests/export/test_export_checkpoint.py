@@ -331,7 +331,10 @@ def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
         minutes=1.5,
         train_ids=("0001", "0003"),
         held_out_ids=("0002",),
-        nyu_ids=("0001", "0003"),
+        data=NYU_PAPER,
+        units_per_metre=1000.0,
+        max_m=config.output.max_m,
+        seen_ids={NYU: ("0001", "0003")},
     )
     assert open_run(folder).name == "proposed-seed7"
 

@@ -243,8 +243,9 @@ def runs(
     folder: Path = typer.Argument(..., metavar="RUNS", help="The --out folder of depthcli train."),
     *,
     data: Path = typer.Option(
-        ..., envvar="DEPTHCLI_NYU", help="NYU Depth v2, which the runs were trained on."
+        ..., envvar="DEPTHCLI_NYU", help="NYU Depth v2 or the folder that the runs were trained on."
     ),
+    names: groups.PatternOptions,
     split: SplitName = typer.Option(
         SplitName.VAL,
         help="val: scenes held out by the runs. paper, official: test part of the split, if "
@@ -276,7 +277,7 @@ def runs(
     runner = parse.session_loader(None, table.runtime)
     of_runs = EvalRequest(data, runs=folder, weights=weights, runner=runner, split=split)
     shown = replace(of_runs, limit=table.limit, shown_ids=table.shown_ids, options=options)
-    return _run(shown, table)
+    return _run(replace(shown, patterns=names.patterns), table)
 
 
 @app.command(cls=Command)
