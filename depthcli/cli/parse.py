@@ -294,16 +294,14 @@ def listed(words: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(dict.fromkeys(filter(None, items)))
 
 
-FORMAT_OPTIONS: dict[str, Collection[str]] = {
-    str(name): facts.parameters for name, facts in FORMATS.items()
-}  #: the options that each format uses, by parameter name
-NORMALIZED = "png16 with --png-normalize or --png-inverse"
-RANGE_OPTIONS: dict[str, Collection[str]] = {NORMALIZED: Format.PNG16.facts.range_options}
-CLOUDS, DISTANCES = "clouds of known depth", "known distances along the ray"
-KNOWN_DEPTH_OPTIONS: dict[str, Collection[str]] = {
+_NORMALIZED = "png16 with --png-normalize or --png-inverse"
+_RANGE_OPTIONS = {_NORMALIZED: Format.PNG16.facts.range_options}
+CLOUDS, _DISTANCES = "clouds of known depth", "known distances along the ray"
+OUTPUT_OPTIONS: Mapping[str, Collection[str]] = {
+    **{str(name): facts.parameters for name, facts in FORMATS.items()},
     CLOUDS: ("centre_px", "extrinsics"),
-    DISTANCES: ("centre_px",),
-}  #: the options that each kind of known depth uses, by parameter name
+    _DISTANCES: ("centre_px",),
+}  #: the options that each format, or kind of known depth, uses, by parameter name
 INPUT_OPTIONS: Mapping[str, Collection[str]] = {
     "EXR": ("exposure", "layer"),
     "PNG and TIFF": ("white_level", "black_level"),
@@ -329,18 +327,21 @@ def without_effect(
     return warnings
 
 
-def range_kinds(formats: Iterable[str], writing: WriterOptions) -> set[str]:
-    """The kind of :data:`RANGE_OPTIONS`, if a format has normalized integers."""
-    is_ranged = any(name in FORMATS and FORMATS[Format(name)].range_options for name in formats)
-    return {NORMALIZED} if is_ranged and writing.is_normalized else set()
-
-
-def known_depth_kinds(known: AnchorFiles | tuple[Anchor, ...]) -> set[str]:
-    """The kinds of known depth that there are or may be, for :data:`KNOWN_DEPTH_OPTIONS`."""
-    if isinstance(known, tuple):
-        return set()
-    kinds = {CLOUDS} if known.may_be_clouds else set()
-    return kinds | ({DISTANCES} if known.may_be_distances else set())
+def unused_by_outputs(
+    given: Mapping[str, str],
+    formats: Iterable[str],
+    writing: WriterOptions,
+    known: AnchorFiles | tuple[Anchor, ...] = (),
+    used_by: Mapping[str, Collection[str]] = OUTPUT_OPTIONS,
+) -> list[str]:
+    """Warnings about options of other formats, and of known depth that there is not."""
+    kinds = {*formats}
+    if writing.is_normalized and kinds & {name for name in FORMATS if FORMATS[name].range_options}:
+        kinds.add(_NORMALIZED)
+    if not isinstance(known, tuple):
+        kinds |= {CLOUDS} if known.may_be_clouds else set()
+        kinds |= {_DISTANCES} if known.may_be_distances else set()
+    return without_effect(given, {**used_by, **_RANGE_OPTIONS}, kinds)
 
 
 def image_kinds(names: Iterable[str]) -> set[str]:

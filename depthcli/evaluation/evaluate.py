@@ -226,15 +226,16 @@ def _mean_row(
 
 def _training_of(line: _Line) -> report.Training:
     runs = [run for _, run in line.runs]
+    first, states = runs[0].config, [run.state for run in runs]
     return report.Training(
-        seeds=tuple(run.seed for run in runs),
-        paired=runs[0].paired,
+        seeds=tuple(run.config.seed for run in runs),
+        paired=first.data.paired,
         parameters=runs[0].parameters,
         latency_ms=float(np.mean([model.latency_ms for model, _ in line.runs])),
-        epochs=tuple(run.epochs for run in runs),
-        epochs_planned=runs[0].epochs_planned,
-        steps=tuple(run.steps for run in runs),
-        minutes=tuple(run.minutes for run in runs),
+        epochs=tuple(state.epoch for state in states),
+        epochs_planned=first.optim.epochs,
+        steps=tuple(state.step for state in states),
+        minutes=tuple(state.seconds / 60 for state in states),
     )
 
 
@@ -269,7 +270,7 @@ def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iter
             "ms: median of the network alone for one image, onnxruntime on "
             f"{', '.join(providers)}, measured in turns in this run"
         )
-        short = [run.name for _, run in runs if run.epochs < run.epochs_planned]
+        short = [run.name for _, run in runs if run.state.epoch < run.config.optim.epochs]
         if short:
             yield f"stopped before their schedule's end: {', '.join(short)}"
         if options.published and split.name != SplitName.PAPER:

@@ -96,7 +96,8 @@ def plan_runs(
     whole = _held_out(dataset, runs, title) if is_held_out else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:
-        seen = common_ids(base.NYU if task.is_nyu else run.data, task.ids, run.seen_ids)
+        data = run.provenance
+        seen = common_ids(base.NYU if task.is_nyu else data.data, task.ids, data.seen_ids)
         if seen:
             told = f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test images"
             raise UsageError(told, "choose another {split}, or omit it")
@@ -105,19 +106,20 @@ def plan_runs(
 
 def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun], title: str) -> EvalTask:
     first = runs[0]
+    train_ids, held_out_ids = first.provenance.train_ids, first.provenance.held_out_ids
     for run in runs:
-        if (run.held_out_ids, run.train_ids) != (first.held_out_ids, first.train_ids):
+        if (run.provenance.train_ids, run.provenance.held_out_ids) != (train_ids, held_out_ids):
             told = f"{first.name} and {run.name} were trained on or hold out different pairs"
             raise UsageError(told, "compare them separately, or on another {split}")
-    if not first.held_out_ids:
+    if not held_out_ids:
         raise UsageError(f"{first.name} held out no pair", "compare on another {split}")
     places = {name: i for i, name in enumerate(dataset.ids)}
-    missing = [i for i in (*first.held_out_ids, *first.train_ids) if i not in places]
+    missing = [i for i in (*held_out_ids, *train_ids) if i not in places]
     if missing:
         told = f"{len(missing)} pairs of the runs are not here (first: {missing[0]})"
         raise DatasetError(told, "give the data set that they were trained on")
-    train = tuple(places[i] for i in first.train_ids)
-    test = tuple(places[i] for i in first.held_out_ids)
+    train = tuple(places[i] for i in train_ids)
+    test = tuple(places[i] for i in held_out_ids)
     name = base.SplitName.VAL if title == base.NYU else base.HELD_OUT
     return EvalTask(dataset, base.Split(name, train, test, len(train), len(test)), test, title)
 
@@ -131,7 +133,7 @@ def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...
     for run in runs:
         groups.setdefault(_SEED.sub("", run.name), []).append(run)
     for members in groups.values():
-        settings, seeds = {run.settings for run in members}, {run.seed for run in members}
+        settings, seeds = {run.settings for run in members}, {run.config.seed for run in members}
         if len(settings) > 1 or len(seeds) < len(members):
             names = ", ".join(run.name for run in members)
             told = f"{names} are not seeds of one configuration, data and initial weights"

@@ -25,8 +25,7 @@ from depthcli.models import card as cards
 from depthcli.models import catalog
 from depthcli.models.card import ModelCard
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
-from depthcli.training.config import TrainConfig
-from depthcli.training.provenance import DataProvenance, TrainedRun, data_set
+from depthcli.training.provenance import TrainedRun, data_set
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,31 +224,8 @@ def find_runs(folder: Path) -> tuple[Path, ...]:
 def open_run(folder: Path) -> TrainedRun:
     """Facts about a run from its checkpoint."""
     generator, saved = load_generator(folder / CHECKPOINT)
-    config, state, provenance = saved.config, saved.state, saved.provenance
-    return TrainedRun(
-        folder=folder,
-        seed=config.seed,
-        settings=_settings(config, provenance),
-        paired=config.data.paired,
-        parameters=sum(weights.numel() for weights in generator.parameters()),
-        epochs=state.epoch,
-        epochs_planned=config.optim.epochs,
-        steps=state.step,
-        minutes=state.seconds / 60,
-        data=provenance.data,
-        units_per_metre=config.data.units_per_metre,
-        max_m=config.output.max_m,
-        train_ids=provenance.train_ids,
-        held_out_ids=provenance.held_out_ids,
-        seen_ids=provenance.seen_ids,
-    )
-
-
-def _settings(config: TrainConfig, data: DataProvenance) -> str:
-    settings = dataclasses.asdict(dataclasses.replace(config, seed=0))
-    labels = [data.pseudo_labels, data.pseudo_label_ids, data.pseudo_label_fingerprint]
-    sources = [data.data, data.train_ids, labels, data.init_weights]
-    return json.dumps([settings, sources])
+    parameters = sum(weights.numel() for weights in generator.parameters())
+    return TrainedRun(folder, saved.config, saved.state, saved.provenance, parameters)
 
 
 def export_run(run: TrainedRun, fallback_folder: Path, weights: Weights = Weights.AVERAGED) -> Path:

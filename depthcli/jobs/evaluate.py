@@ -81,7 +81,7 @@ def run_evaluation(
     """Make the table; ``warn`` is called with warnings about models and predictions."""
     failed = list[str]()
     runs = _open_runs(request.runs, failed) if request.runs else []
-    if request.split is SplitName.VAL and any(data_set(run.data) != NYU for run in runs):
+    if request.split is SplitName.VAL and any(data_set(run.provenance.data) != NYU for run in runs):
         request = _on_own_pairs(request, runs)
     task = _plan_task(request, runs)
     options = request.options
@@ -138,7 +138,8 @@ def _doubts(report: EvalReport) -> Iterator[Message]:
 
 def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalRequest:
     """The request for runs of a folder of one's own, whose unit and range are the runs'."""
-    unit, max_m = runs[0].units_per_metre, max(MAX_DEPTH_M, *(run.max_m for run in runs))
+    unit = runs[0].config.data.units_per_metre
+    max_m = max(MAX_DEPTH_M, *(run.config.output.max_m for run in runs))
     protocol = replace(request.options.protocol, full_size_px=None, max_m=max_m)
     options = replace(request.options, protocol=protocol, published=False)
     truth = DepthReadOptions(scale=None if unit == MILLIMETRES else unit)

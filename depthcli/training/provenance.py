@@ -4,7 +4,7 @@ import dataclasses
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG
 from depthcli.core.options import Rule
@@ -14,6 +14,9 @@ from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, DatasetError
 from depthcli.models.card import ModelCard
 from depthcli.training.config import DataConfig, TrainConfig
+
+if TYPE_CHECKING:
+    from depthcli.training.checkpoint import TrainState  # needs torch
 
 PairIds: TypeAlias = dict[str, tuple[str, ...]]  #: ids of pairs by data set
 _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
@@ -198,22 +201,20 @@ class TrainedRun:
     """Facts from a run's checkpoint."""
 
     folder: Path  #: its folder
-    seed: int  #: of weights, order and augmentation
-    settings: str  #: all settings but the seed, data and init weights, as JSON
-    paired: bool  #: whether it was trained with aligned pairs of picture and depth
+    config: TrainConfig  #: its configuration
+    state: "TrainState"  #: how far it has come
+    provenance: DataProvenance  #: the data it was trained on
     parameters: int  #: weights of the generator
-    epochs: int  #: whole epochs done
-    epochs_planned: int  #: epochs of the whole schedule
-    steps: int  #: optimization steps done
-    minutes: float  #: training time in minutes
-    data: str  #: name of its data set, as in model cards
-    units_per_metre: float  #: of that, as configured
-    max_m: float  #: farthest depth of its output, metres
-    train_ids: tuple[str, ...]  #: pairs it was trained on
-    held_out_ids: tuple[str, ...]  #: pairs it was validated on
-    seen_ids: PairIds  #: pairs that it or its init weights were trained on
 
     @property
     def name(self) -> str:
         """Name of its folder."""
         return self.folder.resolve().name
+
+    @property
+    def settings(self) -> str:
+        """All settings but the seed, data and init weights, as JSON."""
+        settings, data = dataclasses.replace(self.config, seed=0), self.provenance
+        labels = [data.pseudo_labels, data.pseudo_label_ids, data.pseudo_label_fingerprint]
+        sources = [data.data, data.train_ids, labels, data.init_weights]
+        return json.dumps([dataclasses.asdict(settings), sources])

@@ -16,7 +16,6 @@ from helpers.tiny import write_model
 
 from depthcli.core.options import Alignment, Averaging
 from depthcli.datasets.base import HELD_OUT, NYU, Split, SplitName
-from depthcli.datasets.training_data import NYU_PAPER
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import (
     EvalOptions,
@@ -34,32 +33,30 @@ from depthcli.evaluation.report import PUBLISHED, EvalReport, ImageScores, Repor
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.depth import METRICS, Scores
-from depthcli.training.provenance import TrainedRun
+from depthcli.training.checkpoint import TrainState
+from depthcli.training.config import DataConfig, OptimConfig, TrainConfig
+from depthcli.training.provenance import DataProvenance, TrainedRun
 
 PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
 NONE, MEDIAN = Alignment.NONE, Alignment.MEDIAN
 RUN = TrainedRun(
-    folder=Path("x"),
-    seed=0,
-    settings="{}",
-    paired=False,
+    Path("x"),
+    TrainConfig(optim=OptimConfig(epochs_constant=4, epochs_decay=0)),
+    TrainState(step=80, epoch=4, seconds=60 * 1.23456),
+    DataProvenance(train_ids=("0002", "0003", "0004"), held_out_ids=("0005", "0001")),
     parameters=1_234_567,
-    epochs=4,
-    epochs_planned=4,
-    steps=80,
-    minutes=1.23456,
-    train_ids=("0002", "0003", "0004"),
-    held_out_ids=("0005", "0001"),
-    data=NYU_PAPER,
-    units_per_metre=1000.0,
-    max_m=10.0,
-    seen_ids={NYU: ("0002", "0003", "0004")},
 )
-LONGER = replace(RUN, seed=1, epochs=3, steps=60, minutes=2.5)
 
 
-def _run(name: str, run: TrainedRun = RUN, **changes: object) -> TrainedRun:
-    return replace(run, folder=Path(name), **changes)
+def _run(
+    name: str, run: TrainedRun = RUN, seed: int = 0, *, paired: bool = False, **data: object
+) -> TrainedRun:
+    config = replace(run.config, seed=seed, data=DataConfig(paired=paired))
+    provenance = replace(run.provenance, **data)
+    return replace(run, folder=Path(name), config=config, provenance=provenance)
+
+
+LONGER = _run("x", replace(RUN, state=TrainState(step=60, epoch=3, seconds=150)), 1)
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +64,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> list[ModelPredictor]:
     """In no order; each says one depth of every picture, give or take the picture's grey."""
     runs = {
         "zeta": (_run("zeta"), 1.0),
-        "proposed-seed1": (_run("proposed-seed1", LONGER, paired=True), 2.0),
+        "proposed-seed1": (_run("proposed-seed1", LONGER, 1, paired=True), 2.0),
         "proposed-seed0": (_run("proposed-seed0", paired=True), 4.0),
         "cut-seed3": (_run("cut-seed3", seed=3), 3.0),
     }
@@ -198,7 +195,7 @@ def test_notes(task: EvalTask, models: list[ModelPredictor]) -> None:
             "their numbers are not comparable"
         ),
     )
-    whole = [model for model in models if model.run.epochs == 4]
+    whole = [model for model in models if model.run.state.epoch == 4]
     assert _report(task, whole, published=False).notes == notes[:2]
     paper = replace(task, split=replace(task.split, name=SplitName.PAPER, train_count=1000))
     assert _report(paper, whole).notes == (
@@ -208,24 +205,24 @@ def test_notes(task: EvalTask, models: list[ModelPredictor]) -> None:
 
 
 def test_a_title_states_the_part_of_a_split(models: list[ModelPredictor]) -> None:
-    runs = [replace(model.run, train_ids=("0003",), seen_ids={NYU: ("0003",)}) for model in models]
+    runs = [_run("a", model.run, train_ids=("0003",)) for model in models]
     report = _report(plan_runs(small_set(), runs, SplitName.OFFICIAL, limit=1), models)
     assert report.title == f"NYU Depth v2 · official, 1 of 654 images · protocol: {PROTOCOL.name}"
 
 
 def test_ids_of_custom_pairs_do_not_count_as_nyu() -> None:
-    own = _run("a", train_ids=("0000", "0002"), seen_ids={"own": ("0000",)})
+    own = _run("a", data="own", train_ids=("0000", "a2"))
     assert plan_runs(small_set(), [own], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
 
 
 def test_pairs_of_ones_own_must_not_have_been_trained_on() -> None:
     dataset, own = small_set(2, first=1449), "own pairs (yard)"
-    run = _run("a", data=own, held_out_ids=("1449",), train_ids=("1450",), seen_ids={})
+    run = _run("a", data=own, held_out_ids=("1449",), train_ids=("1450",))
     task = plan_runs(dataset, [run], title="yard")
     assert (task.ids, task.is_nyu, task.title) == (("1449",), False, "yard")
     assert task.split == Split(HELD_OUT, (1,), (0,), 1, 1)
     with pytest.raises(UsageError):
-        plan_runs(dataset, [replace(run, seen_ids={own: ("1449",)})], title="yard")
+        plan_runs(dataset, [_run("a", run, init_ids={own: ("1449",)})], title="yard")
 
 
 @pytest.mark.parametrize(
@@ -236,7 +233,7 @@ def test_pairs_of_ones_own_must_not_have_been_trained_on() -> None:
         [_run("a", held_out_ids=())],
         [_run("a", held_out_ids=("0001", "0099"))],
         [_run("a", train_ids=("0098", "0099"))],
-        [_run("a", seen_ids={NYU: ("0001", "0005")})],
+        [_run("a", init_ids={NYU: ("0001", "0005")})],
     ],
     ids=["held out", "trained on", "none held out", "lost test", "lost training", "seen"],
 )
@@ -247,12 +244,12 @@ def test_runs_with_different_or_missing_pairs_are_refused(runs: Sequence[Trained
 
 @pytest.mark.parametrize(
     ("first", "second"),
-    [(_run("a-seed0"), _run("a-seed1", LONGER, settings='{"x": 1}')), (_run("a-seed0"), _run("a"))],
+    [(_run("a-seed0"), _run("a-seed1", LONGER, 1, init_weights="x")), (_run("a-seed0"), _run("a"))],
 )
 def test_a_group_differs_in_its_seeds_alone(first: TrainedRun, second: TrainedRun) -> None:
     with pytest.raises(UsageError):
         group_by_seed([first, second])
-    seeds = _run("a-seed1", LONGER)
+    seeds = _run("a-seed1", LONGER, 1)
     assert group_by_seed([first, seeds, _run("b2")]) == {"a": (first, seeds), "b2": (_run("b2"),)}
 
 

@@ -32,7 +32,6 @@ from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.config import GeneratorConfig
-from depthcli.training.provenance import TrainedRun
 
 
 @pytest.mark.parametrize("config", [EFFICIENT, RESNET], ids=["efficient", "resnet"])
@@ -313,30 +312,13 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_run_is_what_its_checkpoint_says(folder: Path) -> None:
-    config = dataclasses.replace(Checkpoint.load(folder / "last.ckpt").config, seed=0)
-    assert open_run(folder) == TrainedRun(
-        folder=folder,
-        seed=7,
-        settings=json.dumps(
-            [
-                dataclasses.asdict(config),
-                [NYU_PAPER, ("0001", "0003"), ["", {}, ""], "model.onnx 1234"],
-            ]
-        ),
-        paired=True,
-        parameters=sum(weights.numel() for weights in small_network().parameters()),
-        epochs=3,
-        epochs_planned=config.optim.epochs,
-        steps=12,
-        minutes=1.5,
-        train_ids=("0001", "0003"),
-        held_out_ids=("0002",),
-        data=NYU_PAPER,
-        units_per_metre=1000.0,
-        max_m=config.output.max_m,
-        seen_ids={NYU: ("0001", "0003")},
-    )
-    assert open_run(folder).name == "proposed-seed7"
+    run, saved = open_run(folder), Checkpoint.load(folder / "last.ckpt")
+    assert (run.config, run.state, run.provenance) == (saved.config, saved.state, saved.provenance)
+    assert run.parameters == sum(weights.numel() for weights in small_network().parameters())
+    assert (run.name, run.config.seed) == ("proposed-seed7", 7)
+    config, sources = json.loads(run.settings)
+    assert config["seed"] == 0
+    assert sources == [NYU_PAPER, ["0001", "0003"], ["", {}, ""], "model.onnx 1234"]
 
 
 @pytest.mark.parametrize(
@@ -360,7 +342,9 @@ def test_runs_with_other_data_or_initial_weights_are_not_seeds_of_one_row(
     for more, fits in (({"step": 1, "epoch": 0}, True), (other, False)):
         second.mkdir(exist_ok=True)
         write_checkpoint(second / "last.ckpt", **known | more)
-        runs = [open_run(folder), dataclasses.replace(open_run(second), seed=8)]
+        run = open_run(second)
+        other_seed = dataclasses.replace(run.config, seed=8)
+        runs = [open_run(folder), dataclasses.replace(run, config=other_seed)]
         if fits:
             assert len(group_by_seed(runs)["proposed"]) == 2
         else:

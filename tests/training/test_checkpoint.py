@@ -351,7 +351,7 @@ def test_pairs_of_init_weights_are_recorded(tmp_path: Path, first: Path, title: 
     model = later.with_name("model.onnx")
     card = export_checkpoint(later, model, ExportOptions("later")).card
     assert card.training["nyu_train_ids"] == "0000-0005"
-    assert open_run(later.parent).seen_ids[NYU] == SIX
+    assert open_run(later.parent).provenance.seen_ids[NYU] == SIX
     for source in (later, model):
         assert _seen(source)[NYU] == SIX
 

@@ -204,10 +204,8 @@ def batch(
         max_failures=engine.max_failures,
     )
     if not screen.quiet:
-        used_by = parse.FORMAT_OPTIONS | parse.KNOWN_DEPTH_OPTIONS | parse.RANGE_OPTIONS
-        used = {*formats, *parse.known_depth_kinds(options.anchors)}
-        used |= parse.range_kinds(formats, options.writing)
-        console.warn_all(parse.without_effect(given, used_by, used))
+        unused = parse.unused_by_outputs(given, formats, options.writing, options.anchors)
+        console.warn_all(unused)
         console.warn_all(parse.without_effect(given, ENGINE_OPTIONS, (engine.engine,)))
         if inputs.watch and not output.dry_run:
             console.note(f"watching {folder}; Ctrl-C ends")

@@ -111,9 +111,8 @@ def convert(
         console.warn_all(seen_by.warnings)
         of_camera = _CAMERA if depth_file.needs_camera else ()
         written = {name: word for name, word in given.items() if name not in of_camera}
-        used = {format_, *parse.range_kinds([format_], options)}
-        used_by = FORMAT_OPTIONS | parse.RANGE_OPTIONS
-        console.warn_all(parse.without_effect(written, used_by, used))
+        unused = parse.unused_by_outputs(written, [format_], options, used_by=FORMAT_OPTIONS)
+        console.warn_all(unused)
         console.warn_all(parse.without_effect(given, SOURCE_OPTIONS, kinds))
     count = share_cores(workers)[0]
     request = job.ConvertRequest(

@@ -84,10 +84,8 @@ def predict(
     if not screen.quiet:
         console.warn_all(request.warnings)
         kinds = parse.image_kinds(pictures)
-        used_by = parse.FORMAT_OPTIONS | parse.KNOWN_DEPTH_OPTIONS | parse.RANGE_OPTIONS
-        used = {*destination.wanted, *parse.known_depth_kinds(request.anchors)}
-        used |= parse.range_kinds(destination.wanted, request.writing)
-        console.warn_all(parse.without_effect(given, used_by, used))
+        how = request.writing, request.anchors
+        console.warn_all(parse.unused_by_outputs(given, destination.wanted, *how))
         console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
         console.warn_all(f"{safe_name(name)} was written by depthcli; skipped" for name in own)
     from depthcli.cli.screen.results import print_result

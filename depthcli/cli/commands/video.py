@@ -238,11 +238,10 @@ def video(
         is_numbered = stream is None and is_sequence(file)
         kinds = {*parse.INPUT_OPTIONS} - {"videos"} if is_numbered else {"videos", "PNG and TIFF"}
         console.warn_all(settings.camera.warnings)
-        used_by = FORMAT_OPTIONS | {parse.CLOUDS: ("extrinsics",)} | parse.RANGE_OPTIONS
-        used = {*destination.wanted, *parse.known_depth_kinds(settings.anchors)}
-        used |= parse.range_kinds(destination.wanted, settings.writing)
-        used |= set() if page is None else {VideoFormat.MP4}
-        console.warn_all(parse.without_effect(given, used_by, used))
+        formats = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
+        used_by = FORMAT_OPTIONS | {parse.CLOUDS: ("extrinsics",)}
+        how = settings.writing, settings.anchors, used_by
+        console.warn_all(parse.unused_by_outputs(given, formats, *how))
         console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
     result: VideoResult | FailedInput
     try:
