@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,9 @@ from helpers.rooms import write_rooms
 from helpers.runs import finished, inside
 
 from depthcli.cli.app import main
+from depthcli.cli.screen.training import TextCallback
 from depthcli.core.parallel import usable_cores
-from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.checkpoint import Checkpoint, TrainState
 
 TINY = """
 [generator]
@@ -155,3 +157,21 @@ def test_without_scenes_nothing_is_validated_and_a_warning_says_so(folder: Path)
     assert done.stderr.startswith("depthcli: warning: ")
     assert json.loads(done.stdout.splitlines()[-1])["scores"] == {}
     assert _train(folder, "--set", "seed=1", "--out", "other", "--quiet").stderr == ""
+
+
+def test_the_line_of_an_epoch_has_rate_and_time_to_go(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first step is not measured, so that it alone has no rate."""
+    clock_s = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock_s[0])
+    with ExitStack() as stack:
+        text = TextCallback(stack)
+        for step in (1, 2):
+            text.on_step_end(TrainState(step=step), 4, {"l1": 0.5})
+            clock_s[0] += 40
+            text.on_epoch_end(TrainState(step=step, epoch=step))
+    assert capsys.readouterr().err.splitlines() == [
+        "epoch 1  step 1/4  l1 0.5000",
+        "epoch 2  step 2/4  l1 0.5000  0.01 steps/s  2:40 to go",
+    ]

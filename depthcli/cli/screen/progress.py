@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _LINE_EVERY_S = 10.0
 _BAR_EVERY_S = 0.2
+_FAST = 10.0  # units per second, of which one decimal is shown
 
 
 class Stage:
@@ -51,14 +52,15 @@ class Stage:
         self._shown_s = now_s
         return True
 
-    def _speed(self) -> str:
+    def speed(self) -> str:
         """Units per second, remaining time, and the note."""
-        worked = self._done - self._skipped
-        rate = worked / max(time.monotonic() - self._start_s, 1e-9)
-        parts = [f"{rate:.1f}{self._per_second}"]
-        if self._total is not None and worked:
-            minutes, seconds = divmod(round(max(0, self._total - self._done) / rate), 60)
-            parts.append(f"{minutes}:{seconds:02} to go")
+        worked, parts = self._done - self._skipped, []
+        if worked:
+            rate = worked / max(time.monotonic() - self._start_s, 1e-9)
+            parts.append(f"{rate:.{1 if rate >= _FAST else 2}f}{self._per_second}")
+            if self._total is not None:
+                minutes, seconds = divmod(round(max(0, self._total - self._done) / rate), 60)
+                parts.append(f"{minutes}:{seconds:02} to go")
         return "  ".join([*parts, self.note] if self.note else parts)
 
 
@@ -70,7 +72,7 @@ class _Line(Stage):
         if self._is_due(_LINE_EVERY_S):
             name = f"{self._what}: " if self._what else ""
             of = "" if self._total is None else f"/{self._total}"
-            console.note(f"{name}{self._done}{of}  {self._speed()}")
+            console.note(f"{name}{self._done}{of}  {self.speed()}")
 
 
 class _Bar(Stage):
@@ -83,7 +85,7 @@ class _Bar(Stage):
     def __call__(self, count: int) -> None:
         super().__call__(count)
         if self._is_due(_BAR_EVERY_S) or self._done == self._total:
-            self._bars.update(self._task, completed=self._done, speed=self._speed(), refresh=True)
+            self._bars.update(self._task, completed=self._done, speed=self.speed(), refresh=True)
 
 
 class ProgressDisplay:

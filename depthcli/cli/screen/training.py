@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from depthcli.cli.screen import console
-from depthcli.cli.screen.progress import ProgressDisplay, Stage, show_progress
+from depthcli.cli.screen.progress import Stage, show_progress
 from depthcli.jobs.train import TrainResult
 from depthcli.training.callbacks import Callback, finite_or_none
 from depthcli.training.checkpoint import TrainState
@@ -100,43 +99,23 @@ class TextCallback(_Reporter):
     def __init__(self, stack: ExitStack) -> None:
         super().__init__()
         self._stack, self._steps = stack, 0
-        self._display: ProgressDisplay | None = None
         self._stage: Stage | None = None
-        self._first: tuple[int, float] | None = None
-
-    def on_train_start(
-        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
-    ) -> None:
-        """Warn, and show the bar."""
-        super().on_train_start(
-            lacks_scenes=lacks_scenes, seen_held_out=seen_held_out, warnings=warnings
-        )
-        if sys.stderr.isatty():
-            self._display = self._stack.enter_context(show_progress(silent=False))
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
-        """Advance the bar."""
-        if self._first is None:  # whose own time is not measured
-            self._first = state.step, time.monotonic()
-            if self._display:
-                self._stage = self._display.begin("training", steps, "steps")
-                self._stage.skip(state.step - 1)
-        self._steps = steps
+        """Advance the bar; the time of the first step is not measured."""
         super().on_step_end(state, steps, losses)
-        if self._stage:
+        if self._stage is None:
+            shown = self._stack.enter_context(show_progress(silent=not sys.stderr.isatty()))
+            self._steps, self._stage = steps, shown.begin("training", steps, "steps")
+            self._stage.skip(state.step)
+        else:
             self._stage(1)
 
     def on_epoch_end(self, state: TrainState) -> None:
         """Print losses, scores, rate and remaining time."""
-        first, start_s = self._first or (state.step, 0.0)
-        done, elapsed_s = state.step - first, time.monotonic() - start_s
-        speed = ""
-        if done and elapsed_s > 0:
-            rate = done / elapsed_s
-            to_go_min = (self._steps - state.step) / rate / 60
-            speed = f"  {rate:.2f} steps/s  {to_go_min:.0f} min to go"
         losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
         scores = " ".join(f"{name} {state.scores[name]:.4f}" for name in _SHOWN if state.scores)
         held_out = f"  held out: {scores}" if scores else ""
         progress = f"epoch {state.epoch}  step {state.step}/{self._steps}"
-        console.note(f"{progress}  {losses}{held_out}{speed}")
+        speed = self._stage.speed() if self._stage else ""
+        console.note(f"{progress}  {losses}{held_out}  {speed}".rstrip())
