@@ -167,11 +167,14 @@ def test_a_report_replaces_no_file_of_another_program(
     assert link.read_bytes() == before
 
 
-def test_a_report_in_the_data_set_is_replaced_by_the_next(data: Path) -> None:
+def test_a_report_in_the_data_set_is_replaced_by_the_next(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     table, page = data / "table.csv", data / "page.html"
     words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--quiet"]
     for _ in range(2):
         assert main([*words, "--csv", str(table), "--html", str(page)]) == ExitCode.OK
+    assert capsys.readouterr() == ("", "")
 
 
 def _table(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[dict[str, Any], str]:

@@ -17,7 +17,7 @@ from depthcli.errors import ExitCode, UsageError
 if TYPE_CHECKING:
     from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.io.depth.read import DepthReadOptions
-    from depthcli.jobs.evaluate import EvalRequest
+    from depthcli.jobs.evaluate import EvalRequest, EvalResult, ReportFiles
 
 app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
 
@@ -291,16 +291,12 @@ def compare(
     screen: groups.ScreenOptions,
 ) -> int:
     """Compare two reports that were kept, paired where they have scores of the same images."""
-    from depthcli.evaluation.page import report_page
     from depthcli.evaluation.saved import compare_reports
-    from depthcli.jobs.evaluate import ReportFiles
+    from depthcli.jobs.evaluate import EvalResult, ReportFiles
 
     files = ReportFiles(csv=csv, html=html)
     files.check()
-    report = compare_reports(first, second)
-    page = report_page(report)
-    console.out(report.to_json() if screen.as_json else page.to_text())
-    list(files.write(page, report.to_csv(), ()))
+    _show(EvalResult(compare_reports(first, second)), files, screen)
     return ExitCode.OK
 
 
@@ -370,20 +366,28 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
 
 def _run(request: "EvalRequest", table: TableOptions) -> int:
     from depthcli.cli.screen.progress import show_progress
-    from depthcli.evaluation.page import report_page
     from depthcli.jobs.evaluate import ReportFiles, run_evaluation
 
-    is_silent = table.screen.quiet or table.screen.as_json
-    files = ReportFiles(table.csv, table.figures, table.html)
+    screen, files = table.screen, ReportFiles(table.csv, table.figures, table.html)
     files.check()
-    with show_progress(silent=is_silent, announce=True) as progress:
-        done = run_evaluation(request, progress, console.warn)
-    page = report_page(done.report)
-    console.out(done.report.to_json() if table.screen.as_json else page.to_text())
-    for path in files.write(page, done.report.to_csv(), done.figures):
-        if not is_silent:
-            console.note(str(path))
+    with show_progress(silent=screen.quiet or screen.as_json, announce=True) as progress:
+        warn = console.warn if not screen.quiet else lambda _text: None
+        done = run_evaluation(request, progress, warn)
+    _show(done, files, screen)
     if done.failed:
         count = "1 run is" if len(done.failed) == 1 else f"{len(done.failed)} runs are"
         console.error(f"{count} skipped: {'; '.join(done.failed)}")
     return ExitCode.SOME_FAILED if done.failed else ExitCode.OK
+
+
+def _show(done: "EvalResult", files: "ReportFiles", screen: groups.ScreenOptions) -> None:
+    from depthcli.evaluation.page import report_page
+
+    page = report_page(done.report)
+    if screen.as_json:
+        console.out(done.report.to_json())
+    elif not screen.quiet:
+        console.out(page.to_text())
+    for path in files.write(page, done.report.to_csv(), done.figures):
+        if not (screen.quiet or screen.as_json):
+            console.note(str(path))
