@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.batches import outputs, pictures, request
 from helpers.tiny import synthetic_picture, write_model, write_picture
@@ -12,6 +13,7 @@ from helpers.videos import flat_frames, write_video
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest import Shard
@@ -220,3 +222,20 @@ def test_names_of_any_bytes_match(tmp_path: Path) -> None:
     (tmp_path / "cameras.csv").write_bytes(b'\xef\xbb\xbfid,focal_px\r\n"a, \xff\nb",40\r\n\r\n')
     lens = read_cameras(str(tmp_path / "cameras.csv")).camera_of("a, \udcff\nb.png")
     assert lens.focal_px == 40
+
+
+def test_known_depth_of_each_picture_is_seen_by_its_own_camera(tmp_path: Path) -> None:
+    """Clouds and distances along the ray, as of a lidar among several cameras."""
+    trimesh = pytest.importorskip("trimesh")
+    pictures(tmp_path)
+    (tmp_path / "known" / "hall").mkdir(parents=True)
+    cloud = trimesh.PointCloud([[0.5, 0, 2.0]])
+    for name in ("a", "hall/b"):
+        (tmp_path / "known" / f"{name}.ply").write_bytes(cloud.export(file_type="ply"))
+    (tmp_path / "in" / "z.png").unlink()
+    options = BatchOptions((Format.NPY,), anchors=AnchorFiles(str(tmp_path / "known")))
+    table = "id,focal_px,cx,cy\na,40,10,12\nhall/b.png,80,11,13\n"
+    list(Batch(with_table(tmp_path, table, options=options)))
+    for name, (x, y) in {"a": (20, 12), "hall/b": (31, 13)}.items():
+        depth_m = np.load(tmp_path / f"out/{name}.depth.npy")
+        assert depth_m[y, x] == pytest.approx(2)

@@ -45,6 +45,7 @@ class BatchOptions(MapOptions):
         file = stated.file_for(task.input.name, shares_stem=task.shares_stem, picture=image)
         if any(is_same_file(output, file) for output in task.outputs.values()):
             raise InputError(f"{file} is its known depth", "choose another {out}")
+        stated = replace(stated, camera=stated.camera.of_image(task.intrinsics))
         return replace(read_known_depth(file, stated), fit=self.anchors_fit)
 
 
