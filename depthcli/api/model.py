@@ -163,7 +163,8 @@ class DepthModel:
         points = None if anchors is None else anchor_points(anchors, anchors_fit)
         frame = frame_of(picture, white_level)
         depth, texts = _displayed(self.pipeline.predict(frame, camera, points), frame)
-        for text in (*self._focal_warnings(camera, points), *texts):
+        camera_texts = focal_warnings(self.card, camera) if points is None else ()
+        for text in (*camera_texts, *texts):
             warnings.warn(text, DepthcliWarning, stacklevel=2)
         return depth
 
@@ -208,11 +209,11 @@ class DepthModel:
         if not (anchors is None or anchors_each is None):
             raise UsageError("give anchors of all images, or of each, not both")
         known: Iterable[AnchorPoints | None] = itertools.repeat(points)
-        if anchors_each is None:
-            for text in self._focal_warnings(camera, points):
-                warnings.warn(text, DepthcliWarning, stacklevel=2)
-        else:
+        if anchors_each is not None:
             known = (None if a is None else anchor_points(a, anchors_fit) for a in anchors_each)
+        elif points is None:
+            for text in focal_warnings(self.card, camera):
+                warnings.warn(text, DepthcliWarning, stacklevel=2)
 
         def predicted(batch: list[_Task | Exception]) -> list[_Displayed | Exception]:
             frames, problem = list[Frame](), list[_Displayed | Exception]()
@@ -236,9 +237,6 @@ class DepthModel:
         tasks = zip(pictures, known, strict=anchors_each is not None)
         batches = _batches(tasks, batch_size, white_level)
         return _maps(ordered_map(predicted, batches, workers=workers))
-
-    def _focal_warnings(self, camera: Intrinsics, points: AnchorPoints | None) -> tuple[str, ...]:
-        return focal_warnings(self.card, camera) if points is None else ()
 
 
 def _displayed(prediction: Prediction, frame: Frame) -> _Displayed:

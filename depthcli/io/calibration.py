@@ -11,14 +11,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from depthcli.core.camera import (
-    FOCAL_PX,
-    CameraScale,
-    Distortion,
-    Intrinsics,
-    focal_px_of_hfov,
-    hfov_deg,
-)
+from depthcli.core.camera import FOCAL_PX, CameraScale, Distortion, Intrinsics, hfov_deg
 from depthcli.core.validation import parsed_json
 from depthcli.errors import InputError, UsageError
 from depthcli.io.storage.atomic import atomic_path
@@ -355,7 +348,7 @@ def kept_camera(name: str) -> Intrinsics:
         document: Any = parsed_json(read_regular(path, _MAX_BYTES))
         hfov_deg, centre_px, size_px, pixel_aspect = (document.pop(name, None) for name in _KEPT)
         return Intrinsics(
-            focal_px_of_hfov(hfov_deg, size_px[0]) if hfov_deg and size_px else None,
+            Intrinsics(hfov_deg=hfov_deg).focal_for(size_px[0]) if size_px else None,
             hfov_deg,
             centre_px and tuple(centre_px),
             size_px and tuple(size_px),

@@ -293,8 +293,7 @@ def undistorted(frame: Frame, camera: Intrinsics) -> Frame:
     if lens is None or not camera.is_undistorted:
         return frame
     if frame.windows is not None or not lens.coefficients:
-        what = "distortion of this model" if frame.windows is None else "that of EXR with overscan"
-        raise InputError(f"{what} cannot be removed", "rectify the images first")
+        raise InputError("its distortion cannot be removed", "rectify the images first")
     scale = 1 if camera.size_px is None else frame.width / camera.size_px[0]
     matrix = np.diag([*np.multiply(lens.focal_px, scale), 1])
     matrix[:2, 2] = camera.centre_for(frame.width, frame.height)
