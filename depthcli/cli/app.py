@@ -6,6 +6,7 @@ Only modules of the standard library are imported here, so that help and version
 from __future__ import annotations
 
 import gc
+import io
 import os
 import sys
 import warnings
@@ -80,10 +81,11 @@ def _run(arguments: list[str], *, is_process: bool = False) -> int:
 
 
 def open_streams() -> None:
-    """Make streams that are closed raise on reading and writing.
+    """Make streams that are closed raise on reading and writing, and buffer standard output.
 
     If a stream were left closed, the next file that is opened would get its number, and C libraries
-    would write warnings into that file.
+    would write warnings into that file. Unbuffered, as with PYTHONUNBUFFERED in containers, Python
+    loses what a full disk or pipe does not take (https://github.com/python/cpython/issues/86210).
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
@@ -93,3 +95,6 @@ def open_streams() -> None:
                 os.close(handle)
             os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
+    if isinstance(sys.stdout.buffer, io.RawIOBase):
+        number, encoding, errors = sys.stdout.fileno(), sys.stdout.encoding, sys.stdout.errors
+        sys.stdout = os.fdopen(number, "w", 1, encoding, errors, closefd=False)

@@ -55,6 +55,22 @@ def test_results_that_stdout_does_not_take_are_an_error(cli: Cli, words: str, st
     assert (cli.folder / "out" / "manifest.jsonl").exists() == words.startswith("batch")
 
 
+@pytest.mark.parametrize("words", ["-o -", "-o out/ --json"])
+def test_a_disk_that_gets_full_is_an_error_without_buffers(cli: Cli, words: str) -> None:
+    """Containers set PYTHONUNBUFFERED, where Python lost the rest (python/cpython#86210)."""
+    write_picture(cli.folder / "a.png")
+    (cli.folder / "almost").write_bytes(bytes(2**20 - 100))
+    line = shlex.join(cli.command("predict", "a.png", *words.split()))
+    done = subprocess.run(
+        ["bash", "-c", f"ulimit -f 1024; {line} >>almost"],
+        cwd=cli.folder,
+        env=cli.environment | {"PYTHONUNBUFFERED": "1"},
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 1
+
+
 def test_no_file_takes_the_place_of_a_closed_stream(cli: Cli) -> None:
     script = "import os, sys; from depthcli.cli.app import open_streams; open_streams()\n"
     script += "assert os.open(sys.argv[1], os.O_RDONLY) > 2"
