@@ -26,7 +26,7 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive
@@ -44,6 +44,7 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
 _MOST_PARSED = 256
 _RETRY_S = 1
+_IN_FLIGHT = "depthcli_in_flight"
 _IMAGE = "image"
 """Name of the file in a multipart form."""
 
@@ -90,8 +91,7 @@ class DepthServer:
         to = self._metrics
         self._requests = Counter("depthcli_requests", "Requests.", ["status"], registry=to)
         self._seconds = Histogram("depthcli_seconds", "Seconds of an image.", registry=to)
-        self._waiting = Gauge("depthcli_in_flight", "Images in work or waiting.", registry=to)
-        self._in_flight = 0
+        self._waiting = Gauge(_IN_FLIGHT, "Images in work or waiting.", registry=to)
         routes = [
             Route("/", self._page),
             Route("/health", self._health),
@@ -134,7 +134,7 @@ class DepthServer:
         del request
         card = self.session.model.card
         model = {"name": card.name, "version": card.version, "provider": self.session.provider}
-        return JSONResponse({"status": "ok", "model": model, "in_flight": self._in_flight})
+        return JSONResponse({"status": "ok", "model": model, "in_flight": self._in_flight()})
 
     async def _show_metrics(self, request: Request) -> Response:
         self._check_token(request)
@@ -144,17 +144,19 @@ class DepthServer:
         self._check_token(request)
         try:
             asked = self._parse(tuple(request.query_params.multi_items()))
+            data = await self._image(request)
         except UsageError as error:
             raise HTTPException(400, str(error)) from error
-        data = await self._image(request)
-        if self._in_flight >= self.limits.workers + self.limits.queue:
+        except ClientDisconnect as error:
+            raise HTTPException(499, "the client has left") from error
+        if self._in_flight() >= self.limits.workers + self.limits.queue:
             raise HTTPException(429, "all workers are busy", {"Retry-After": str(_RETRY_S)})
-        self._count(1)
-        working = asyncio.get_running_loop().run_in_executor(self._pool, self._answer, data, asked)
-        working.add_done_callback(lambda _: self._count(-1))
+        self._waiting.inc()
+        work = self._pool.submit(self._answer, data, asked)
+        work.add_done_callback(lambda _: self._waiting.dec())  # after a timeout, work goes on
         start = time.perf_counter()
         try:
-            body, facts = await asyncio.wait_for(working, self.limits.timeout_s)
+            body, facts = await asyncio.wait_for(asyncio.wrap_future(work), self.limits.timeout_s)
         except TimeoutError:
             text = f"not done within {self.limits.timeout_s:g} s"
             raise HTTPException(503, text, {"Retry-After": str(_RETRY_S)}) from None
@@ -177,10 +179,11 @@ class DepthServer:
         request = type(request)(request.scope, _limited(request.receive, self.limits.max_bytes))
         if "multipart/form-data" not in request.headers.get("content-type", ""):
             return await request.body()
-        async with request.form(max_files=1, max_fields=0) as form:
+        async with request.form(max_files=1) as form:
             sent = form.get(_IMAGE)
-            if sent is None or isinstance(sent, str):
-                raise HTTPException(400, f"the form has no file named {_IMAGE!r}")
+            if sent is None or isinstance(sent, str) or len(form) > 1:
+                told = f"the form is not one file named {_IMAGE!r}; options are in the query"
+                raise HTTPException(400, told)
             return await sent.read()
 
     def _answer(self, data: bytes, asked: Asked) -> tuple[bytes, dict[str, Any]]:
@@ -197,9 +200,8 @@ class DepthServer:
         facts = depth_facts(displayed_depth(depth, frame.windows))
         return body.getvalue(), facts | {"warnings": [str(warning) for warning in warnings]}
 
-    def _count(self, change: int) -> None:
-        self._in_flight += change
-        self._waiting.set(self._in_flight)
+    def _in_flight(self) -> int:
+        return int(self._metrics.get_sample_value(_IN_FLIGHT) or 0)
 
     def _check_token(self, request: Request) -> None:
         given = request.headers.get("authorization", "")

@@ -103,6 +103,9 @@ def test_accepts_a_form_and_anchors(cli: Cli) -> None:
         kind = {"Content-Type": "multipart/form-data; boundary=x"}
         reply = server.predict(form, kind, format="npy", anchor="3,4,2.5")
         assert server.predict(form.replace(b"image", b"photo"), kind).status == 400
+        field = b'--x\r\nContent-Disposition: form-data; name="format"\r\n\r\nexr\r\n'
+        mixed = server.predict(field + form, kind)
+        assert (mixed.status, b"query" in mixed.body) == (400, True)
         asked = server.predict(form, kind, anchor="3,4,2.5", anchors_fit="network")
     (cli.folder / "a.npy").write_bytes(reply.body)
     assert np.load(cli.folder / "a.npy")[4, 3] == pytest.approx(2.5)
@@ -140,6 +143,10 @@ def test_a_request_may_ask_for_the_mask_of_the_model() -> None:
     assert parse_request((("mask", "model"),)).detail.mask is DepthMask.MODEL
 
 
+def test_a_request_may_name_options_as_the_command_does() -> None:
+    assert parse_request((("focal-px", "50"),)) == parse_request((("focal_px", "50"),))
+
+
 def test_answers_429_when_the_queue_is_full(cli: Cli) -> None:
     with serving(cli, "--workers", "1", "--queue", "1") as server, ThreadPoolExecutor(6) as pool:
         replies = list(pool.map(server.predict, [LARGE] * 6))
@@ -150,7 +157,7 @@ def test_answers_429_when_the_queue_is_full(cli: Cli) -> None:
 def test_answers_503_when_an_image_takes_too_long(cli: Cli) -> None:
     with serving(cli, "--timeout", "0.01") as server:
         assert server.predict(LARGE).status == 503
-        assert server.ask("/health").status == 200
+        assert json.loads(server.ask("/health").body)["in_flight"] == 1  # it is still in work
 
 
 def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
@@ -183,6 +190,19 @@ def test_states_health_and_metrics_and_shows_a_page(cli: Cli) -> None:
         page = server.ask("/")
         assert page.headers["Content-Type"].startswith("text/html")
         assert b"http" not in page.body.replace(b"HTTP", b"")  # nothing from elsewhere
+
+
+def test_a_client_that_leaves_is_counted_and_no_error_of_the_server(cli: Cli) -> None:
+    with serving(cli) as server:
+        with socket.create_connection(server.address.split(":"), 60) as client:
+            client.sendall(
+                b"POST /predict HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n"
+            )
+            client.shutdown(socket.SHUT_WR)
+            assert client.recv(1) == b""
+        assert b'{status="499"} 1.0' in server.ask("/metrics").body
+        server.process.terminate()
+        assert server.process.stderr.read() == ""
 
 
 def test_a_signal_lets_requests_end_that_have_begun(cli: Cli) -> None:

@@ -164,7 +164,7 @@ def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
         if parameter.name not in _REFUSED
     }
     for name, value in query:
-        parameter = known.get(name)
+        parameter = known.get(name.replace("-", "_"))
         if parameter is None:
             names = ", ".join(sorted(known))
             raise UsageError(f"no option named {name!r}: there are {names}")
