@@ -27,6 +27,7 @@ from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import Layout, prepare
 from depthcli.models.card import InputSpec, OutputSpec
 
+_LONGEST = 2.5  # of images of one shot; phones' panoramas are longer
 _STEP = 4  # pixels between those that are counted
 _END_SHARE, _MANY = 0.02, 0.1  # of the depth at an end of the range; of the pixels
 _MAX_CELLS_A_PIXEL = 4  # of a tiled map; more show nothing of the picture
@@ -350,12 +351,21 @@ def _finished(
     found, of_anchors = fitted(
         depth, anchors, frame.windows, by_network=is_prompted, is_final=is_final
     )
+    of_camera = () if anchors else _camera_warnings(depth, frame)
+    return Prediction(found, (*warnings, *of_camera, *of_anchors))
+
+
+def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
+    """A warning of an EXIF without the image's own focal length; else none."""
     source = depth.provenance and depth.provenance.camera_source
-    if source is CameraSource.CARD and frame.focal_mm is not None and not anchors:
+    width, height = frame.display_size_px
+    if source is CameraSource.CARD and frame.focal_mm is not None:
         told = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"
-        advice = "give {focal_px} or {hfov}, as the one that is assumed may be far off"
-        warnings += (Message(told, advice),)
-    return Prediction(found, (*warnings, *of_anchors))
+    elif source is CameraSource.EXIF and max(width, height) > _LONGEST * min(width, height):
+        told = f"EXIF has the focal length of the lens, not of a panorama of {width}×{height}"
+    else:
+        return ()
+    return (Message(told, "give {focal_px} or {hfov}, as metres may be far off"),)
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> int | None:

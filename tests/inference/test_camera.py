@@ -218,6 +218,23 @@ def test_focal_length_without_the_size_of_the_sensor_is_told(
     assert any("36 mm" in warning for warning in prediction.warnings) is is_told
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "given", "is_told"),
+    [
+        (200, 40, UNKNOWN_CAMERA, True),
+        (40, 200, UNKNOWN_CAMERA, True),
+        (200, 40, Intrinsics(hfov_deg=50), False),
+        (210, 90, UNKNOWN_CAMERA, False),
+    ],
+)
+def test_focal_length_of_the_lens_in_a_panorama_is_told(
+    tmp_path: Path, width: int, height: int, given: Intrinsics, is_told: bool
+) -> None:
+    """Phones (CustomRendered 6 of iOS) keep the lens's 35-mm equivalent in panoramas."""
+    prediction = model(tmp_path).predict(black(width, height, focal_35mm=26.0), given)
+    assert any("panorama" in warning for warning in prediction.warnings) is is_told
+
+
 def test_a_focal_length_of_the_input_scales_metres(tmp_path: Path) -> None:
     pipeline = model(tmp_path, camera={"focal_px": 20.0}, input__fit="lower-bound")
     depth = pipeline.predict(black(160, 120), Intrinsics(focal_px=100)).depth
