@@ -85,6 +85,7 @@ class VideoFormat(StrEnum):
     EXR = "exr", _frames(Format.EXR)
     NPY = "npy", _frames(Format.NPY)
     NORMALS = "normals", _frames(Format.NORMALS, "normals")
+    NORMALS_EXR = "normals-exr", _frames(Format.NORMALS_EXR, "normals")
     # What the numbers of the others mean.
     JSON = "json", VideoFormatFacts(".depth.json", ".json", None, Format.JSON.facts.parameters)
     # Every other format of images that is read back is that of a sequence as well.
@@ -94,6 +95,7 @@ class VideoFormat(StrEnum):
             vars()[image.name] = image.value, _frames(image)
 
 
+VIDEOS = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.WEBM, VideoFormat.MOV)
 SEQUENCES = tuple(which for which in VideoFormat if which.facts.is_sequence)
 COUNTERPARTS = {
     **{which.facts.image: which for which in SEQUENCES if which.facts.image},

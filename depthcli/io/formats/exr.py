@@ -1,4 +1,4 @@
-"""OpenEXR: floating-point depth, for compositing."""
+"""OpenEXR: floating-point depth and normals, for compositing."""
 
 import re
 from collections.abc import Mapping
@@ -7,15 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from depthcli.core.arrays import Float32Array
+from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import one_line
+from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, over_window
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.exr import file as exr_file
+from depthcli.io.formats.geometry import camera_of
 from depthcli.io.formats.table import WriterOptions
 
+_OPENGL = np.array([1, -1, -1], np.float32)
 _COLOURS = ("G", "B", "RY", "BY")
 _UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")  # of its Movie Render Queue, in cm
 
@@ -26,27 +29,48 @@ class ExrWriter(WriterOptions):
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
         shown, stored, windows = _windowed(depth, frame)
-        values = np.ascontiguousarray(stored)
-        if self.half:
-            with np.errstate(over="ignore"):
-                values = values.astype(np.float16)
+        channels, warnings = self._channels(shown, stored, windows)
+        states_aspect: Provenance | Frame = depth.provenance or frame or Provenance()
         exr_file.write_exr(
             path,
-            {self.exr_channel: values},
+            channels,
             own_texts(metadata_texts(shown)),
             frame.rate if frame else None,
-            pixel_aspect=_pixel_aspect(depth, frame),
+            pixel_aspect=states_aspect.pixel_aspect,
             windows=windows,
             time_code=frame.time_code if frame else None,
         )
+        return warnings
+
+    def _channels(
+        self, shown: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
+    ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
+        """The channels of a map, which are those of its data window, and warnings."""
+        del shown, windows
+        values: AnyArray = np.ascontiguousarray(stored)
+        if self.half:
+            with np.errstate(over="ignore"):
+                values = values.astype(np.float16)
         lost = np.count_nonzero(np.isinf(values) & np.isfinite(stored)) if self.half else 0
-        return (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
+        told = (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
+        return {self.exr_channel: values}, told
 
 
-def _pixel_aspect(depth: DepthMap, frame: Frame | None) -> float:
-    if depth.provenance is None and frame is not None:
-        return frame.pixel_aspect
-    return (depth.provenance or Provenance()).pixel_aspect
+class NormalsExrWriter(ExrWriter):
+    """Unit normals in N.X, N.Y and N.Z: x to the right, y up, z towards the camera; 0 without."""
+
+    def _channels(
+        self, shown: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
+    ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
+        (focal_px, warnings), source = camera_of(shown), shown.provenance or Provenance()
+        x, y = source.centre_px or ((shown.width - 1) / 2, (shown.height - 1) / 2)
+        if windows is not None:
+            data, display = windows
+            x, y = x + display.left - data.left, y + display.top - data.top
+        depth = DepthMap(stored, provenance=replace(source, centre_px=(x, y)))
+        normals = np.nan_to_num(surface_of(depth, focal_px).normals()) * _OPENGL
+        planes = np.moveaxis(normals.astype(np.float16 if self.half else np.float32), -1, 0).copy()
+        return {f"N.{axis}": planes[i] for i, axis in enumerate("XYZ")}, warnings
 
 
 def _windowed(

@@ -17,7 +17,8 @@ from depthcli.io.storage.paths import RemotePath, path_of
 EXR_MAGIC = b"v/1\x01"  #: the first bytes of every EXR
 _IMAGES = (".png", ".exr", ".tif", ".tiff", ".pgm")
 _PICTURE_NAME = (
-    r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo)\.png)|depth[^/]*\.exr)$"
+    r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo)\.png)"
+    r"|(depth|normals)[^/]*\.exr)$"
 )
 _VIDEO_NAME = r"(?i)\.(depth\.mkv|stereo\.mp4|preview\.(mp4|webm|mov))$"
 
