@@ -22,6 +22,7 @@ from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource
 from depthcli.video.numbering import base_name, numbered_name
 
+_NORMALS = (VideoFormat.NORMALS, VideoFormat.NORMALS_EXR)
 _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
@@ -104,11 +105,12 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
     """Units per metre to which depth is rounded before it is used; None for no rounding.
 
     Depth is rounded if all depth outputs are 16-bit, so that previews and figures are computed from
-    the values that are written, and are the same whether or not the run was resumed.
+    the values that are written, and are the same whether or not the run was resumed. Normals of
+    rounded depth would be those of its steps.
     """
     writing = settings.writing
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
-    is_finer = any(which.facts.is_exact for which in plan.names)
+    is_finer = any(which.facts.is_exact or which in _NORMALS for which in plan.names)
     is_metric = bool(settings.anchors) or pipeline.card.output.kind is DepthKind.METRIC
     is_stretched = settings.smooth_s or writing.is_normalized
     if is_stretched or is_finer or not (is_in_steps and is_metric):
