@@ -19,7 +19,7 @@ from av.video.stream import VideoStream
 from depthcli._version import __version__
 from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
-from depthcli.errors import OutputError
+from depthcli.errors import OutputError, about
 from depthcli.io.depth.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.stereo import StereoWriter
@@ -394,7 +394,8 @@ class SequenceOutput(VideoOutput):
     def finish(self) -> tuple[str, ...]:
         """Return the first warning, with their number."""
         told = self._warnings
-        return (f"{self._label}: {told.count} frames, the first: {told.first}",) * bool(told.count)
+        first = about(f"{self._label}: {told.count} frames, the first", told.first)
+        return (first,) if told.count else ()
 
 
 class SegmentedOutput(VideoOutput):
@@ -446,4 +447,4 @@ class SegmentedOutput(VideoOutput):
         told.add(self._output.finish())
         if told.count <= 1:
             return (told.first,) * told.count
-        return (f"{told.count} segments, the first: {told.first}",)
+        return (about(f"{told.count} segments, the first", told.first),)
