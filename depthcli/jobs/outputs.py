@@ -149,8 +149,9 @@ class Destination(Generic[FormatT]):
             base = path.with_name(self.stem) if path and self.stem is not None else base
             return {which: base.with_name(base.name + which.facts.suffix) for which in self.wanted}
         stem = base_name(path.stem) if self.kind is Kind.PATTERN else path.stem
+        named = {which: path.with_name(stem + which.facts.suffix) for which in self.formats[1:]}
         beside = {} if self.sidecar is None else {self.sidecar: path.with_name(f"{stem}.json")}
-        return {self.formats[0]: path, **beside}
+        return {self.formats[0]: path, **named, **beside}
 
 
 def _kind_of(out: str | None, *, is_bare_folder: bool) -> Kind:
@@ -172,7 +173,7 @@ def _formats(
 ) -> tuple[FormatT, ...]:
     """The formats to write: the requested ones, else those of the destination."""
     if path is not None and kind is Kind.PATTERN:
-        return (_format_of_pattern(path, asked, rules),)
+        return _formats_of_pattern(path, asked, rules)
     if kind in {Kind.BESIDE, Kind.FOLDER}:
         return asked or rules.defaults
     found = rules.stdout if path is None else rules.of_name(path.name)
@@ -189,25 +190,27 @@ def _formats(
     return chosen
 
 
-def _format_of_pattern(
+def _formats_of_pattern(
     path: Path, asked: tuple[FormatT, ...], rules: FormatRules[FormatT]
-) -> FormatT:
+) -> tuple[FormatT, ...]:
+    """The format of the numbered files, and the others, which get the name before the number."""
     if rules.of_pattern is None:
         what = "is a pattern for numbered files of a video"
         raise _out_error(path, what, "name one file, or a folder")
-    found = rules.of_pattern(path.name)
-    if found and len(asked) == 1 and "%" in asked[0].facts.suffix:  # of two with this suffix
-        _check_suffix(path, asked[0], is_numbered=True)
-        return asked[0]
-    if found is None or set(asked) - {found}:
+    numbered = [which for which in asked if "%" in which.facts.suffix]  # two may have one suffix
+    fitting = [which for which in numbered if Path(which.facts.suffix).suffix == suffix_of(path)]
+    found: FormatT | None = fitting[0] if fitting else rules.of_pattern(path.name)
+    if found is None or (asked and found not in asked):
         what = "is a pattern for numbered files, which end in .png, .exr or .npy"
-        raise _out_error(path, what, "give such a name, and no other {format}")
-    return found
+        raise _out_error(path, what, "give such a name, and its {format} with any other")
+    formats: list[FormatT] = [found]
+    formats += [which for which in asked if which != found]
+    return tuple(formats)
 
 
-def _check_suffix(path: Path, which: FormatT, *, is_numbered: bool = False) -> None:
+def _check_suffix(path: Path, which: FormatT) -> None:
     suffix = Path(f"a{which.facts.suffix}").suffix
-    if "%" in which.facts.suffix and not is_numbered:
+    if "%" in which.facts.suffix:
         advice = f"name a folder, or a pattern such as {path.stem}.%04d{suffix}"
         raise _out_error(path, f"is one file, and {which} writes one per frame", advice)
     if suffix_of(path) != suffix:
