@@ -19,6 +19,8 @@ from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from depthcli.io.depth.anchors import AnchorFiles
     from depthcli.io.depth.read import DepthReadOptions
 
@@ -273,6 +275,17 @@ def size(word: str) -> tuple[int, int]:
         problem = f"{short_repr(word)} is not WIDTHxHEIGHT of 1 to {_LARGEST_PX} pixels each"
         raise UsageError(problem, option="size")
     return width, height
+
+
+def fps(word: str, option: str = "fps") -> Fraction:
+    """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``; UsageError if it is no such."""
+    from depthcli.video.frames import parse_rate
+
+    found = parse_rate(word.strip())
+    if found is None:
+        problem = f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001"
+        raise UsageError(problem, option=option)
+    return found
 
 
 def hfov_range(word: str) -> tuple[float, float]:

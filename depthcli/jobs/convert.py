@@ -2,30 +2,38 @@
 
 import os
 import re
-from collections.abc import Generator
-from contextlib import closing
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
-from pathlib import PurePosixPath
-from typing import Self
+from fractions import Fraction
+from pathlib import Path, PurePosixPath
+from typing import Any, Self
 
 import numpy as np
 
 from depthcli.core import parallel, types
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOptions
-from depthcli.errors import DepthcliError, InputError, UsageError
+from depthcli.core.temporal import RangeLock, ema_decay
+from depthcli.errors import DepthcliError, InputError, Message, UsageError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.depth.metadata import NORMALIZED
 from depthcli.io.depth.read import StoredDepth, stated_range
 from depthcli.io.formats import table
+from depthcli.io.formats.preview import percentiles
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import folder as folders
 from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
 from depthcli.io.storage import atomic, paths
 from depthcli.jobs import inspect, output_names, outputs
+from depthcli.jobs.video.plan import LOCK_S
 from depthcli.jobs.write import FailedInput, failure_reason
+from depthcli.video import numbering
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.numbering import numbered_name
+from depthcli.video.formats import preview_codec
+from depthcli.video.frames import FALLBACK_RATE, Timing
+from depthcli.video.outputs import DepthFrame, DepthVideoOutput, PreviewVideoOutput, VideoFile
+from depthcli.video.sequence import stated_rate
 
 _RULES = outputs.FormatRules(
     (), table.format_of, table.stem_of, table.FILE_SUFFIXES, of_pattern=table.format_of
@@ -39,8 +47,10 @@ _OTHER_BIN = r"(?i)(?<!geometric)(?<!photometric)(?<!depth)\.bin$"
 class ConvertRequest:
     """Source, target and options of a conversion."""
 
-    source: str  #: a depth map, a depth video, or a folder that is searched recursively
-    target: str  #: the file, to which a missing suffix is added; a pattern for frames; or a folder
+    #: a depth map, a depth video, a pattern for numbered files, or a folder, searched recursively
+    source: str
+    #: the file, to which a missing suffix is added; a pattern or a video for frames; or a folder
+    target: str
     format: table.Format | None = None  #: of the target; None to take it from the suffix
     #: what the user states about the source
     stated: depth_files.DepthReadOptions = depth_files.AS_STATED
@@ -51,6 +61,7 @@ class ConvertRequest:
         default_factory=table.WriterOptions
     )  #: options of the formats
     overwrite: bool = False  #: whether the target may replace a file of another program
+    fps: Fraction | None = None  #: frames a second of numbered files; None for what they state
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,13 +214,25 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = folders.ANY) -> Fo
     if not inputs:
         raise InputError(f"no depth file ({', '.join(table.READABLE_SUFFIXES)}) in {where}{rest}")
     targets = [paths.join(out, _target(names.base(file.name), request.format)) for file in inputs]
-    outputs.check_collisions(
-        [
-            outputs.OutputPlan(paths.path_of(file.path), {request.format: paths.path_of(target)})
-            for file, target in zip(inputs, targets, strict=True)
-        ]
-    )
-    return FolderPlan(tuple(inputs), tuple(targets), tuple(skipped), tuple(listing.loops))
+    loops = tuple(listing.loops)
+    return _checked(FolderPlan(tuple(inputs), tuple(targets), tuple(skipped), loops))
+
+
+def plan_sequence(request: ConvertRequest) -> FolderPlan:
+    """List numbered depth files, and name their outputs by a pattern, with the same numbers."""
+    pattern = target_destination(request.target, request.format).path or Path()
+    images = numbering.find_images(paths.path_of(request.source), is_depth=True)
+    names = [numbering.numbered_name(pattern.name, image.number) for image in images]
+    inputs = tuple(InputFile(image.path.name, str(image.path)) for image in images)
+    return _checked(FolderPlan(inputs, tuple(str(pattern.with_name(n)) for n in names), (), ()))
+
+
+def _checked(plan: FolderPlan) -> FolderPlan:
+    """The plan; UsageError if an output would replace an input, or another output."""
+    sources = map(paths.path_of, (file.path for file in plan.inputs))
+    targets = ({table.Format.EXR: paths.path_of(target)} for target in plan.targets)
+    outputs.check_collisions([*map(outputs.OutputPlan, sources, targets)])
+    return plan
 
 
 def convert_folder(
@@ -276,7 +299,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
             problem = error
 
     def convert_frame(stored: StoredDepth) -> ConvertResult:
-        name = numbered_name(pattern.name, stored.frame.index)
+        name = numbering.numbered_name(pattern.name, stored.frame.index)
         found = replace(destination, path=pattern.with_name(name))
         return _write_converted(stored, request, found)
 
@@ -288,12 +311,70 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
         raise problem
 
 
+def convert_to_video(
+    request: ConvertRequest, warnings: list[str]
+) -> Generator[ConvertResult, None, None]:
+    """Convert every frame of a depth video, or of numbered depth files, to one video.
+
+    Its suffix says which: depth, or a preview. Warnings about all frames are added to a list.
+    """
+    _check_sequence(request)
+    source, path = paths.path_of(request.source), paths.path_of(request.target)
+    with ExitStack() as stack:
+        if inspect.is_depth_video(source):
+            copy = stack.enter_context(paths.local_copy(source))
+            video, inputs = inspect.open_depth_video(copy, request.stated), [source]
+            frames, rate = video.frames(paths.safe_name(request.source)), video.rate
+        else:
+            images = numbering.find_images(source, is_depth=True)
+            inputs = [image.path for image in images]
+            rate = request.fps or stated_rate(inputs)
+            frames = _numbered_maps(images, rate or FALLBACK_RATE, request.stated)
+        if rate is None:
+            assumed = f"no frame rate is given; {FALLBACK_RATE} is assumed"
+            warnings.append(Message(assumed, "give {fps}"))
+        timing = Timing(rate or FALLBACK_RATE, source_rate=rate, step=None)
+        guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
+        output = stack.enter_context(_video_file(request, path, timing, guard))
+        shape, lock, decay = None, RangeLock(), ema_decay(float(1 / timing.rate), LOCK_S)
+        for stored in frames:
+            depth = types.with_camera(stored.displayed, request.camera)
+            if shape not in {None, depth.values.shape}:  # which FFmpeg would resize
+                raise InputError(f"{stored.name} has another size than the first frame")
+            shape, spread = depth.values.shape, lock.step(*percentiles(depth), decay)
+            output.append(output.encode(DepthFrame(stored.frame, depth, spread)))
+            told = stored.warnings_with_scale("from_scale")
+            yield ConvertResult(paths.safe_name(stored.name), str(path), depth, None, told)
+        warnings += output.finish()
+
+
+def _numbered_maps(
+    images: Sequence[numbering.NumberedImage], rate: Fraction, stated: depth_files.DepthReadOptions
+) -> Iterator[StoredDepth]:
+    """The maps of numbered files, with their numbers and times."""
+    if numbering.are_times(images):
+        images = [image._replace(number=count) for count, image in enumerate(images)]
+    for number, path in images:
+        found, time_s = inspect.read_map(path, stated), float((number - images[0].number) / rate)
+        yield replace(found, frame=replace(found.frame, index=number, timestamp_s=time_s))
+
+
+def _video_file(
+    request: ConvertRequest, path: Path, timing: Timing, guard: atomic.Guard
+) -> VideoFile:
+    colours: Any = request.writing.writer(table.Format.PREVIEW)
+    if inspect.is_depth_video(path):
+        return DepthVideoOutput(path, timing, request.writing.png_scale, guard, colours)
+    codec = preview_codec(path.suffix.lower(), None)
+    return PreviewVideoOutput(path, timing, colours, guard, codec=codec)
+
+
 def _check_sequence(request: ConvertRequest) -> None:
-    name = paths.safe_name(request.target)
-    if not inspect.is_depth_video(paths.path_of(request.source)):
+    name, source = paths.safe_name(request.target), paths.path_of(request.source)
+    if not (inspect.is_depth_video(source) or numbering.is_sequence(source)):
         raise UsageError(
-            f"{name} is a pattern for the frames of a depth video (.mkv), but "
-            f"{paths.safe_name(request.source)} is not one",
+            f"{name} is for all frames, but {paths.safe_name(request.source)} is neither a depth "
+            "video (.mkv) nor a sequence such as depth.%04d.exr",
             "name one file, or a folder with {out}",
         )
     if request.stated.frame is not None or request.picture is not None:

@@ -18,6 +18,7 @@ from depthcli.video import frames
 from depthcli.video.container import open_video
 from depthcli.video.formats import DEPTH_PIXELS
 
+_ROUNDED_S = 0.001  # times in Matroska
 _ORIGIN = re.compile(r"(-?\d{1,8}),(-?\d{1,8})", re.ASCII)
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class DepthVideo:
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps, (H, W) float32: metres, NaN where there is no depth.
 
-        Their provenance has the time of each frame, as precise as the container stores it.
+        Their provenance has the time of each frame, exact if frames are evenly spaced.
         In a normalized file, values are 0 to 1 over the range of the preview.
         """
         return (stored.depth for stored in self.frames())
@@ -104,15 +105,17 @@ class DepthVideo:
         first_s, last = None, self._first.index - 1
         origin = _ORIGIN.fullmatch(self.labels.get("display_origin", ""))
         code, rate = self._first.time_code, self._source_rate
-        for count, (stated, time_s, steps) in enumerate(self._timed_steps()):
+        for count, (stated, read_s, steps) in enumerate(self._timed_steps()):
             values = (
                 metadata.denormalized(steps, 0, 1)
                 if scale is None
                 else metadata.dequantized(steps, scale)
             )
+            first_s = read_s if first_s is None else first_s
+            since_first = round((read_s - first_s) * (rate or 0))
+            exact_s = first_s + float(since_first / rate) if rate else read_s
+            time_s = exact_s if abs(exact_s - read_s) < _ROUNDED_S else read_s
             depth = DepthMap(values, self.kind, replace(source, time_s=time_s))
-            first_s = time_s if first_s is None else first_s
-            since_first = round((time_s - first_s) * (rate or 0))
             counted = self._first.index + (count * self._step if self._step else since_first)
             # No two frames have one number, even if their times are too coarse for it.
             last = max(counted if stated is None else stated, last + 1)

@@ -11,6 +11,7 @@ from pathlib import Path, PurePath
 from typing import NamedTuple
 
 from depthcli.errors import InputError, UsageError, os_errors_as
+from depthcli.io.formats.table import READABLE_SUFFIXES
 from depthcli.io.listing.folder import (
     EXR_SUFFIX,
     HEIF_SUFFIXES,
@@ -106,25 +107,27 @@ class NumberedImage(NamedTuple):
     path: Path  #: the file
 
 
-def find_images(path: Path) -> list[NumberedImage]:
+def find_images(path: Path, *, is_depth: bool = False) -> list[NumberedImage]:
     """The images of a sequence, in their order.
 
     Those that match a pattern, or all of a folder, except outputs of depthcli. In a folder, the
     names differ in the number of the frame alone. Images without such numbers are counted from 0,
-    in the order of their names. UsageError if a folder holds several sequences.
+    in the order of their names. UsageError if a folder holds several sequences. With ``is_depth``,
+    they are depth files, of depthcli as well.
     """
+    is_wanted = _is_depth_file if is_depth else is_sequence_image
     is_folder = not is_pattern(path.name) or path.is_dir()
     folder = path if is_folder else path.parent
     with os_errors_as(InputError, f"{folder} cannot be listed"):
         matching = [
             folder / name
             for name in listed_names(folder)
-            if (is_sequence_image(name) if is_folder else number_in(path.name, name) is not None)
+            if (is_wanted(name) if is_folder else number_in(path.name, name) is not None)
         ]
     if not matching:
         what = "no image" if is_folder else "no such image: nothing fits the pattern"
         raise InputError(f"{path} has {what}", "see docs/video.md for image sequences")
-    paths = [file for file in matching if not is_own_picture(file)]
+    paths = [file for file in matching if is_depth or not is_own_picture(file)]
     if not paths:
         problem = f"{matching[0]} was written by depthcli, as was all of {path}"
         raise InputError(problem, "name the images that it was made of")
@@ -159,6 +162,10 @@ def listed_names(folder: Path) -> Iterable[str]:
 def is_sequence_image(name: str) -> bool:
     """Whether a name is that of an image, EXR included, by its suffix, and not hidden."""
     return not name.startswith(".") and (is_picture(name) or is_exr(name))
+
+
+def _is_depth_file(name: str) -> bool:
+    return not name.startswith(".") and PurePath(name).suffix.lower() in READABLE_SUFFIXES
 
 
 def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:

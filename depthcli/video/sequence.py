@@ -48,7 +48,7 @@ class ImageSequence(FrameSource):
         self._files = files
         self._max_pixels, self._options = max_pixels, options
         self._overscan: Window | None = None  # that of the first image
-        stated = rate or _stated_rate(self.paths)
+        stated = rate or stated_rate(self.paths)
         self.rate = stated or FALLBACK_RATE
         self.tick_s = Fraction(1, self.rate.numerator)
         self.frames_stated = len(self._files)
@@ -119,7 +119,7 @@ class ImageSequence(FrameSource):
             yield f"missing frames: {_listed(gaps)}; the other frames keep their times"
 
 
-def _stated_rate(paths: Sequence[Path]) -> Fraction | None:
+def stated_rate(paths: Sequence[Path]) -> Fraction | None:
     """The frame rate of the first EXR that can be read, exact; None if none."""
     for path in paths[:_TRIES]:
         with suppress(InputError):  # which reading its pixels reports

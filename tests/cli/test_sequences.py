@@ -7,13 +7,15 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import OpenEXR
 import pytest
 from helpers.command_line import Cli
+from helpers.plates import OVERSCAN, write_plate
 
-from depthcli.cli.commands.video import parse_fps
+from depthcli.cli import parse
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
@@ -85,7 +87,7 @@ def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> N
     [("24", Fraction(24)), ("23.976", FILM), ("24000/1001", FILM), ("12.5", Fraction(25, 2))],
 )
 def test_frame_rates_of_sequences(word: str, rate: Fraction) -> None:
-    assert parse_fps(word) == rate
+    assert parse.fps(word) == rate
 
 
 def test_without_a_stated_rate_there_are_25_frames_a_second_and_a_warning(tmp_path: Path) -> None:
@@ -342,3 +344,73 @@ def test_a_depth_video_is_no_video_to_estimate(inside: Cli) -> None:
         done = inside("video", *words, "--out", "again.mkv", stdin=data, code=1)
         assert words[0] in done.stderr.decode() or data
     assert not (inside.folder / "again.mkv").exists()
+
+
+def test_a_depth_sequence_becomes_what_its_plates_do(inside: Cli) -> None:
+    for number in (1001, 1002, 1004, 1005):  # with overscan and time codes that cannot be counted
+        write_plate(inside.folder / "shot", number, OVERSCAN)
+    inside("video", "shot", "--out", "d/depth.%04d.exr", code=0)
+    inside("video", "shot", "--out", "direct.mkv", code=0)
+    inside("convert", "d/depth.####.exr", "again.mkv", code=0)
+    assert (inside.folder / "again.mkv").read_bytes() == (inside.folder / "direct.mkv").read_bytes()
+    fixed = ("--vmin", "0.5", "--vmax", "20")
+    inside("convert", "d", "p/depth.%04d.png", "--png-inverse", *fixed, code=0)
+    assert sorted(path.name for path in (inside.folder / "p").iterdir()) == [
+        f"depth.{number}.png" for number in (1001, 1002, 1004, 1005)
+    ]
+    for path in (inside.folder / "p").iterdir():
+        depth_m = read_stored_depth(inside.folder / "d" / f"{path.stem}.exr").displayed.values
+        share = (1 / depth_m - 1 / 20) / (1 / 0.5 - 1 / 20)
+        steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_allclose(steps, 1 + share.clip(0, 1) * 65534, atol=1)
+    done = inside("convert", "p", "p/depth.####.png", "--overwrite", code=2)
+    assert b"is an input" in done.stderr
+
+
+@pytest.mark.parametrize("source", ["d/depth.%04d.exr", "d.mkv"])
+def test_a_preview_of_a_depth_sequence_has_its_times(source: str, inside: Cli) -> None:
+    pattern = plates(inside.folder / "shot", range(1001, 1008))
+    inside("video", pattern, "--out", source, code=0)
+    inside("convert", source, "preview.mp4", "--vmin", "1", "--vmax", "2", code=0)
+    with av.open(str(inside.folder / "preview.mp4")) as container:
+        frames = list(container.decode(video=0))
+        assert container.streams.video[0].average_rate == FILM
+    assert [frame.time for frame in frames] == pytest.approx([n / FILM for n in range(7)])
+
+
+def test_numbered_files_without_a_rate_get_that_of_an_option(inside: Cli) -> None:
+    (inside.folder / "d").mkdir()
+    for number in (7, 9):
+        np.save(inside.folder / "d" / f"f.{number}.npy", np.full((4, 6), number, np.float32))
+    for words, rate, warned in (((), 25, True), (("--fps", "23.976"), FILM, False)):
+        done = inside("convert", "d", "d.mkv", *words, code=0)
+        video = DepthVideo(inside.folder / "d.mkv")
+        assert (video.rate, b"25" in done.stderr) == (rate, warned)
+        assert [int(frame.depth.values[0, 0]) for frame in video.frames()] == [7, 9]
+        assert [frame.frame.index for frame in video.frames()] == [7, 9]
+    np.save(inside.folder / "d" / "f.11.npy", np.ones((5, 6), np.float32))
+    done = inside("convert", "d", "other.mkv", code=1)  # FFmpeg would resize the third
+    assert b"f.11.npy has another size" in done.stderr
+    assert not (inside.folder / "other.mkv").exists()
+
+
+def test_numbered_files_and_a_preview_in_one_run(inside: Cli) -> None:
+    pattern = plates(inside.folder / "shot", range(1001, 1004))
+    formats = [f"--format={name}" for name in ("mp4", "exr", "normals")]
+    inside("video", pattern, "-o", "d/depth.####.exr", *formats, "--sidecar", code=0)
+    assert sorted(path.name for path in (inside.folder / "d").iterdir()) == [
+        *(f"depth.{number}.exr" for number in range(1001, 1004)),
+        "depth.json",
+        *(f"depth.normals.{number:06d}.png" for number in range(1001, 1004)),
+        "depth.preview.mp4",
+    ]
+    inside("video", pattern, "-o", "d/depth.####.exr", "--format", "mp4", code=2)
+
+
+def test_normals_are_not_those_of_rounded_depth(inside: Cli) -> None:
+    """Of a plate of 2048 columns, millimetres turned them by 6° (median)."""
+    pattern = plates(inside.folder / "shot", range(1001, 1003))
+    inside("video", pattern, "--format", "normals", "-o", "alone/", code=0)
+    inside("video", pattern, "--format", "mkv", "--format", "normals", "-o", "both/", code=0)
+    for path in (inside.folder / "alone").iterdir():
+        assert path.read_bytes() == (inside.folder / "both" / path.name).read_bytes()

@@ -10,6 +10,7 @@ from depthcli.cli import options as groups
 from depthcli.cli.groups import Command, Given, group, grouped
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import FORMATS, Format
+from depthcli.video.formats import VIDEOS, VideoFormat, video_format_of
 
 app = typer.Typer(rich_markup_mode=None)
 
@@ -27,6 +28,10 @@ class InputOptions:
     exclude: list[str] | None = groups.option(
         "Of a folder, skip matching files and folders; repeatable.", metavar="GLOB"
     )
+    fps: str | None = groups.option(
+        "Frames per second of numbered files. Default: as their EXR headers state, else 25.",
+        metavar="RATE",
+    )
 
 
 _CAMERA = tuple(field.name for field in fields(groups.CameraOptions))
@@ -40,9 +45,12 @@ def _options_of(name: Format) -> tuple[str, ...]:
 
 
 FORMAT_OPTIONS = {str(name): _options_of(name) for name in FORMATS}
+FORMAT_OPTIONS |= {str(name): name.facts.options for name in VIDEOS}
+_NUMBERED = "a video of numbered files"
 SOURCE_OPTIONS = {
     "a folder": ("include", "exclude"),
     "one file": ("frame", "picture"),
+    _NUMBERED: ("fps",),
     "--picture": ("white_level", "black_level", "exposure", "layer", "projection", "ignore_alpha"),
 }  #: the options that each format, or each kind of source, uses, by parameter name
 
@@ -54,14 +62,15 @@ def convert(
         ...,
         metavar="IN",
         help="Input: 16-bit PNG or PGM, EXR, NPY, NPZ, PFM, TIFF, COLMAP's .bin, depth video "
-        "(.mkv), or a folder or URI, which is "
+        "(.mkv), numbered files (depth.%04d.exr), or a folder or URI, which is "
         "searched recursively.",
     ),
     target: str | None = typer.Argument(
         None,
         metavar="[OUT]",
-        help="Output file, whose suffix selects the format; a pattern such as depth.%04d.exr "
-        "for all frames of a depth video; or a folder, if IN is one.",
+        help="Output file, whose suffix selects the format; for all frames of a video or sequence "
+        "a pattern (depth.%04d.exr), lossless .mkv, or preview .mp4, .webm, .mov; or a folder, if "
+        "IN is one.",
     ),
     out: str | None = typer.Option(
         None, "-o", "--out", metavar="OUT", help="Output, as the argument OUT."
@@ -82,7 +91,7 @@ def convert(
     screen: groups.ScreenOptions,
     given: Given,
 ) -> int:
-    """Convert a depth file, depth video or folder of them, and report the round-trip error.
+    """Convert a depth file, depth video, sequence or folder, and report the round-trip error.
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
@@ -92,22 +101,27 @@ def convert(
     from depthcli.core.parallel import share_cores
     from depthcli.io.storage.paths import path_of, safe_name
     from depthcli.jobs import convert as job
-    from depthcli.jobs.outputs import Kind
+    from depthcli.video.numbering import is_pattern, is_sequence
 
     if (target is None) == (out is None):
         raise UsageError(f"name one output: depthcli convert {safe_name(source)} OUT")
     output = target or out or ""
-    is_folder = path_of(source).is_dir()
+    found = None if form else video_format_of(output)
+    as_video = found if found in VIDEOS else None
+    is_many = as_video is None and is_sequence(source)
+    is_numbered = is_pattern(path_of(output).name)
+    is_folder = is_many and not is_numbered and path_of(source).is_dir()
     if is_folder and form is None:
         raise UsageError("", "name the format of the outputs with {format}, for example exr")
     side_by_side = writing.preview.side_by_side
-    destination = None if is_folder else job.target_destination(output, form)
-    format_ = destination.formats[0] if destination else form or Format.EXR
+    format_: Format | VideoFormat | None = as_video or (form if is_folder else None)
+    format_ = format_ or job.target_destination(output, form).formats[0]
     if format_ is Format.PREVIEW and side_by_side != (inputs.picture is not None):
         raise UsageError("", "give both {side_by_side} and {picture}, or neither")
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
     if not screen.quiet:
-        kinds = {"a folder" if is_folder else "one file", "--picture" if inputs.picture else ""}
+        kinds = {"a folder" if is_many else "one file", "--picture" if inputs.picture else ""}
+        kinds |= {_NUMBERED} if as_video and is_sequence(source) else set()
         console.warn_all(seen_by.warnings)
         of_camera = _CAMERA if depth_file.needs_camera else ()
         written = {name: word for name, word in given.items() if name not in of_camera}
@@ -118,22 +132,28 @@ def convert(
     request = job.ConvertRequest(
         source=source,
         target=output,
-        format=format_,
+        format=form,
         stated=parse.depth_reading(depth_file, seen_by),
         camera=seen_by,
         reading=parse.reading(read),
         picture=inputs.picture,
         writing=options,
         overwrite=overwrite,
+        fps=None if inputs.fps is None else parse.fps(inputs.fps),
     )
-    if is_folder:
+    if is_many:
         from depthcli.io.listing.folder import NameFilter
 
-        plan = job.plan_folder(request, NameFilter.of(inputs.include or (), inputs.exclude or ()))
+        names = NameFilter.of(inputs.include or (), inputs.exclude or ())
+        plan = job.plan_folder(request, names) if is_folder else job.plan_sequence(request)
         converted = job.convert_folder(request, plan, count)
         failed = print_conversions(converted, "files", screen, plan)
         return ExitCode.SOME_FAILED if failed else ExitCode.OK
-    if destination and destination.kind is Kind.PATTERN:
+    if as_video:
+        warnings: list[str] = []
+        print_conversions(job.convert_to_video(request, warnings), "frames", screen)
+        console.warn_all(() if screen.quiet else warnings)
+    elif is_numbered:
         print_conversions(job.convert_video(request, count), "frames", screen)
     else:
         print_conversion(job.convert(request), screen)

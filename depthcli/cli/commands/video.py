@@ -15,8 +15,6 @@ from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
-    from fractions import Fraction
-
     from depthcli.jobs.video.plan import VideoResult
     from depthcli.video.container import RawVideo
     from depthcli.video.frames import Point, Span
@@ -208,7 +206,7 @@ def video(
         anchors_within_s=anchors.anchors_within,
         stream=frames.stream,
         eye=frames.eye,
-        fps=None if frames.fps is None else parse_fps(frames.fps),
+        fps=None if frames.fps is None else parse.fps(frames.fps),
         segment_s=None if output.segment is None else parse_segment(output.segment),
         start_number=output.start_number,
     )
@@ -285,19 +283,9 @@ def parse_segment(word: str) -> float:
     return length_s
 
 
-def parse_fps(word: str, option: str = "fps") -> Fraction:
-    """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``; UsageError if it is no such."""
-    from depthcli.video.frames import parse_rate
-
-    found = parse_rate(word.strip())
-    if found is None:
-        problem = f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001"
-        raise UsageError(problem, option=option)
-    return found
-
-
 def parse_raw(word: str) -> RawVideo:
     """Parse ``640x480:bgr24@30``; UsageError if it is no such, or FFmpeg lacks the format."""
+    from depthcli.cli import parse
     from depthcli.video.container import RawVideo, pixel_format_of
 
     size, _, rest = word.partition(":")
@@ -307,7 +295,7 @@ def parse_raw(word: str) -> RawVideo:
     if sides is None or pixel_format is None:
         problem = f"{short_repr(word)} is not a size, pixel format and rate"
         raise UsageError(problem, "write, for example, 640x480:bgr24@30", option="raw")
-    return RawVideo(int(sides[1]), int(sides[2]), pixel_format, parse_fps(rate, "raw"))
+    return RawVideo(int(sides[1]), int(sides[2]), pixel_format, parse.fps(rate, "raw"))
 
 
 def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:

@@ -67,7 +67,7 @@ _RULES = FormatRules(
     (VideoFormat.MKV, VideoFormat.MP4),
     _of_name,
     formats.video_stem_of,
-    (".mkv", ".mp4", ".webm", ".mov"),
+    tuple(which.facts.file_suffix or "" for which in formats.VIDEOS),
     stdout=VideoFormat.MKV,
     of_pattern=_of_pattern,
     is_bare_folder=True,
