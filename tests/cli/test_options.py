@@ -92,7 +92,11 @@ def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> No
             "mp4, webm, mov, stereo",
         ),
         (("video", "clip.avi", "-o", "d.mkv", "--fps", "24"), "--fps", "image sequences"),
-        (("convert", "a.npy", "b.exr", "--png-scale", "256"), "--png-scale", "png16, pgm, json, mkv"),
+        (
+            ("convert", "a.npy", "b.exr", "--png-scale", "256"),
+            "--png-scale",
+            "png16, pgm, json, mkv",
+        ),
         (("convert", "a.npy", "b.exr", "--include", "*.exr"), "--include", "a folder"),
     ],
 )
