@@ -224,9 +224,9 @@ class AnchorOptions:
     )
     anchors: str | None = option(
         "Known depth, such as that of a lidar: a CSV table with the columns x, y and "
-        "depth_m, a sparse depth map of the image's size (as 'info' reads; 0 or NaN "
-        "is unknown), or a cloud (PLY, PCD; needs --calibration). For 'batch', a folder with such "
-        "a file for each image; for 'video', one for each frame by its number, or a table with a "
+        "depth_m, a sparse depth map of the image's size (as 'info' reads; 0 or NaN is "
+        "unknown), or a cloud (PLY, PCD, BIN; needs --calibration). For 'batch', a folder with "
+        "one for each image; for 'video', one for each frame by its number, or a table with a "
         "column frame or time_s. A folder with cameras, images and points3D of COLMAP. self: what "
         "a phone stored within each image (HEIC, JPEG).",
         "--anchors",

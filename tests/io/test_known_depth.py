@@ -259,6 +259,9 @@ def write_cloud(path: Path) -> None:
     if path.suffix == ".ply":
         trimesh = pytest.importorskip("trimesh")
         path.write_bytes(trimesh.PointCloud(POINTS[:5]).export(file_type="ply"))
+    elif path.suffix == ".bin":
+        columns = 5 if path.stem.endswith(".pcd") else 4
+        np.pad(POINTS[:5], ((0, 3), (0, columns - 3))).astype("<f4").tofile(path)
     else:
         pypcd4 = pytest.importorskip("pypcd4")
         cloud = pypcd4.PointCloud.from_xyzi_points(np.column_stack([POINTS[:5], np.ones(5)]))
@@ -266,7 +269,7 @@ def write_cloud(path: Path) -> None:
         cloud.save(path, pypcd4.Encoding.BINARY_COMPRESSED if compressed else pypcd4.Encoding.ASCII)
 
 
-@pytest.mark.parametrize("name", ["a.ply", "a.pcd", "compressed.pcd"])
+@pytest.mark.parametrize("name", ["a.ply", "a.pcd", "compressed.pcd", "kitti.bin", "nu.pcd.bin"])
 def test_files_of_clouds_are_known_depth(name: str, tmp_path: Path) -> None:
     write_cloud(tmp_path / name)
     stated = AnchorFiles(str(tmp_path / name), 2.0, camera=CAMERA)  # units per metre

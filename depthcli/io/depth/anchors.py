@@ -61,7 +61,8 @@ class AnchorFiles:
     def may_be_clouds(self) -> bool:
         """Whether it is a point cloud, or a folder that may have some."""
         suffix = path_of(self.path).suffix.lower()
-        return not self.is_by_image and (suffix in _CLOUDS or suffix not in SUFFIXES)
+        is_map = suffix in SUFFIXES and suffix not in (*_CLOUDS, ".bin")
+        return not (self.is_by_image or is_map)
 
     @property
     def may_be_distances(self) -> bool:
@@ -128,6 +129,7 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     """The points of a CSV table, a cloud, or a sparse depth map of a stated scale and kind."""
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.read import DepthReadOptions, read_stored_depth  # noqa: PLC0415
+    from depthcli.io.formats.raster import COLMAP_MAP  # noqa: PLC0415
     from depthcli.io.storage.paths import read_bytes  # noqa: PLC0415
 
     suffix = path.suffix.lower()
@@ -135,7 +137,7 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
         raise InputError(
             f"{path} is in metres along the axis", "remove {anchors_scale} and {anchors_kind}"
         )
-    if suffix in _CLOUDS:
+    if suffix in _CLOUDS or (suffix == ".bin" and not COLMAP_MAP.match(read_bytes(path))):
         return _of_cloud(path, stated)
     if suffix == ".csv":
         return AnchorPoints.of_table(numbers_of(CsvTable(read_bytes(path), str(path)), COLUMNS))

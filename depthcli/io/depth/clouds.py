@@ -29,9 +29,12 @@ _Values = Float64Array
 
 
 def read_cloud(path: Path) -> _Values:
-    """The points of a PLY or PCD file: (N, 3) float64, as they are stored; NaN is no point."""
+    """The points of a PLY, PCD or BIN: (N, 3) float64, as they are stored; NaN is no point."""
     data = read_bytes(path)
     try:
+        if path.suffix.lower() == ".bin":  # x, y, z and intensity of KITTI; nuScenes has a ring
+            columns = 5 if path.name.endswith(".pcd.bin") else 4
+            return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
         return _of_pcd(data) if path.suffix.lower() == ".pcd" else _of_ply(data)
     except ImportError as error:
         raise InputError(f"{path} needs {error.name}", f"install it: {INSTALL_POINTS}") from error

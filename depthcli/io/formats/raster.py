@@ -15,7 +15,7 @@ from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.storage.paths import read_bytes
 
 _PFM = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)\s")
-_COLMAP = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
+COLMAP_MAP = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
 _TIFF_UNCOMPRESSED = 1
 
 
@@ -78,7 +78,7 @@ def _pfm(data: bytes, path: Path) -> AnyArray:
 
 
 def _colmap(data: bytes, path: Path) -> AnyArray:
-    head = _COLMAP.match(data)
+    head = COLMAP_MAP.match(data)
     if head is None:
         raise InputError(f"{path} is not a dense map of COLMAP")
     width, height, channels = head.groups()
