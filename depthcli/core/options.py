@@ -232,11 +232,11 @@ def short_repr(value: object) -> str:
     return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
 
 
-INSTALL_TRAIN = "pip install '.[train]'"
+INSTALL_TRAIN = "pip install 'depthcli[train]'"
 INSTALL_H5PY = "pip install h5py"
-INSTALL_RAY = "pip install '.[ray]'"
-INSTALL_PYARROW = "pip install '.[parquet]'"
-INSTALL_HEIF = "pip install '.[heif]'"
-INSTALL_POINTS = "pip install '.[points]'"
-INSTALL_FORMATS = "pip install '.[formats]'"
-INSTALL_CLOUD = "pip install '.[cloud]'"
+INSTALL_RAY = "pip install 'depthcli[ray]'"
+INSTALL_PYARROW = "pip install 'depthcli[parquet]'"
+INSTALL_HEIF = "pip install 'depthcli[heif]'"
+INSTALL_POINTS = "pip install 'depthcli[points]'"
+INSTALL_FORMATS = "pip install 'depthcli[formats]'"
+INSTALL_CLOUD = "pip install 'depthcli[cloud]'"

@@ -40,7 +40,7 @@ class Logger(Callback):
         try:
             self.package: Any = import_module(self.MODULE)
         except ImportError as error:
-            told = f"the package {self.TRACKER} is missing: pip install '.[{self.TRACKER}]'"
+            told = f"the package {self.TRACKER} is missing: pip install 'depthcli[{self.TRACKER}]'"
             raise TrainingError(told) from error
         folder.mkdir(parents=True, exist_ok=True)
 

@@ -117,7 +117,7 @@ def test_a_missing_extra_is_one_clear_line(cli: Cli, command: str, tmp_path: Pat
     arguments = {"train": ("proposed", "--data", "x"), "export-onnx": ("x",)}[command]
     done = cli(command, *arguments, PYTHONPATH=f"{blocked}:{cli.site}", code=3)
     (line,) = done.stderr.decode().splitlines()
-    assert "'.[train]'" in line
+    assert "'depthcli[train]'" in line
 
 
 @pytest.mark.parametrize("words", [("models", "show"), ("--help",), ("--version",), ("eval", "-h")])

@@ -158,7 +158,7 @@ def test_a_pillow_heif_that_cannot_be_loaded_is_one_line(monkeypatch: pytest.Mon
 
 @pytest.mark.usefixtures("without_heif")
 def test_without_pillow_heif_one_line_says_what_to_install() -> None:
-    expected = "a.heic is HEIC, which needs pillow-heif; pip install '.[heif]'"
+    expected = "a.heic is HEIC, which needs pillow-heif; pip install 'depthcli[heif]'"
     for read in (check, lambda data, name: read_image(None, data, name=name)):
         with pytest.raises(InputError) as caught:
             read(FILES["colour"], "a.heic")
@@ -177,4 +177,4 @@ def test_names_of_heif_are_those_of_pictures() -> None:
 def test_without_pillow_heif_they_are_skipped_with_advice() -> None:
     assert not any(map(is_picture, NAMES))
     hint = conversion_hint([Skipped("a.heic", ".heic"), Skipped("b.dng", ".dng")])
-    assert (hint or "").endswith("'.[heif]'")
+    assert (hint or "").endswith("'depthcli[heif]'")

@@ -128,7 +128,7 @@ def test_skipped_files_are_counted_by_reason() -> None:
     more = [*skipped, Skipped("y", ".c"), Skipped("y", ".d")]
     assert skip_summary(more).endswith("1 .a, 1 .b, 2 others)")
     assert skip_summary(skipped[:1]) == "1 file skipped (1 hidden)"
-    assert (conversion_hint(skipped) or "").endswith("'.[heif]'")
+    assert (conversion_hint(skipped) or "").endswith("'depthcli[heif]'")
     assert ".heic" in (conversion_hint(skipped[3:4]) or "")
     assert (conversion_hint(skipped[7:8]) or "").endswith("; convert to JPEG, PNG or TIFF")
     assert conversion_hint(skipped[:3]) is None

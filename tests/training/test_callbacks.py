@@ -146,7 +146,7 @@ def test_without_the_package_one_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     done = _train(tmp_path, "--quiet")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (3, "", 1)
-    assert "'.[tensorboard]'" in done.stderr
+    assert "'depthcli[tensorboard]'" in done.stderr
     assert not (tmp_path / "run").exists()
 
 

@@ -249,7 +249,9 @@ def _changes(
         from depthcli.jobs.batch.watch import FolderChanges
     except ModuleNotFoundError as error:
         raise UsageError(
-            f"it needs {error.name}", "install it with: pip install '.[watch]'", option="watch"
+            f"it needs {error.name}",
+            "install it with: pip install 'depthcli[watch]'",
+            option="watch",
         ) from error
     wanted = NameFilter.of(inputs.include or (), inputs.exclude or ())
     found = FolderChanges(folder, out, wanted)

@@ -99,7 +99,7 @@ def serve(
         from depthcli.jobs.serve import LOOPBACK, DepthServer, Limits
     except ModuleNotFoundError as error:
         raise UsageError(
-            f"serve needs {error.name}", "install it with: pip install '.[serve]'"
+            f"serve needs {error.name}", "install it with: pip install 'depthcli[serve]'"
         ) from error
     token = listen.token or os.environ.get(_TOKEN)
     if listen.host not in LOOPBACK and not token:
