@@ -149,7 +149,9 @@ class Destination(Generic[FormatT]):
             base = path.with_name(self.stem) if path and self.stem is not None else base
             return {which: base.with_name(base.name + which.facts.suffix) for which in self.wanted}
         stem = base_name(path.stem) if self.kind is Kind.PATTERN else path.stem
-        named = {which: path.with_name(stem + which.facts.suffix) for which in self.formats[1:]}
+        rest = path.stem.removeprefix(stem)  # such as .%04d
+        ends = {which: which.facts.suffix.replace(".%06d", rest) for which in self.formats[1:]}
+        named = {which: path.with_name(stem + end) for which, end in ends.items()}
         beside = {} if self.sidecar is None else {self.sidecar: path.with_name(f"{stem}.json")}
         return {self.formats[0]: path, **named, **beside}
 

@@ -401,7 +401,7 @@ def test_numbered_files_and_a_preview_in_one_run(inside: Cli) -> None:
     assert sorted(path.name for path in (inside.folder / "d").iterdir()) == [
         *(f"depth.{number}.exr" for number in range(1001, 1004)),
         "depth.json",
-        *(f"depth.normals.{number:06d}.png" for number in range(1001, 1004)),
+        *(f"depth.normals.{number}.png" for number in range(1001, 1004)),
         "depth.preview.mp4",
     ]
     inside("video", pattern, "-o", "d/depth.####.exr", "--format", "mp4", code=2)
