@@ -127,6 +127,19 @@ def test_a_distorted_lens_is_one_warning_or_undistorted(
     np.testing.assert_allclose(np.load(path), np.load(folder / "flat.npy"), rtol=1e-6)
 
 
+def test_points_that_a_reconstruction_saw_in_images_are_not_those_of_undistorted_ones(
+    inside: Cli, folder: Path
+) -> None:
+    """COLMAP states keypoints in the pixels of the images that it was given."""
+    (folder / "sparse").mkdir()
+    (folder / "sparse/cameras.txt").write_text("1 SIMPLE_RADIAL 64 48 80 31 25.75 -0.1\n")
+    (folder / "sparse/images.txt").write_text("1 1 0 0 0 0 0 0 1 room.png\n20 20 1 40 30 2\n")
+    (folder / "sparse/points3D.txt").write_text("1 0 0 2 0 0 0 0\n2 0 0 3 0 0 0 0\n")
+    words = ("predict", "room.png", "-o", "d.npy", "--calibration", "sparse/cameras.txt")
+    inside(*words, "--anchors", "sparse", code=0)
+    inside(*words, "--anchors", "sparse", "--undistort", code=2)
+
+
 def test_a_video_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     write_video(folder / "clip.avi", flat_frames(range(2)))
     depths, sidecars = [], []
