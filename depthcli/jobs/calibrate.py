@@ -153,12 +153,9 @@ def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:
     if isinstance(anchors, tuple):
         return AnchorPoints.of(anchors)
     image = Path(frame.path or "")
-    if anchors.is_by_image:
-        return anchors.of_image(image)
-    if path_of(anchors.path).is_dir():
-        file = anchors.file_for(image.name, picture=image)
-        return replace(anchors, path=str(file)).read()
-    return anchors.read()
+    if path_of(anchors.path).is_dir() and not anchors.is_by_image:
+        anchors = replace(anchors, path=str(anchors.file_for(image.name, picture=image)))
+    return anchors.read(image)
 
 
 def _sample(depth: DepthMap, points: AnchorPoints) -> _Sample:

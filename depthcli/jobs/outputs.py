@@ -56,14 +56,10 @@ class MapOptions:
         """
         from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
 
-        if not self.anchors:
+        known = self.anchors
+        if not known:
             return None
-        if isinstance(self.anchors, tuple):
-            found = AnchorPoints.of(self.anchors)
-        else:
-            found = (
-                self.anchors.of_image(image) if self.anchors.is_by_image else self.anchors.read()
-            )
+        found = AnchorPoints.of(known) if isinstance(known, tuple) else known.read(image)
         return replace(found, fit=self.anchors_fit)
 
     def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:

@@ -164,14 +164,14 @@ def test_own_depth_of_an_image_is_used_if_it_is_in_metres(tmp_path: Path) -> Non
     path, shades = tmp_path / "a.jpg", np.array([[0, 255]], np.uint8)
     facts = {"Format": "RangeLinear", "Near": "1", "Far": "3"}
     path.write_bytes(made.jpeg_with_depth(made.jpeg([[128]]), shades, Units="m", **facts))
-    points = AnchorFiles(SELF).of_image(path)
+    points = AnchorFiles(SELF).read(path)
     assert (points.depth_m.tolist(), points.size_px) == ([1, 3], (2, 1))
     for data in (
         made.jpeg_with_depth(made.jpeg([[128]]), shades, **facts),  # without a unit
         made.jpeg([[128]]),
     ):
         path.write_bytes(data)
-        points = AnchorFiles(SELF).of_image(path)
+        points = AnchorFiles(SELF).read(path)
         assert (len(points), len(points.warnings)) == (0, 1)
 
 
@@ -318,7 +318,7 @@ def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -
     write(tmp_path)
     stated = AnchorFiles(str(tmp_path))
     assert stated.is_by_image
-    found = stated.of_image(Path("/data/hall/my room.jpg"))
+    found = stated.read(Path("/data/hall/my room.jpg"))
     # A quarter turn about y: z of the camera is -x of the world, and 2.
     assert dict(zip(found.x.tolist(), found.depth_m.tolist(), strict=True)) == pytest.approx(
         {32: 1, 0: 3}
@@ -326,11 +326,11 @@ def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -
     assert found.y.tolist() == [20, 47]
     assert found.size_px == (64, 48)
     assert len(found.warnings) == 2  # its unit, and a point behind the camera
-    in_metres = AnchorFiles(str(tmp_path), scale=2.0).of_image(Path("hall/my room.jpg"))
+    in_metres = AnchorFiles(str(tmp_path), scale=2.0).read(Path("hall/my room.jpg"))
     np.testing.assert_allclose(in_metres.depth_m, found.depth_m / 2)
     for name in ("empty.jpg", "room.jpg"):
         with pytest.raises(InputError):
-            stated.of_image(Path(name))
+            stated.read(Path(name))
     assert found.within(128, 96).x.tolist() == [65, 1]
 
 

@@ -54,7 +54,7 @@ class AnchorFiles:
 
     @property
     def is_by_image(self) -> bool:
-        """Whether :meth:`of_image` reads it: that of an image itself, or of its name."""
+        """Whether it is that of an image itself, or of its name."""
         return self.path == SELF or bool(self.reconstruction)
 
     @property
@@ -69,15 +69,13 @@ class AnchorFiles:
         """Whether its numbers are distances along the ray, or may be, as those of a phone."""
         return self.kind is DepthEncoding.DISTANCE or self.path == SELF
 
-    def read(self) -> AnchorPoints:
-        """Read the file."""
+    def read(self, image: Path | None = None) -> AnchorPoints:
+        """Depth of the file, or within the image or of its reconstruction; none without metres."""
         path = path_of(self.path)
-        if path.suffix.lower() not in SUFFIXES:
+        if not self.is_by_image and path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path} holds no known depth", f"give a file with {_ALTERNATIVES}")
-        return read_known_depth(path, self)
-
-    def of_image(self, image: Path | None) -> AnchorPoints:
-        """Depth within an image or of its reconstruction; without metres, a warning alone."""
+        if not self.is_by_image:
+            return read_known_depth(path, self)
         if image is None:
             raise InputError("standard input is no file whose own depth can be read")
         if self.reconstruction:

@@ -26,7 +26,6 @@ _RULES = {
     _TIME_S: Rule("seconds from the first frame", lambda s: abs(s) < 1e9),  # noqa: PLR2004
 }
 _Points = AnchorPoints | Path
-_HALF_FRAME = 0.5
 
 
 class FrameAnchors:
@@ -80,7 +79,7 @@ class FrameAnchors:
             keys, at = list(self._each), time_s if self._is_timed else number
             after = bisect_left(keys, at)
             nearest = min(keys[max(0, after - 1) : after + 1], key=lambda key: abs(key - at))
-            within_s = _HALF_FRAME / rate if self._within_s is None else self._within_s
+            within_s = 0.5 / rate if self._within_s is None else self._within_s
             within = within_s if self._is_timed else within_s * (numbers_a_second or rate)
             found = self._each[nearest] if abs(nearest - at) <= within else None
         if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
