@@ -1,5 +1,6 @@
 """Batches with bad inputs, links, odd lists, and a budget of failures."""
 
+import errno
 import os
 import threading
 from dataclasses import replace
@@ -113,6 +114,20 @@ def test_unreadable_folder_fails_with_its_reason(tmp_path: Path) -> None:
     would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
     became = {result.row.input: result.row.error for result in Batch(asked)}
     assert would == became == dict.fromkeys(NAMES) | {"hall": closed.problem}
+
+
+def test_a_folder_of_another_user_is_an_error_of_the_batch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mounts of containers often are; chmod does not stop root, as whom tests may run."""
+
+    def closed(path: str) -> Any:
+        raise PermissionError(errno.EACCES, "Permission denied", path)
+
+    pictures(tmp_path)
+    monkeypatch.setattr(os, "scandir", closed)
+    with pytest.raises(UsageError, match="Permission denied"):
+        plan_folder(str(tmp_path / "in"), str(tmp_path / "out"))
 
 
 def test_a_picture_too_large_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

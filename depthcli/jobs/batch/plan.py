@@ -8,7 +8,7 @@ from pathlib import Path
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
-from depthcli.errors import InputError, Message, UsageError
+from depthcli.errors import InputError, Message, UsageError, os_errors_as
 from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest import WHOLE, Shard
@@ -234,6 +234,9 @@ def plan_folder(
         is_file = not isinstance(place, paths.RemotePath) and place.is_file()
         hint = "; 'depthcli predict' and 'depthcli video' take files" if is_file else ""
         raise UsageError(f"{place} is not a folder", f"name one, or give {{files}} a list{hint}")
+    if not is_store:
+        with os_errors_as(UsageError, f"{place} cannot be listed"):
+            os.scandir(root).close()
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         advice = "choose another folder, for example one inside it"
         raise UsageError(f"{out} is the folder of the inputs", advice, option="out")
