@@ -217,7 +217,7 @@ def _refuse_alternatives(values: Mapping[str, object]) -> None:
             raise UsageError("", f"give {{{given[0]}}} or {{{given[1]}}}, not both")
 
 
-def _numbers(word: str, count: int) -> list[float]:
+def numbers(word: str, count: int) -> list[float]:
     """The numbers of ``X,Y``; not a number for each if there are not as many."""
     try:
         found = [float(part) for part in word.split(",")]
@@ -232,7 +232,7 @@ def _is_index(value: float) -> bool:
 
 def pixel(word: str) -> tuple[int, int]:
     """Parse ``X,Y``; UsageError if it is not two integers of at least 0."""
-    x, y = _numbers(word, 2)
+    x, y = numbers(word, 2)
     if not (_is_index(x) and _is_index(y)):
         advice = "give a column and a row from 0, for example 320,240"
         raise UsageError(f"{word!r} is not X,Y", advice)
@@ -245,14 +245,14 @@ def area(word: str) -> tuple[int, ...] | str:
         return word
     if word.count(",") != _BOX_COMMAS:
         return pixel(word)
-    ends = _numbers(word, _BOX_COMMAS + 1)
+    ends = numbers(word, _BOX_COMMAS + 1)
     if not all(map(_is_index, ends)):
         raise UsageError(f"{word!r} is not X0,Y0,X1,Y1", "give columns and rows from 0")
     return tuple(map(int, ends))
 
 
 def _centre(word: str) -> tuple[float, float]:
-    x, y = _numbers(word, 2)
+    x, y = numbers(word, 2)
     if not (math.isfinite(x) and math.isfinite(y)):
         problem = f"{word!r} is not CX,CY in pixels, for example 319.5,239.5"
         raise UsageError(problem, option="centre_px")
@@ -260,7 +260,7 @@ def _centre(word: str) -> tuple[float, float]:
 
 
 def _anchor(word: str) -> Anchor:
-    x, y, depth_m = _numbers(word, 3)
+    x, y, depth_m = numbers(word, 3)
     if not (_is_index(x) and _is_index(y) and DEPTH_M.holds(depth_m)):
         raise UsageError(
             f"{word!r} is not X,Y,METRES",

@@ -97,12 +97,10 @@ def calibrate(
 
 
 def _object(word: str) -> KnownObject:
+    from depthcli.cli import parse
     from depthcli.jobs.calibrate import KnownObject
 
-    try:
-        found = KnownObject(*map(float, word.split(",")))
-    except (TypeError, ValueError):
-        found = KnownObject(0, 0, 0, 0, 0)
+    found = KnownObject(*parse.numbers(word, 5))
     if not (found.x0 < found.x1 and found.y0 < found.y1 and found.height_m > 0):
         raise UsageError(
             f"{word!r} is not X0,Y0,X1,Y1,METRES, for example 310,120,360,420,1.75",
