@@ -180,6 +180,11 @@ def test_transcript_of_a_method_and_a_loss_from_outside(extended: Extended) -> N
         if file:
             (folder / file).write_text(told)
     assert "mine-model/ (mine) minus each row" in told
+    (header,) = (line for line in told.splitlines() if line.startswith("minus"))
+    assert header.split()[-1] == "within_5cm"
+    (row,) = json.loads((folder / "mine.json").read_text())["rows"]
+    values = [image["within_5cm"] for image in row["per_image"]]
+    assert row["scores"]["within_5cm"] == pytest.approx(sum(values) / len(values))
     log = (folder / "runs" / "mine" / "metrics.jsonl").read_text().splitlines()
     (epoch,) = map(json.loads, log)
     assert set(epoch["losses"]) == {"mine:near_l1"}

@@ -243,8 +243,7 @@ def _paper_order(row: report.ReportRow) -> tuple[int, str]:
     """Sort key: other rows, then training runs in the order of the paper, then by name."""
     if row.training is None:
         return -1, ""
-    known = row.name in _PAPER_ORDER
-    return (_PAPER_ORDER.index(row.name) if known else len(_PAPER_ORDER)), row.name
+    return [*_PAPER_ORDER, row.name].index(row.name), row.name
 
 
 def _is_headline(task: EvalTask, options: EvalOptions) -> bool:

@@ -20,8 +20,6 @@ from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.metrics.depth import METRICS
 
-_RUN_METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
-"""Columns of the paper's Table I, for training runs; JSON and CSV have all metrics."""
 _TRAINING = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
 _FEW_SCENES = 12  # with fewer, simulated intervals hold the true difference in less than 90 %
@@ -50,34 +48,32 @@ class Page:
 
 def report_page(report: EvalReport) -> Page:
     """The text of a report."""
-    with_runs = report.has_training
-    metrics = _RUN_METRICS if with_runs else report.columns
-    header = ["row", "align", *(_TRAINING if with_runs else ()), "images", "pixels", *metrics]
-    shown = metrics if with_runs else tuple(METRICS)
+    training = _TRAINING if report.has_training else ()
+    header = ["row", "align", *training, "images", "pixels", *report.columns]
     return Page(
         report.title,
         report.protocol.description,
-        [header, *(_row_cells(row, report, metrics) for row in report.rows)],
-        _footnotes(report, metrics),
-        [*_differences(report.differences, shown), *_parts(report.breakdowns, shown)],
+        [header, *(_row_cells(row, report) for row in report.rows)],
+        _footnotes(report),
+        [*_differences(report.differences), *_parts(report.breakdowns)],
         _model_checksums(report.rows),
     )
 
 
-def _row_cells(row: ReportRow, report: EvalReport, metrics: Sequence[str]) -> list[str]:
-    scores = dict(row.items(boundary=report.protocol.boundary))
+def _row_cells(row: ReportRow, report: EvalReport) -> list[str]:
+    scores = row.items(boundary=report.protocol.boundary)
     return [
         one_line(row.name) + ("*" if row.note else ""),
         row.alignment or "-",
         *(_training_cells(row.training) if report.has_training else ()),
         str(row.image_count),
         str(row.pixel_count or "-"),
-        *(_score_cell(metric, scores[metric], row) for metric in metrics),
+        *(_score_cell(metric, value, row) for metric, value in scores),
     ]
 
 
 def _score_cell(metric: str, mean: float, row: ReportRow) -> str:
-    std = f"±{row.std[metric]:.4f}" if row.std and not math.isnan(mean) else ""
+    std = f"±{_number(metric, row.std[metric])}" if row.std and not math.isnan(mean) else ""
     return f"{_number(metric, mean)}{std}"
 
 
@@ -104,7 +100,8 @@ def _min_to_max(values: Sequence[int]) -> str:
     return str(low) if low == high else f"{low}-{high}"
 
 
-def _footnotes(report: EvalReport, metrics: Sequence[str]) -> list[str]:
+def _footnotes(report: EvalReport) -> list[str]:
+    metrics = report.columns
     upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
     higher = ", ".join(name for name in metrics if name in upward | HIGHER_IS_BETTER)
     units: dict[str, list[str]] = {}
@@ -129,7 +126,7 @@ def _footnotes(report: EvalReport, metrics: Sequence[str]) -> list[str]:
 
 
 def _differences(
-    differences: Sequence[Difference], metrics: Sequence[str]
+    differences: Sequence[Difference],
 ) -> Iterator[tuple[str, list[list[str]]]]:
     """Title and cells for each row that others are subtracted from, header first.
 
@@ -137,7 +134,7 @@ def _differences(
     """
     for name in dict.fromkeys(difference.name for difference in differences):
         own = [difference for difference in differences if difference.name == name]
-        yield _title(one_line(name), own[0].scene_count), _difference_cells(own, metrics)
+        yield _title(one_line(name), own[0].scene_count), _difference_cells(own)
 
 
 def _title(name: str, scenes: int) -> str:
@@ -147,11 +144,10 @@ def _title(name: str, scenes: int) -> str:
     return f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0{few}"
 
 
-def _difference_cells(differences: Sequence[Difference], metrics: Sequence[str]) -> list[list[str]]:
-    lines = [["minus", "align", "", *metrics]]
+def _difference_cells(differences: Sequence[Difference]) -> list[list[str]]:
+    lines = [["minus", "align", "", *METRICS]]
     for difference in differences:
-        intervals = dict(zip(METRICS, difference.intervals, strict=True))
-        shown = [intervals[metric] for metric in metrics]
+        shown = difference.intervals
         row = (one_line(difference.other), difference.alignment or "-")
         lines += [
             [*row, "mean", *(_signed(i.mean, "!" if i.is_significant else " ") for i in shown)],
@@ -162,14 +158,14 @@ def _difference_cells(differences: Sequence[Difference], metrics: Sequence[str])
 
 
 def _parts(
-    breakdowns: Sequence[Breakdown], metrics: Sequence[str]
+    breakdowns: Sequence[Breakdown],
 ) -> Iterator[tuple[str, list[list[str]]]]:
     """Title and cells of each breakdown, header first."""
     for breakdown in breakdowns:
         counted = "pixels" if breakdown.by is Part.DISTANCE else "images"
-        lines = [[str(breakdown.by), "row", counted, *metrics]]
+        lines = [[str(breakdown.by), "row", counted, *METRICS]]
         for one in breakdown.scored:
-            scores = (_number(metric, one.scores[metric]) for metric in metrics)
+            scores = (_number(metric, value) for metric, value in one.scores.items())
             lines.append([one_line(one.part), one_line(one.row), str(one.count), *scores])
         yield breakdown.title, lines
 

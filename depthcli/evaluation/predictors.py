@@ -221,7 +221,7 @@ def fit_trivial(
     max_m: float = MAX_DEPTH_M,
     progress: Progress = NO_PROGRESS,
     workers: int = 0,
-) -> tuple[TrivialPredictor, TrivialPredictor]:
+) -> tuple[TrivialPredictor, ...]:
     """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
 
     Only depth in the open interval (``min_m``, ``max_m``) is used; with 0 workers, pairs are read
@@ -246,8 +246,7 @@ def fit_trivial(
     # A pixel that was never valid, for example in a corner, gets the constant mean.
     per_pixel_m = np.divide(sums, counts, out=np.full_like(sums, mean_m), where=counts > 0)
     means_m = np.full(sums.shape, mean_m, np.float32), per_pixel_m.astype(np.float32)
-    constant, per_pixel = (
+    return tuple(
         TrivialPredictor(name, Source.TRIVIAL, DepthKind.METRIC, "metric, m", DepthMap(values))
         for name, values in zip(TRIVIAL_NAMES, means_m, strict=True)
     )
-    return constant, per_pixel

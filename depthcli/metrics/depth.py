@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import reduce
+from itertools import chain, repeat
 from typing import Self, TypeAlias
 
 import cv2
@@ -20,6 +21,7 @@ import numpy as np
 
 from depthcli.core.arrays import Float64Array
 from depthcli.core.options import Averaging
+from depthcli.errors import UsageError
 from depthcli.metrics.pixels import DepthPixels
 
 _MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
@@ -43,6 +45,7 @@ class Metric:
     finish: Callable[..., float]  #: the value from their means, in the same order
     higher_is_better: bool  #: direction of improvement
     unit: str  #: of the value, as tables state it; empty if it has none
+    is_whole: bool = False  #: whether ``sums`` takes all pixels at once, not parts of them
 
 
 METRICS: dict[str, Metric] = {}  #: every metric by name, in the order of the table's columns
@@ -125,9 +128,26 @@ def silog(pixels: DepthPixels) -> tuple[float, ...]:
     return float(pixels.log_error.sum()), pixels.squared_log_error
 
 
+def add_metric(name: str, function: Callable[[Float64Array, Float64Array], float]) -> None:
+    """Enter a function of true and predicted metres, (N,) float64 of the pixels of an image each.
+
+    Its attributes ``higher_is_better`` and ``unit`` describe it. Over the pixels of several images,
+    the mean of its values is weighted by their numbers of pixels.
+    """
+    if name in METRICS and not METRICS[name].is_whole:
+        raise UsageError(f"there is a metric {name}", "rename the function", option="metric")
+
+    def sums(pixels: DepthPixels) -> tuple[float, ...]:
+        count = len(pixels)
+        return (count * float(function(pixels.truth_m, pixels.predicted_m)) if count else 0.0,)
+
+    higher, unit = getattr(function, "higher_is_better", False), getattr(function, "unit", "")
+    METRICS[name] = Metric(name, sums, float, higher, unit, is_whole=True)
+
+
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """One value for every metric of :data:`~depthcli.metrics.depth.METRICS`, in its order."""
+    """One value for every metric of :data:`METRICS`, in its order; NaN for one added later."""
 
     values: tuple[float, ...]
 
@@ -137,11 +157,11 @@ class Scores:
         return cls(tuple(named.get(name, math.nan) for name in METRICS))
 
     def __getitem__(self, name: str) -> float:
-        return self.values[list(METRICS).index(name)]
+        return dict(self.items())[name]
 
     def items(self) -> Iterator[tuple[str, float]]:
         """(name, value) of every metric."""
-        return zip(METRICS, self.values, strict=True)
+        return zip(METRICS, chain(self.values, repeat(math.nan)), strict=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +174,11 @@ class PixelSums:
     @classmethod
     def of(cls, pixels: DepthPixels) -> Self:
         """Sums over the pixels of one image; thread-safe."""
-        parts = [[metric.sums(part) for metric in METRICS.values()] for part in pixels.parts()]
+        whole, others = ([m for m in METRICS.values() if m.is_whole is x] for x in (True, False))
+        parts = [[metric.sums(part) for metric in others] for part in pixels.parts()]
         columns = zip(*parts, strict=True)
         sums = tuple(tuple(map(sum, zip(*column, strict=True))) for column in columns)
-        return cls(len(pixels), sums)
+        return cls(len(pixels), (*sums, *(metric.sums(pixels) for metric in whole)))
 
     def __add__(self, other: Self) -> Self:
         pairs = zip(self.sums, other.sums, strict=True)

@@ -22,6 +22,7 @@ from depthcli.core.types import Frame
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import NYU_PAPER, TrainingData, open_training_data
 from depthcli.errors import ExitCode
+from depthcli.metrics.depth import METRICS
 from depthcli.training.callbacks import Callback
 from depthcli.training.config import TrainConfig, updated
 from depthcli.training.methods.registry import default_config
@@ -122,6 +123,7 @@ def test_text_csv_and_page_show_the_same_table(
     out = capsys.readouterr().out.splitlines()
     assert out[0] == ("NYU Depth v2 · scenes that the runs held out, 2 images · protocol: headline")
     header = out[3].split()
+    assert header[-len(METRICS) :] == list(METRICS)
     lines = {tuple(line.split()[:2]): line.split() for line in out if line.startswith("fastcut")}
     assert set(lines) == {("fastcut", "none"), ("fastcut", "median")}
     cells = dict(zip(header, lines["fastcut", "none"], strict=True))

@@ -10,7 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from depthcli.metrics.depth import METRICS, PixelSums
+from depthcli.core.options import Averaging
+from depthcli.errors import UsageError
+from depthcli.metrics.depth import METRICS, PixelSums, Scores, add_metric, mean_scores
 from depthcli.metrics.pixels import DepthPixels
 
 Pairs = list[tuple[float, float]]
@@ -134,6 +136,30 @@ def test_parts_give_the_same_in_any_order_of_the_metrics(order: int) -> None:
     alone = DepthPixels(first.truth, first.prediction)
     for name in quantities:
         np.testing.assert_array_equal(getattr(first, name), getattr(alone, name))
+
+
+def test_a_metric_of_ones_own_gets_all_pixels_of_an_image() -> None:
+    """Larger than a part; of several images pooled, it is weighted by their pixels."""
+    random, before = np.random.default_rng(0), Scores.of(abs_rel=0.5)
+    pairs = [random.uniform(0.5, 9, (2, n)) for n in (200_000, 40_000)]
+    add_metric("median_error", lambda g, p: float(np.median(abs(p - g))))
+    try:
+        sums = [PixelSums.of(DepthPixels.of(*pair)) for pair in pairs]
+        each = [float(np.median(abs(p - g))) for g, p in pairs]
+        assert [s.scores()["median_error"] for s in sums] == pytest.approx(each)
+        assert mean_scores(sums)["median_error"] == pytest.approx(sum(each) / 2)
+        pooled = mean_scores(sums, Averaging.POOLED)["median_error"]
+        assert pooled == pytest.approx((5 * each[0] + each[1]) / 6)
+        assert sums[0].scores()["abs_rel"] == pytest.approx(
+            np.mean(abs(np.diff(pairs[0], axis=0)) / pairs[0][0])
+        )
+        empty = PixelSums.of(DepthPixels.of(np.zeros(3), np.ones(3)))
+        assert (sums[1] + empty).scores() == sums[1].scores()
+        assert math.isnan(before["median_error"])  # as of the paper's rows
+        with pytest.raises(UsageError):
+            add_metric("rmse", np.dot)
+    finally:
+        METRICS.pop("median_error")
 
 
 def test_bounds_of_the_truth_are_strict() -> None:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,18 +15,12 @@ from depthcli.datasets.base import SplitName
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
+    from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.io.depth.read import DepthReadOptions
     from depthcli.jobs.evaluate import EvalRequest, EvalResult, ReportFiles
 
 app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
-
-_AGAINST = "Also compare this row with every other: paired bootstrap over scenes"
-
-
-@app.callback()
-def _eval_group() -> None:
-    """Compare models on a data set."""
 
 
 @group
@@ -94,12 +88,53 @@ class ModelOptions:
 
 
 @group
+class ReportOptions:
+    """Table and figures."""
+
+    metric: list[str] | None = groups.option(
+        "Your own metric, a function of true and predicted metres; repeatable.",
+        metavar="MODULE:NAME",
+    )
+    csv: Path | None = groups.option("Also write the table as CSV.", metavar="FILE")
+    html: Path | None = groups.option("Write table and figures to one HTML file.", metavar="FILE")
+    screen: groups.ScreenOptions
+
+    def files(self, figures: Path | None = None) -> "ReportFiles":
+        """The files to write, which are checked; the metrics are added."""
+        from depthcli.jobs.evaluate import ReportFiles
+        from depthcli.metrics.depth import add_metric
+        from depthcli.training.plugins import imported
+
+        for name in self.metric or ():
+            add_metric(name.rpartition(":")[2], imported(name))
+        found = ReportFiles(self.csv, figures, self.html)
+        found.check()
+        return found
+
+    def show(self, done: "EvalResult", files: "ReportFiles") -> None:
+        """Print the table, and write the files."""
+        from depthcli.evaluation.page import report_page
+
+        page, is_silent = report_page(done.report), self.screen.quiet or self.screen.as_json
+        if self.screen.as_json:
+            console.out(done.report.to_json())
+        elif not is_silent:
+            console.out(page.to_text())
+        for path in files.write(page, done.report.to_csv(), done.figures):
+            if not is_silent:
+                console.note(str(path))
+
+
+@group
 class TableOptions:
     """Table and figures."""
 
     align: list[choices.Alignment] | None = groups.usual(
         "Alignment to ground truth per image: none, median (scale), depth or disparity "
         "(least-squares scale and shift); repeatable, one row each. Default: none."
+    )
+    against: str | None = groups.usual(
+        "Also compare this row with every other: paired bootstrap over scenes.", metavar="ROW"
     )
     by: list[choices.Part] | None = groups.option(
         "Also score parts: pixels by true distance, images by kind of scene, and the worst "
@@ -109,23 +144,24 @@ class TableOptions:
         "Evaluate only N images, spread evenly over the split.", metavar="N", min=1
     )
     runtime: groups.RuntimeOptions
-    csv: Path | None = groups.option("Also write the table as CSV.", metavar="FILE")
     figures: Path | None = groups.option(
         "Write figures of sample images, in gray and in colour.", metavar="DIR"
     )
     ids: str | None = groups.option("Image ids to show in the figures.", metavar="A,B")
-    html: Path | None = groups.option("Write table and figures to one HTML file.", metavar="FILE")
-    screen: groups.ScreenOptions
+    report: ReportOptions
 
-    @property
-    def alignments(self) -> tuple[choices.Alignment, ...]:
-        """The alignments, a row for each."""
-        return tuple(self.align or (choices.Alignment.NONE,))
+    def options(self, **more: Any) -> "EvalOptions":  # noqa: ANN401 - fields of EvalOptions
+        """Options of the table."""
+        from depthcli.evaluation.evaluate import EvalOptions
+
+        alignments = tuple(self.align or (choices.Alignment.NONE,))
+        parts = tuple(self.by or ())
+        return EvalOptions(alignments=alignments, against=self.against, parts=parts, **more)
 
     @property
     def shown_ids(self) -> tuple[str, ...] | None:
         """Ids of images for the figures; empty for some of each scene type, None for no figures."""
-        if not (self.figures or self.html):
+        if not (self.figures or self.report.html):
             return None
         return tuple(name.strip() for name in (self.ids or "").split(",") if name.strip())
 
@@ -156,7 +192,6 @@ def nyu(
         choices.Mask.FILLED, help="raw: only where the sensor measured depth."
     ),
     trivial: _TrivialOption = True,
-    against: str | None = typer.Option(None, metavar="ROW", help=f"{_AGAINST}."),
     table: TableOptions,
 ) -> int:
     """Evaluate depth metrics on NYU Depth v2."""
@@ -164,11 +199,9 @@ def nyu(
 
     if models.model and no_model:
         raise UsageError("", "give {model} or {no_model}, not both")
-    request = _request(
-        data, models, table, EvalProtocol(crop=crop, mask=mask), bundled=not no_model
-    )
-    options = replace(request.options, trivial=trivial, against=against)
-    return _run(replace(request, split=split, options=options), table)
+    protocol = EvalProtocol(crop=crop, mask=mask)
+    request = _request(data, models, table, protocol, bundled=not no_model, trivial=trivial)
+    return _run(replace(request, split=split), table)
 
 
 @app.command(cls=Command)
@@ -212,12 +245,6 @@ def pairs(
         choices.Crop.NONE,
         help="garg: the part of KITTI's images that is compared; eigen: of NYU's.",
     ),
-    against: str | None = typer.Option(
-        None,
-        metavar="ROW",
-        help=f"{_AGAINST} (subfolders of rgb/, or scenes of index.csv; an image without one "
-        "is a scene of its own).",
-    ),
     table: TableOptions,
 ) -> int:
     """Evaluate depth metrics on images and depth of your own.
@@ -231,10 +258,8 @@ def pairs(
         raise UsageError(f"it is not below {max_depth:g} m", option="min_depth")
     protocol = EvalProtocol(full_size_px=None, crop=crop, min_m=min_depth, max_m=max_depth)
     request = _request(data, models, table, protocol)
-    options = replace(request.options, trivial=False, against=against)
     truth = DepthReadOptions(png_scale, depth_kind, baseline_m=models.baseline)
-    own = replace(request, split=None, truth=truth, patterns=names.patterns, options=options)
-    return _run(own, table)
+    return _run(replace(request, split=None, truth=truth, patterns=names.patterns), table)
 
 
 @app.command(cls=Command)
@@ -254,7 +279,6 @@ def runs(
     weights: groups.WeightsOption = choices.Weights.AVERAGED,
     trivial: _TrivialOption = True,
     published: bool = typer.Option(True, help="Include the paper's rows."),
-    against: str | None = typer.Option(None, metavar="ROW", help=f"{_AGAINST}."),
     table: TableOptions,
 ) -> int:
     """Compare training runs on images that none of them was trained on.
@@ -263,21 +287,20 @@ def runs(
     """
     from depthcli.cli import parse
     from depthcli.core.parallel import usable_cores
-    from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.jobs.evaluate import EvalRequest
 
-    options = EvalOptions(
-        alignments=table.alignments,
-        trivial=trivial,
-        published=published,
-        against=against,
-        parts=tuple(table.by or ()),
-        workers=usable_cores(),
+    request = EvalRequest(
+        data,
+        runs=folder,
+        weights=weights,
+        runner=parse.session_loader(None, table.runtime),
+        patterns=names.patterns,
+        split=split,
+        limit=table.limit,
+        options=table.options(trivial=trivial, published=published, workers=usable_cores()),
+        shown_ids=table.shown_ids,
     )
-    runner = parse.session_loader(None, table.runtime)
-    of_runs = EvalRequest(data, runs=folder, weights=weights, runner=runner, split=split)
-    shown = replace(of_runs, limit=table.limit, shown_ids=table.shown_ids, options=options)
-    return _run(replace(shown, patterns=names.patterns), table)
+    return _run(request, table)
 
 
 @app.command(cls=Command)
@@ -286,17 +309,14 @@ def compare(
     first: Path = typer.Argument(..., metavar="A.json", help="A report of eval --json."),
     second: Path = typer.Argument(..., metavar="B.json", help="Another one, of the same data."),
     *,
-    csv: Path | None = typer.Option(None, metavar="FILE", help="Also write the table as CSV."),
-    html: Path | None = typer.Option(None, metavar="FILE", help="Also write it as HTML."),
-    screen: groups.ScreenOptions,
+    report: ReportOptions,
 ) -> int:
     """Compare two reports that were kept, paired where they have scores of the same images."""
     from depthcli.evaluation.saved import compare_reports
-    from depthcli.jobs.evaluate import EvalResult, ReportFiles
+    from depthcli.jobs.evaluate import EvalResult
 
-    files = ReportFiles(csv=csv, html=html)
-    files.check()
-    _show(EvalResult(compare_reports(first, second)), files, screen)
+    files = report.files()
+    report.show(EvalResult(compare_reports(first, second)), files)
     return ExitCode.OK
 
 
@@ -307,17 +327,17 @@ def _request(
     protocol: "EvalProtocol",
     *,
     bundled: bool = True,
+    trivial: bool = False,
 ) -> "EvalRequest":
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
     from depthcli.datasets.prompts import parsed_prompt
-    from depthcli.evaluation.evaluate import EvalOptions
     from depthcli.jobs.evaluate import EvalRequest
 
     names: list[str | None] = [*(models.model or ())]
     if bundled and not names and not models.predictions:
         names = [None]
-    if models.per_image and not table.screen.as_json:
+    if models.per_image and not table.report.screen.as_json:
         raise UsageError("scores of each image are part of the JSON output", "add {json}")
     if models.anchors_fit and not models.prompt:
         raise UsageError("", "{anchors_fit} is for {prompt}: give both or neither")
@@ -331,8 +351,8 @@ def _request(
         prompt=parsed_prompt(models.prompt) if models.prompt else None,
         anchors_fit=models.anchors_fit,
         limit=table.limit,
-        options=EvalOptions(
-            replace(
+        options=table.options(
+            protocol=replace(
                 protocol,
                 averaging=models.average,
                 compare_px=None if size_px is None else (size_px, size_px),
@@ -340,9 +360,8 @@ def _request(
                 tile_px=parse.detail(models.detail).tile_px,
                 boundary=models.boundary,
             ),
-            alignments=table.alignments,
+            trivial=trivial,
             per_image=models.per_image,
-            parts=tuple(table.by or ()),
             workers=workers,
         ),
         shown_ids=table.shown_ids,
@@ -366,28 +385,14 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
 
 def _run(request: "EvalRequest", table: TableOptions) -> int:
     from depthcli.cli.screen.progress import show_progress
-    from depthcli.jobs.evaluate import ReportFiles, run_evaluation
+    from depthcli.jobs.evaluate import run_evaluation
 
-    screen, files = table.screen, ReportFiles(table.csv, table.figures, table.html)
-    files.check()
-    with show_progress(silent=screen.quiet or screen.as_json, announce=True) as progress:
+    screen, files = table.report.screen, table.report.files(table.figures)
+    with show_progress(silent=screen.quiet or screen.as_json) as progress:
         warn = console.warn if not screen.quiet else lambda _text: None
         done = run_evaluation(request, progress, warn)
-    _show(done, files, screen)
+    table.report.show(done, files)
     if done.failed:
         count = "1 run is" if len(done.failed) == 1 else f"{len(done.failed)} runs are"
         console.error(f"{count} skipped: {'; '.join(done.failed)}")
     return ExitCode.SOME_FAILED if done.failed else ExitCode.OK
-
-
-def _show(done: "EvalResult", files: "ReportFiles", screen: groups.ScreenOptions) -> None:
-    from depthcli.evaluation.page import report_page
-
-    page = report_page(done.report)
-    if screen.as_json:
-        console.out(done.report.to_json())
-    elif not screen.quiet:
-        console.out(page.to_text())
-    for path in files.write(page, done.report.to_csv(), done.figures):
-        if not (screen.quiet or screen.as_json):
-            console.note(str(path))

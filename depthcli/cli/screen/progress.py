@@ -91,8 +91,8 @@ class _Bar(Stage):
 class ProgressDisplay:
     """A :class:`depthcli.core.progress.Progress` on standard error."""
 
-    def __init__(self, bars: Bars | None, *, silent: bool, announce: bool) -> None:
-        self._bars, self._silent, self._announce = bars, silent, announce
+    def __init__(self, bars: Bars | None, *, silent: bool) -> None:
+        self._bars, self._silent = bars, silent
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Stage:
         """Begin a stage, which is called with the number of units that are done."""
@@ -100,19 +100,14 @@ class ProgressDisplay:
             return Stage(what, total, unit)
         if self._bars is not None:
             return _Bar(self._bars, what, total, unit)
-        if self._announce:
-            console.note(what if total is None else f"{what}: {total}")
         return _Line(what, total, unit)
 
 
 @contextmanager
-def show_progress(*, silent: bool, announce: bool = False) -> Iterator[ProgressDisplay]:
-    """Show progress during the block, unless ``silent``.
-
-    With ``announce``, and without a terminal, a line is printed at the start of each stage.
-    """
+def show_progress(*, silent: bool) -> Iterator[ProgressDisplay]:
+    """Show progress during the block, unless ``silent``."""
     if silent or not sys.stderr.isatty():
-        yield ProgressDisplay(None, silent=silent, announce=announce)
+        yield ProgressDisplay(None, silent=silent)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 
@@ -123,4 +118,4 @@ def show_progress(*, silent: bool, announce: bool = False) -> Iterator[ProgressD
         TextColumn("{task.fields[speed]}", markup=False),
     )
     with console.progress_bar(*columns) as bars:
-        yield ProgressDisplay(bars, silent=False, announce=False)
+        yield ProgressDisplay(bars, silent=False)
