@@ -11,11 +11,11 @@ from depthcli.core.progress import Interrupt
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.training_data import open_training_data
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.init_weights import weights_file
 from depthcli.training.loggers import LOGGERS
 from depthcli.training.plugins import imported
+from depthcli.training.provenance import TrainState
 from depthcli.training.run import fit, open_fabric, set_threads
 
 

@@ -19,11 +19,11 @@ from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.metrics.depth import PixelSums, Scores, mean_scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.augment import Views
-from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
 from depthcli.training.data import PairStore, whole_images
 from depthcli.training.networks.prompted import coded_prompt
 from depthcli.training.prompts import drawn_prompts
+from depthcli.training.provenance import TrainState
 
 _BATCH_SIZE = 16  # of validation
 _SAMPLES = 6

@@ -2,56 +2,26 @@
 
 import dataclasses
 import errno
-import math
 import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeAlias
+from typing import Any, Self
 
 import torch
 from torch import nn
 
-from depthcli.core.options import Rule, Weights
+from depthcli.core.options import Weights
 from depthcli.core.validation import FieldError, merged, validated
 from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageError
 from depthcli.io.storage.temporary import temporary_beside
-from depthcli.metrics.depth import METRICS
-from depthcli.training.config import Amount, Count, TrainConfig, check_config
+from depthcli.training.config import TrainConfig, check_config
 from depthcli.training.networks.build import build_network
-from depthcli.training.provenance import DataProvenance, data_set
+from depthcli.training.provenance import DataProvenance, TrainState, data_set
 
 _FORMAT = "depthcli-checkpoint"
 _VERSION = 2
-_Score: TypeAlias = Annotated[float, Rule("a number", lambda _: True, is_finite=False)]
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class TrainState:
-    """Progress of a run."""
-
-    step: Count = 0  #: optimization steps done
-    epoch: Count = 0  #: whole epochs done
-    seconds: Amount = 0.0  #: training time so far, of all sessions
-    #: validation metrics after the last step by name; empty if it was not validated then
-    scores: dict[str, _Score] = dataclasses.field(default_factory=dict)
-    #: CPU threads of the last session, on which the last digits depend; 0 if unknown
-    threads: Count = 0
-    best_epoch: Count = 0  #: with the best value of the monitored metric; 0 before the first
-    best_score: _Score | None = None  #: that value
-
-    def scored(self, scores: dict[str, float], monitor: str) -> Self:
-        """Progress with the scores of this epoch, which may be the best so far."""
-        value, sign = scores[monitor], 1 if METRICS[monitor].higher_is_better else -1
-        best = -math.inf if self.best_score is None else sign * self.best_score
-        if sign * value > best:
-            return dataclasses.replace(self, scores=scores, best_epoch=self.epoch, best_score=value)
-        return dataclasses.replace(self, scores=scores)
-
-    def has_stalled(self, patience: int) -> bool:
-        """Whether this epoch was validated, and none of the last ``patience`` was the best."""
-        return bool(patience and self.scores) and self.epoch - self.best_epoch >= patience
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

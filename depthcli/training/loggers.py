@@ -20,8 +20,9 @@ import numpy as np
 from depthcli.core.options import Tracker
 from depthcli.errors import TrainingError
 from depthcli.training.callbacks import Callback, sample_path
-from depthcli.training.checkpoint import TrainState, write_errors
+from depthcli.training.checkpoint import write_errors
 from depthcli.training.config import TrainConfig
+from depthcli.training.provenance import TrainState
 
 _PROJECT = "depthcli"
 

@@ -1,10 +1,11 @@
-"""Provenance of a network: the data it was trained on, by which runs are compared and resumed."""
+"""Provenance of a network: the data and steps of its run, by which runs are compared, resumed."""
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, Self, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG
 from depthcli.core.options import Rule
@@ -12,14 +13,13 @@ from depthcli.datasets import base, training_data
 from depthcli.datasets.base import NYU, DepthDataset
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, DatasetError
+from depthcli.metrics.depth import METRICS
 from depthcli.models.card import ModelCard
-from depthcli.training.config import DataConfig, TrainConfig
-
-if TYPE_CHECKING:
-    from depthcli.training.checkpoint import TrainState  # needs torch
+from depthcli.training.config import Amount, Count, DataConfig, TrainConfig
 
 PairIds: TypeAlias = dict[str, tuple[str, ...]]  #: ids of pairs by data set
 _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
+_Score: TypeAlias = Annotated[float, Rule("a number", lambda _: True, is_finite=False)]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -197,12 +197,39 @@ def mismatch_error(path: Path, mismatches: Sequence[str]) -> CheckpointError:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class TrainState:
+    """Progress of a run."""
+
+    step: Count = 0  #: optimization steps done
+    epoch: Count = 0  #: whole epochs done
+    seconds: Amount = 0.0  #: training time so far, of all sessions
+    #: validation metrics after the last step by name; empty if it was not validated then
+    scores: dict[str, _Score] = dataclasses.field(default_factory=dict)
+    #: CPU threads of the last session, on which the last digits depend; 0 if unknown
+    threads: Count = 0
+    best_epoch: Count = 0  #: with the best value of the monitored metric; 0 before the first
+    best_score: _Score | None = None  #: that value
+
+    def scored(self, scores: dict[str, float], monitor: str) -> Self:
+        """Progress with the scores of this epoch, which may be the best so far."""
+        value, sign = scores[monitor], 1 if METRICS[monitor].higher_is_better else -1
+        best = -math.inf if self.best_score is None else sign * self.best_score
+        if sign * value > best:
+            return dataclasses.replace(self, scores=scores, best_epoch=self.epoch, best_score=value)
+        return dataclasses.replace(self, scores=scores)
+
+    def has_stalled(self, patience: int) -> bool:
+        """Whether this epoch was validated, and none of the last ``patience`` was the best."""
+        return bool(patience and self.scores) and self.epoch - self.best_epoch >= patience
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class TrainedRun:
     """Facts from a run's checkpoint."""
 
     folder: Path  #: its folder
     config: TrainConfig  #: its configuration
-    state: "TrainState"  #: how far it has come
+    state: TrainState  #: how far it has come
     provenance: DataProvenance  #: the data it was trained on
     parameters: int  #: weights of the generator
 

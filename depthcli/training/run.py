@@ -21,13 +21,14 @@ from depthcli.core.progress import Interrupt
 from depthcli.datasets.training_data import TrainingData
 from depthcli.errors import CheckpointError, TrainingError, UsageError
 from depthcli.training import callbacks, checkpoint, provenance
-from depthcli.training.checkpoint import Checkpoint, TrainState, write_errors
+from depthcli.training.checkpoint import Checkpoint, write_errors
 from depthcli.training.config import OptimConfig, Precision, TrainConfig
 from depthcli.training.data import Batches, PairStore, TrainingBatch
 from depthcli.training.init_weights import load_init_weights
 from depthcli.training.methods.base import Method, Phase
 from depthcli.training.methods.registry import build_method
 from depthcli.training.networks.encoder import EncoderGenerator
+from depthcli.training.provenance import TrainState
 
 _ACCELERATORS = {"cuda": torch.cuda, "mps": torch.mps}
 _ADVICE = (

@@ -14,7 +14,8 @@ from helpers.runs import finished, inside
 from depthcli.cli.app import main
 from depthcli.cli.screen.training import TextCallback
 from depthcli.core.parallel import usable_cores
-from depthcli.training.checkpoint import Checkpoint, TrainState
+from depthcli.training.checkpoint import Checkpoint
+from depthcli.training.provenance import TrainState
 
 TINY = """
 [generator]

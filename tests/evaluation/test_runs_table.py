@@ -33,9 +33,8 @@ from depthcli.evaluation.report import PUBLISHED, EvalReport, ImageScores, Repor
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.depth import METRICS, Scores
-from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import DataConfig, OptimConfig, TrainConfig
-from depthcli.training.provenance import DataProvenance, TrainedRun
+from depthcli.training.provenance import DataProvenance, TrainedRun, TrainState
 
 PROTOCOL = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
 NONE, MEDIAN = Alignment.NONE, Alignment.MEDIAN

@@ -7,8 +7,8 @@ from lightning_fabric import Fabric
 
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.training.callbacks import Callback
-from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import LossConfig, TrainConfig
+from depthcli.training.provenance import TrainState
 from depthcli.training.run import fit
 from helpers.rooms import EFFICIENT, room_data, write_rooms
 

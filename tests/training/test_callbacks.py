@@ -33,9 +33,10 @@ from depthcli.training.callbacks import (
     truncate_log,
     write_samples,
 )
-from depthcli.training.checkpoint import METRICS_LOG, TrainState
+from depthcli.training.checkpoint import METRICS_LOG
 from depthcli.training.config import OutputConfig
 from depthcli.training.networks.build import build_generator
+from depthcli.training.provenance import TrainState
 
 
 def _steps(path: Path) -> list[int]:

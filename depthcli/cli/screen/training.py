@@ -13,8 +13,8 @@ from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import Stage, show_progress
 from depthcli.jobs.train import TrainResult
 from depthcli.training.callbacks import Callback, finite_or_none
-from depthcli.training.checkpoint import TrainState
 from depthcli.training.config import TrainConfig
+from depthcli.training.provenance import TrainState
 
 _SHOWN = ("abs_rel", "rmse", "d1")
 
