@@ -143,6 +143,7 @@ class Codec(StrEnum):
     FFV1 = "ffv1"  #: lossless, for depth: 16-bit gray
     H264 = "h264"  #: plays everywhere, browsers included
     VP9 = "vp9"  #: plays in browsers; royalty-free
+    AV1 = "av1"  #: small; plays in browsers of recent years
     PRORES = "prores"  #: ProRes 422 HQ, 10 bit, for editors
 
 
@@ -151,6 +152,7 @@ class PreviewCodec(StrEnum):
 
     H264 = "h264"
     VP9 = "vp9"
+    AV1 = "av1"
     PRORES = "prores"
 
 
@@ -198,6 +200,11 @@ ENCODINGS = {
             *(("auto-alt-ref", "0"), ("lag-in-frames", "0"), ("threads", "4")),
         ),
     ),
+    Codec.AV1: Encoding(
+        "libsvtav1",
+        "yuv420p",
+        (("preset", "9"), ("crf", "26"), ("svtav1-params", "lp=4:pred-struct=1")),
+    ),
     Codec.PRORES: Encoding(
         "prores_ks",
         "yuv422p10le",
@@ -206,8 +213,8 @@ ENCODINGS = {
     ),
 }
 PREVIEW_CODECS = {
-    ".mp4": (Codec.H264, Codec.VP9),
-    ".webm": (Codec.VP9,),
+    ".mp4": (Codec.H264, Codec.AV1, Codec.VP9),
+    ".webm": (Codec.VP9, Codec.AV1),
     ".mov": (Codec.PRORES, Codec.H264),
 }  #: codecs of previews by the file's suffix, the default one first
 

@@ -1,5 +1,6 @@
 """The outputs of a video: lossless depth, a preview, a file for each frame; in segments."""
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -190,6 +191,8 @@ class VideoFile(VideoOutput):
         self, container: OutputContainer, frame: VideoFrame, pixel_aspect: float
     ) -> VideoStream:
         """Add a video stream for frames of the size of one."""
+        if self._codec is Codec.AV1:
+            os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
         encoding, timing = ENCODINGS[self._codec], self._timing
         options = encoding.options_for(frame.width, frame.height)
         added = container.add_stream(encoding.encoder, rate=timing.rate, options=options)
@@ -223,10 +226,20 @@ class VideoFile(VideoOutput):
                 f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
             )
             raise OutputError(problem, _SEQUENCE_ADVICE) from error
+        if self._codec is Codec.AV1:
+            _leave_real_time()
 
     def _check_pipe(self) -> None:
         if isinstance(self._target, OutputPipe):
             self._target.check()
+
+
+def _leave_real_time() -> None:
+    """Undo the real-time priority that SVT-AV1 takes as root, which starves other processes."""
+    for task in Path("/proc/self/task").glob("*"):
+        with suppress(OSError):  # the thread has ended
+            if os.sched_getscheduler(int(task.name)) == os.SCHED_FIFO:
+                os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
 
 
 def _av_frame(pixels: UInt16Array | UInt8Array, codec: Codec) -> VideoFrame:

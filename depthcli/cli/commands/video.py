@@ -108,7 +108,7 @@ class PreviewVideoOptions:
         callback=groups.not_negative,
     )
     codec: PreviewCodec | None = groups.option(
-        "Codec of the preview: h264 (mp4, mov), vp9 (webm, mp4), prores (mov). "
+        "Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
         "Default: h264 in mp4, vp9 in webm, prores in mov."
     )
     audio: bool = groups.option("Include the audio of the video in previews.", default=True)
