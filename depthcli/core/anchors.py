@@ -8,9 +8,15 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, BoolArray, Float64Array, FloatArray, Int64Array
+from depthcli.core.arrays import (
+    AnyArray,
+    BoolArray,
+    Float64Array,
+    FloatArray,
+    Int64Array,
+)
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
-from depthcli.core.local_correction import spread_log_ratio
+from depthcli.core.local_correction import log_correction
 from depthcli.core.options import AnchorsFit
 from depthcli.core.types import (
     AnchorFit,
@@ -251,8 +257,7 @@ def fit_anchors(
     points: Sequence[Anchor] | AnchorPoints,
     windows: Windows | None = None,
     *,
-    by_network: bool = False,
-    is_final: bool = False,
+    followed: BoolArray | None = None,
 ) -> tuple[DepthMap, tuple[str, ...]]:
     """Metric depth that fits known points best, and warnings about it.
 
@@ -261,7 +266,7 @@ def fit_anchors(
     alone. Of metric maps, errors are relative to the map's depth, and the shift is expected to be
     small; points of one region, such as a wall, say little about it, however many they are.
     Relative maps are fitted in depth, inverse maps in inverse depth. Of five or more points, the
-    rest is then spread over the map by :func:`depthcli.core.local_correction.spread_log_ratio`,
+    rest is then spread over the map by :func:`depthcli.core.local_correction.log_correction`,
     unless they state the fit ``global``.
 
     Args:
@@ -269,9 +274,8 @@ def fit_anchors(
         points: pixels of the map, or of its part in the display window, and their depth. Of five or
             more, those where the map has no depth are ignored.
         windows: of the image of the map; None if all of it is displayed.
-        by_network: whether a network made the map of the points. It leaves wrong ones out, which a
-            fit to fewer than five would follow; then, the map stays as it is.
-        is_final: whether it does, however many there are.
+        followed: (N,) which points of the image the map follows already, if a network made it of
+            them; then, it stays as it is.
 
     Returns:
         A metric map of the same size, with the points and the fit in its provenance; NaN where the
@@ -283,27 +287,11 @@ def fit_anchors(
     inside = points.within(shown.width, shown.height)
     values = shown.values[inside.y, inside.x].astype(np.float64)
     known = _known(inside, values, depth.kind)
-    points, values = inside.where(known), values[known]
-    inverse = depth.kind is DepthKind.INVERSE
-    wanted = 1 / points.depth_m if inverse else points.depth_m
-    fit, used = ScaleShift(1.0, 0.0), np.ones(len(wanted), np.bool_)
-    how = AnchorsFit.NETWORK if by_network else AnchorsFit.GLOBAL
-    is_final |= by_network and given < ROBUST_FROM
-    if not is_final:
-        cells = _cells_of(points, shown.width, shown.height)
-        fit, used = _fit(values, wanted, depth.kind, cells)
-    if (values[used] * fit.scale + fit.shift <= 0).any():
-        raise UsageError(
-            "the fit puts an anchor at or behind the camera; check the depths of the anchors"
-        )
-    fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
-    if inverse:
-        fitted = np.float32(1) / fitted
-    fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
-    result = DepthMap(fitted, DepthKind.METRIC)
-    if len(used) >= ROBUST_FROM and not is_final and points.fit is not AnchorsFit.GLOBAL:
-        result, used = _followed(result, points, used, windows)
-        how = AnchorsFit.NETWORK if by_network else AnchorsFit.LOCAL
+    points = inside.where(known)
+    if followed is not None:
+        result, used, how = depth, followed[known], AnchorsFit.NETWORK
+    else:
+        result, used, how = _followed(depth, points, values[known], windows)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
@@ -312,20 +300,34 @@ def fit_anchors(
         anchors=inside.listed(),
         anchor_fit=AnchorFit(int(used.sum()), given, float(np.median(errors_m)), how),
     )
-    return replace(result, provenance=source), (*inside.warnings, *_lost(depth, result))
+    lost = () if followed is not None else _lost(depth, result)
+    return replace(result, provenance=source), (*inside.warnings, *lost)
 
 
 def _followed(
-    depth: DepthMap, points: AnchorPoints, used: BoolArray, windows: Windows | None
-) -> tuple[DepthMap, BoolArray]:
-    """Fitted depth that follows the points locally, and which points it follows."""
-    x, y = pixels_of(points, windows)
-    mapped_m = depth.values[y, x]
-    some = np.flatnonzero(np.isfinite(mapped_m))
-    some = some[:: 1 + len(some) // _MOST]
-    log_ratio = np.log(points.depth_m[some] / mapped_m[some])
-    field, used[some] = spread_log_ratio(log_ratio, x[some], y[some], depth.values, used[some])
-    return replace(depth, values=depth.values * np.exp(field)), used
+    depth: DepthMap, points: AnchorPoints, values: _Values, windows: Windows | None
+) -> tuple[DepthMap, BoolArray, AnchorsFit]:
+    """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
+    shown, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
+    wanted = 1 / points.depth_m if inverse else points.depth_m
+    fit, used = _fit(values, wanted, depth.kind, _cells_of(points, shown.width, shown.height))
+    if (values[used] * fit.scale + fit.shift <= 0).any():
+        raise UsageError(
+            "the fit puts an anchor at or behind the camera; check the depths of the anchors"
+        )
+    fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
+    if inverse:
+        fitted = np.float32(1) / fitted
+    fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
+    how = AnchorsFit.GLOBAL
+    if len(used) >= ROBUST_FROM and points.fit is not AnchorsFit.GLOBAL:
+        log_m, (x, y) = np.log(fitted), pixels_of(points, windows)
+        at = np.stack([(y + 0.5) / depth.height, (x + 0.5) / depth.width, log_m[y, x]])
+        fitted, how = (
+            fitted * np.exp(log_correction(log_m, at, points.depth_m, used)),
+            AnchorsFit.LOCAL,
+        )
+    return DepthMap(fitted, DepthKind.METRIC), used, how
 
 
 def pixels_of(points: AnchorPoints, windows: Windows | None) -> tuple[Int64Array, Int64Array]:
@@ -338,9 +340,7 @@ def fitted(
     depth: DepthMap,
     points: AnchorPoints | None,
     windows: Windows | None = None,
-    *,
-    by_network: bool = False,
-    is_final: bool = False,
+    followed: BoolArray | None = None,
 ) -> tuple[DepthMap, tuple[str, ...]]:
     """Depth of one of several images, by :func:`fit_anchors`, and warnings about it.
 
@@ -354,7 +354,7 @@ def fitted(
     if not points and points.warnings:  # about an image that has none of its own
         return depth, points.warnings
     try:
-        return fit_anchors(depth, points, windows, by_network=by_network, is_final=is_final)
+        return fit_anchors(depth, points, windows, followed=followed)
     except UsageError as error:
         raise InputError(str(error)) from error
 

@@ -10,6 +10,7 @@ image processing with the bilateral grid. SIGGRAPH 2007.
 """
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
@@ -17,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 _Values = npt.NDArray[np.float64]
+_Field = npt.NDArray[np.float32]
 
 # All constants were chosen on held-out pairs; docs/known-depth.md has the errors.
 _SCALES = tuple(0.4 / 2**level for level in range(7))  # standard deviations, in widths of the image
@@ -24,21 +26,23 @@ _SURFACE, _LEAST_SURFACE = 0.3, 0.1  # those of log depth, at the coarsest scale
 _STIFFNESS = 0.3  # weight of no correction, in points
 _STIFFER = 12.0  # how much of it is added where all points are wrong
 _NEIGHBOURS = 0.3  # points near half of the points, from which a scale is used
-_PASSES = 3
 
 _EDGES = 0.02  # share of right points beside an edge, where the error is anything
-_FREEDOM = 5.0
+_FREEDOM = 5.0  # of Student's distribution, whose density is _STUDENT at 0
+_STUDENT = 8 / (3 * math.pi * math.sqrt(_FREEDOM))
 _LEAST_SD = 0.02
 _RANGE = 3.0  # of the logarithm of a wrong ratio
 _PRIOR_WRONG, _PRIOR_POINTS = 0.5, 40.0
 _FAR, _FEW = 0.3, 0.04  # points are suspicious if more than this share is this far from the others
-_ITERATIONS = 20
+_ITERATIONS = 8
+_MOST = 30_000  # points; OpenCV samples images at fewer than 32,767
 
 _TAPS = np.exp(-0.5 * np.arange(-4, 5) ** 2.0)
 _BESIDE = float(_TAPS[5])
 # Mean weight of a point at itself, after it is spread over its cell and read from it again.
 _SELF = (2 / 3 + _BESIDE / 3) ** 3
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)))[:, :, None]
+_MOST_DEPTHS = 100  # nodes; OpenCV filters images of up to 128 channels
 
 
 class _Level:
@@ -51,115 +55,118 @@ class _Level:
     def __init__(self, scale: float, at: _Values, aspect: float, low: float, high: float) -> None:
         """Weights of the eight nodes around each point.
 
-        ``at`` is (3, N): log depth, from ``low`` to ``high`` in the map, row and column; these, the
-        scale and the aspect (the height) are in widths of the image.
+        ``at`` is (3, N): row and column as shares of the image, log depth from ``low`` to ``high``.
+        The scale and the aspect (the height) are in widths of the image.
         """
-        self.depth_step = max(_LEAST_SURFACE, _SURFACE * math.sqrt(scale / _SCALES[0]))
-        depths = math.ceil((high - low) / self.depth_step) + 2
+        surface = max(_LEAST_SURFACE, _SURFACE * math.sqrt(scale / _SCALES[0]))
+        self.depth_step = max(surface, (high - low) / _MOST_DEPTHS)
         rows, columns = max(1, round(aspect / scale)), max(1, round(1 / scale))
-        self.nodes = depths, rows, columns
+        depths = math.ceil((high - low) / self.depth_step) + 2
+        self.nodes = rows, columns, depths
         last = np.array(self.nodes)[:, None] - 1
-        depth = (at[0] - low) / self.depth_step
-        place = np.stack([depth, at[1] * rows / aspect - 0.5, at[2] * columns - 0.5]).clip(0, last)
+        depth = (at[2] - low) / self.depth_step
+        place = np.stack([at[0] * rows - 0.5, at[1] * columns - 0.5, depth]).clip(0, last)
         node = np.minimum(place.astype(np.int64), np.maximum(last - 1, 0))
         part = place - node
         corners = np.minimum(node + _CORNERS, last)  # (8, 3, N)
-        self._index = (corners[:, 0] * rows + corners[:, 1]) * columns + corners[:, 2]
+        self._index = (corners[:, 0] * columns + corners[:, 1]) * depths + corners[:, 2]
         self._weight = np.where(_CORNERS, part, 1 - part).prod(axis=1)
         own: _Values = (1 - part) ** 2 + part**2 + 2 * part * (1 - part) * _BESIDE
         self.own = own.prod(axis=0) / _SELF
 
-    def spread(self, values: _Values) -> _Values:
-        """Sum of (N,) values at each node, weighted by distance: (depths, rows, columns)."""
-        weighted = (self._weight * values).ravel()
+    def spread(self, values: _Values) -> _Field:
+        """Sum of (N,) values at each node, weighted by distance: (rows, columns, depths)."""
+        weighted = (self._weight * values).ravel() / _SELF
         summed: Any = np.bincount(self._index.ravel(), weighted, math.prod(self.nodes))
-        summed = summed.astype(np.float32)  # filtered in half the time
-        for size in self.nodes[::-1]:  # each axis in turn is the last
-            flat = summed.reshape(-1, size)
-            flat = cv2.sepFilter2D(flat, -1, _TAPS, np.ones(1), borderType=cv2.BORDER_CONSTANT)
-            summed = np.ascontiguousarray(flat.T)
-        total: _Values = summed.reshape(self.nodes) / _SELF
-        return total
+        summed = summed.astype(np.float32).reshape(self.nodes)  # filtered in half the time
+        summed = cv2.sepFilter2D(summed, -1, _TAPS, _TAPS, borderType=cv2.BORDER_CONSTANT)
+        summed = summed.reshape(-1, self.nodes[2])
+        summed = cv2.sepFilter2D(summed, -1, _TAPS, np.ones(1), borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(summed.reshape(self.nodes))
 
-    def read(self, field: _Values) -> _Values:
+    def read(self, field: _Field) -> _Values:
         """Values of a field at the points: (N,)."""
         total: _Values = (self._weight * field.ravel()[self._index]).sum(axis=0)
         return total
 
-    def layer(self, field: _Values, depth: float, size: tuple[int, int]) -> _Values:
-        """A field at one log depth above the least, for (columns, rows): (rows, columns)."""
-        place = min(depth / self.depth_step, self.nodes[0] - 1.0)
-        node = min(int(place), self.nodes[0] - 2)
-        mixed = field[node] * (node + 1 - place) + field[node + 1] * (place - node)
-        resized: Any = cv2.resize(mixed, size, interpolation=cv2.INTER_LINEAR)
-        return np.asarray(resized, np.float64)
+    def resized(self, field: _Field, depth_step: float) -> _Field:
+        """A field of another scale, whose nodes are a step of log depth apart, at these nodes."""
+        last = field.shape[2] - 1
+        place = np.minimum(np.arange(self.nodes[2]) * self.depth_step / depth_step, last)
+        weight = np.maximum(1 - np.abs(place - np.arange(last + 1)[:, None]), 0)
+        found = cv2.resize(field @ weight.astype(np.float32), self.nodes[1::-1])
+        return np.asarray(found.reshape(self.nodes))
 
 
-def spread_log_ratio(
-    log_ratio: _Values,
-    x: npt.NDArray[np.int64],
-    y: npt.NDArray[np.int64],
-    depth_m: npt.NDArray[np.float32],
-    trusted: npt.NDArray[np.bool_],
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
-    """Interpolate what points say about a map over the map.
+def log_correction(
+    log_depth: _Field,
+    at: _Values,
+    known_m: _Values,
+    followed: npt.NDArray[np.bool_],
+    passes: int = 3,
+) -> _Field:
+    """Logarithm of the correction by which a map follows points.
 
     Args:
-        log_ratio: (N,) natural logarithm of known over mapped depth.
-        x: (N,) columns.
-        y: (N,) rows.
-        depth_m: (H, W) metres; NaN where there is none, but not at the points.
-        trusted: (N,) whether a point is right at first sight.
+        log_depth: (H, W) float32 logarithm of mapped depth; NaN where there is none.
+        at: (3, N) rows and columns as shares of the image, and logarithm of mapped depth.
+        known_m: (N,) depth of the points.
+        followed: (N,) which points are right at first sight; then, in place, which it follows.
+        passes: how often a point is judged by the others.
 
     Returns:
-        The logarithm of the correction of each pixel: (H, W), 0 far from all points; and which
-        points it follows: (N,) bool.
+        (H, W), NaN where there is no depth, and near 0 far from all points.
     """
-    height, width = depth_m.shape
-    log_depth = np.log(depth_m, where=depth_m > 0, out=np.full_like(depth_m, np.nan))
-    at = np.stack([log_depth[y, x], (y + 0.5) / width, (x + 0.5) / width], dtype=np.float64)
+    some = thinned(np.isfinite(at[2]))
+    at, trusted = at[:, some], followed[some]
+    log_ratio = np.log(known_m[some]) - at[2]
     low, high = float(np.nanmin(log_depth)), float(np.nanmax(log_depth))
-    levels = [_Level(scale, at, height / width, low, high) for scale in _SCALES]
+    aspect = log_depth.shape[0] / log_depth.shape[1]
+    levels: Iterable[_Level] = (_Level(scale, at, aspect, low, high) for scale in _SCALES)
     weights = trusted.astype(np.float64)
-    levels = _with_neighbours(levels, weights)
-    for step in range(_PASSES):
-        error = _left_out_errors(levels, log_ratio, weights)
+    for step in range(passes):
+        error, levels = _left_out_errors(levels, log_ratio, weights)
         if step == 0:
             far = float((np.abs(error) > _FAR).mean())
             doubt = np.where(trusted, 1.0, min(1.0, (_FEW / max(far, _FEW)) ** 2))
         weights = _weights(error, doubt)
-    followed = weights > 0.5  # noqa: PLR2004 - right rather than wrong
-    weights *= followed
+    followed[some] = weights > 0.5  # noqa: PLR2004 - right rather than wrong
+    weights *= followed[some]
     stiffness = _STIFFNESS * (1 + _STIFFER * float(1 - weights.mean()))
-    fields, left = [], log_ratio
+    field, depth_step = np.zeros((1, 1, 1), np.float32), 1.0
     for level in levels:
-        field = level.spread(weights * left) / (level.spread(weights) + stiffness)
-        fields.append(field)
-        left = left - level.read(field)
-    return _sliced(levels, fields, log_depth), followed
+        field = level.resized(field, depth_step)
+        left = log_ratio - level.read(field)
+        field += level.spread(weights * left) / (level.spread(weights) + stiffness)
+        depth_step = level.depth_step
+    return _sliced(field, (log_depth - np.float32(low)) / np.float32(depth_step))
 
 
-def _with_neighbours(levels: list[_Level], weights: _Values) -> list[_Level]:
-    """The levels at which at least half of the points have a neighbour."""
-    kept = levels[:1]
-    for level in levels[1:]:
-        others = level.read(level.spread(weights)) - weights * level.own
-        if np.median(others) < _NEIGHBOURS:
-            break
-        kept.append(level)
-    return kept
+def thinned(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Where a mask (N,) is true, at most 30,000 places, evenly spaced in their order."""
+    some = np.flatnonzero(mask)
+    return some[:: 1 + len(some) // _MOST]
 
 
-def _left_out_errors(levels: list[_Level], log_ratio: _Values, weights: _Values) -> _Values:
-    """Distance of each point from what the others say of it: (N,)."""
+def _left_out_errors(
+    levels: Iterable[_Level], log_ratio: _Values, weights: _Values
+) -> tuple[_Values, list[_Level]]:
+    """Distance of each point from what the others say of it, (N,), and the levels that say it.
+
+    At these, but for the first, at least half of the points have a neighbour.
+    """
     left = error = log_ratio
+    used = list[_Level]()
     for level in levels:
-        weighted, total = level.spread(weights * left), level.spread(weights)
-        own = weights * level.own
+        total, own = level.spread(weights), weights * level.own
         others = level.read(total) - own
+        if used and np.median(others) < _NEIGHBOURS:
+            break
+        weighted = level.spread(weights * left)
         error = left - (level.read(weighted) - own * left) / (np.maximum(others, 0) + _STIFFNESS)
         left = left - level.read(weighted / (total + _STIFFNESS))
-    return error
+        used.append(level)
+    return error, used
 
 
 def _weights(error: _Values, doubt: _Values) -> _Values:
@@ -170,37 +177,22 @@ def _weights(error: _Values, doubt: _Values) -> _Values:
     sd = max(float(np.median(np.abs(error))) / 0.75, _LEAST_SD)
     wrong, right = 0.05, np.ones_like(error)
     for _ in range(_ITERATIONS):
-        inner = (1 - _EDGES) * _student(error / sd) / sd
+        spread = 1 + (error / sd) ** 2 / _FREEDOM
+        inner = (1 - _EDGES) * _STUDENT / sd / (spread * spread * spread)  # ** 3 is much slower
         likely = doubt * (1 - wrong) * (inner + _EDGES / _RANGE)
         right = likely / (likely + wrong / _RANGE)
         surface = right * inner / (inner + _EDGES / _RANGE)
-        heavy = surface * (_FREEDOM + 1) / (_FREEDOM + (error / sd) ** 2)
+        heavy = surface * (1 + 1 / _FREEDOM) / spread
         sd = max(math.sqrt(float((heavy * error**2).sum() / surface.sum())), _LEAST_SD)
         wrong = (float((1 - right).sum()) + _PRIOR_WRONG) / (len(error) + _PRIOR_POINTS)
     return right
 
 
-def _student(error: _Values) -> _Values:
-    """Density of Student's distribution with five degrees of freedom."""
-    scale = math.gamma((_FREEDOM + 1) / 2) / math.gamma(_FREEDOM / 2)
-    density = (1 + error**2 / _FREEDOM) ** (-(_FREEDOM + 1) / 2)
-    return scale / math.sqrt(_FREEDOM * math.pi) * density
-
-
-def _sliced(
-    levels: list[_Level], fields: list[_Values], log_depth: npt.NDArray[np.float32]
-) -> npt.NDArray[np.float32]:
-    """Sum of the fields at each pixel: (H, W), 0 where there is no depth."""
-    finest = levels[-1]
-    depths, rows, columns = finest.nodes
-    low = np.nanmin(log_depth)
-    place = np.nan_to_num((log_depth - low) / np.float32(finest.depth_step), nan=-2.0)
-    result, share = np.zeros_like(log_depth), np.empty_like(log_depth)
-    for depth in range(depths):
-        at = depth * finest.depth_step
-        each = [lv.layer(f, at, (columns, rows)) for lv, f in zip(levels, fields, strict=True)]
-        layer = cv2.resize(np.sum(each, axis=0, dtype=np.float32), log_depth.shape[::-1])
-        share = np.abs(np.subtract(place, depth, out=share), out=share)
-        share = np.maximum(np.subtract(1, share, out=share), 0, out=share)
-        result += np.multiply(layer, share, out=share)
-    return result
+def _sliced(field: _Field, depth: _Field) -> _Field:
+    """A field at each pixel, whose log depth is (H, W) in steps from the first node: (H, W)."""
+    layers, size = np.ascontiguousarray(field.transpose(2, 0, 1)), depth.shape[::-1]
+    result, share = cv2.resize(layers[0], size), np.empty_like(depth)
+    for node, change in enumerate(np.diff(layers, axis=0)):
+        share = np.clip(np.subtract(depth, node, out=share), 0, 1, out=share)
+        result += np.multiply(cv2.resize(change, size), share, out=share)
+    return np.asarray(result)

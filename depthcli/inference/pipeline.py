@@ -9,7 +9,7 @@ import numpy as np
 
 from depthcli.core import options
 from depthcli.core.anchors import AnchorPoints, fitted
-from depthcli.core.arrays import Float32Array
+from depthcli.core.arrays import BoolArray, Float32Array
 from depthcli.core.camera import (
     DEPTH_M_RANGE,
     UNKNOWN_CAMERA,
@@ -106,7 +106,7 @@ class Pipeline:
             return [
                 self._predict_batch([frame], [camera], [points])[0]
                 if frame.projection is options.Projection.PINHOLE
-                else _finished(*self._panorama(frame, camera), frame, points)
+                else _finished(self._panorama(frame, camera), frame, points)
                 for frame, camera, points in tasks
             ]
         if self.session.load_known_depth and any(map(_is_for_network, anchors)):
@@ -126,20 +126,15 @@ class Pipeline:
             told = f"model {self.card.name!r} tells no mask of its own"
             raise InputError(told, "leave {mask} out, or give another {model}")
         layouts = [layout for _, layout in prepared]
-        known = [self._prompt(*one) for one in zip(frames, layouts, anchors, strict=True)]
-        raws = self._run([single for single, _ in prepared], known)
-        return [
-            _finished(
-                *self._model_depth(frame, raw, layout, camera, is_prompted=prompt is not None),
-                frame,
-                points,
-                is_prompted=prompt is not None,
-                is_final=self.card.input.known_depth is not None,
-            )
-            for frame, raw, layout, camera, prompt, points in zip(
-                frames, raws, layouts, own, known, anchors, strict=True
-            )
+        known = [self._known(*one) for one in zip(frames, anchors, strict=True)]
+        prompts = [
+            None if points is None else transforms.prompt_input(self.card, points, frame, layout)
+            for frame, layout, points in zip(frames, layouts, known, strict=True)
         ]
+        raws = self._run([single for single, _ in prepared], prompts)
+        found = map(self._model_depth, frames, raws, layouts, own, known)
+        made = zip(found, frames, anchors, strict=True)
+        return [_finished(one, f, points, followed) for (one, followed), f, points in made]
 
     def _of_known_depth(
         self, frame: Frame, camera: Intrinsics, anchors: AnchorPoints | None
@@ -149,13 +144,10 @@ class Pipeline:
         if session is None:
             return self._predict_batch([frame], [camera], [anchors])[0]
         pipeline = Pipeline(session, self.detail)
-        camera = replace(camera, scale=None)  # which was measured for this network
         return pipeline._predict_batch([frame], [camera], [anchors])[0]
 
-    def _prompt(
-        self, frame: Frame, layout: Layout, anchors: AnchorPoints | None
-    ) -> Float32Array | None:
-        """Known depth for the network, (C, H, W); None if it takes none, or there is too little."""
+    def _known(self, frame: Frame, anchors: AnchorPoints | None) -> AnchorPoints | None:
+        """Known depth for the network; None if it takes none, or there is too little."""
         if anchors is None or not _is_for_network(anchors):
             if self.card.input.known_depth is not None:
                 raise InputError(
@@ -171,10 +163,9 @@ class Pipeline:
                 )
             return None
         try:
-            points = anchors.within(*frame.display_size_px)
+            return anchors.within(*frame.display_size_px)
         except UsageError as error:
             raise InputError(str(error)) from error
-        return transforms.prompt_input(self.card, points, frame, layout)
 
     def _model_depth(
         self,
@@ -182,18 +173,21 @@ class Pipeline:
         raw: RawOutputs,
         layout: Layout,
         camera: Intrinsics,
-        *,
-        is_prompted: bool,
-    ) -> Prediction:
-        """Depth at the image's size, as the model and the camera, or known depth, give it."""
+        known: AnchorPoints | None,
+    ) -> tuple[Prediction, BoolArray | None]:
+        """Depth at the image's size, as the model and the camera, or known depth, give it.
+
+        Of known depth, also which points it follows: (N,).
+        """
         spec = self.card.output
-        if is_prompted:  # metres are those of the points, whatever the range and the camera
+        if known:  # metres are those of the points, whatever the range and the camera
+            camera = replace(camera, scale=None)
             spec = replace(spec, min_m=DEPTH_M_RANGE[0], max_m=DEPTH_M_RANGE[1])
         if spec.points:
             raw = _of_points(spec, raw, camera, frame)
         own_deg = None if raw.hfov_deg is None else float(raw.hfov_deg)
         camera = lenses.with_own_view(camera, own_deg, frame.width)
-        coarse = transforms.coarse_depth(spec, raw.maps, layout)
+        coarse = own = transforms.coarse_depth(spec, raw.maps, layout)
         if not np.isfinite(coarse).any():
             where = frame.path or "an image"
             told = f"{self.session.model.path} gives no depth for {where}, no finite number"
@@ -205,11 +199,12 @@ class Pipeline:
             columns = coarse.shape[1]
             coarse = refine(spec, coarse, frame, tile_px, self._coarse)
             radius = math.ceil(coarse.shape[1] / columns)
-        if tile_px is None and self.detail.upsampling is options.Upsampling.MODEL:
+        coarse, followed = transforms.follow_points(self.card, coarse, frame, known)
+        if coarse is own and self.detail.upsampling is options.Upsampling.MODEL:
             values = transforms.enlarged(spec, raw.maps, layout, frame)
         else:
             values = transforms.full_size(spec, coarse, frame, self.detail.upsampling, radius)
-        scale = 1.0 if is_prompted else lenses.metric_scale(self.card, frame, layout, camera)
+        scale = 1.0 if known else lenses.metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
         if camera.scale is not None:
@@ -222,7 +217,7 @@ class Pipeline:
         if self.detail.tile_px and tile_px is None:
             wide = f"the image is {frame.width} pixels wide"
             warnings += (Message("it has no effect", wide, option="tile"),)
-        return Prediction(depth, warnings)
+        return Prediction(depth, warnings), followed
 
     def _calibrated(self, depth_m: Float32Array, scale: CameraScale) -> Float32Array:
         """Metres corrected as it was measured for a camera; NaN where none are left."""
@@ -336,21 +331,17 @@ def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[st
 
 
 def _finished(
-    depth: DepthMap,
-    warnings: tuple[str, ...],
+    prediction: Prediction,
     frame: Frame,
     anchors: AnchorPoints | None,
-    *,
-    is_prompted: bool = False,
-    is_final: bool = False,
+    followed: BoolArray | None = None,
 ) -> Prediction:
     """Depth without any where the file has no pixels, fitted to known points."""
+    depth, warnings = prediction
     depth = masked_to_data_window(depth, frame.windows)
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
-    found, of_anchors = fitted(
-        depth, anchors, frame.windows, by_network=is_prompted, is_final=is_final
-    )
+    found, of_anchors = fitted(depth, anchors, frame.windows, followed=followed)
     of_camera = () if anchors else _camera_warnings(depth, frame)
     return Prediction(found, (*warnings, *of_camera, *of_anchors))
 

@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from depthcli.core import imageops
-from depthcli.core.anchors import AnchorPoints, pixels_of
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array
+from depthcli.core.anchors import ROBUST_FROM, AnchorPoints, pixels_of
+from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from depthcli.core.camera import DEPTH_M_RANGE
+from depthcli.core.local_correction import log_correction, thinned
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.models.card import (
@@ -46,6 +48,7 @@ _LARGE_PIXELS = 4_000_000  # larger pictures are converted to float in bands
 # longer input of the same area is worse: docs/accuracy.md.
 _MAX_ASPECT = 2
 _GRID_PX = 2  # pixels of the input for one of a smaller output
+_WRONG, _LEAST_WRONG = 6.95, 0.005  # median deviations, and of log depth: doubtful from there on
 _MAX_AREA_FACTOR = 16  # times the nominal pixel count, for a picture that is one long strip
 
 
@@ -118,12 +121,42 @@ def prompt_input(
     return np.stack([coded, known]).astype(np.float32)
 
 
+def follow_points(
+    card: ModelCard, coarse_m: Float32Array, frame: Frame, points: AnchorPoints | None
+) -> tuple[Float32Array, BoolArray | None]:
+    """Metres, (h, w), that follow the points a network made them of, and which of these: (N,).
+
+    Fewer than five points, or a network that needs a whole map, change nothing.
+    """
+    if points is None:
+        return coarse_m, None
+    x, y = pixels_of(points, frame.windows)
+    inside = _is_inside(x, y, frame)
+    some = thinned(inside)
+    if len(some) < ROBUST_FROM or card.input.known_depth is not None:
+        return coarse_m, inside
+    x, y, known_m = x[some], y[some], points.depth_m[some]
+    log_m = np.log(coarse_m.clip(*DEPTH_M_RANGE))
+    mapped = imageops.sample_guided(log_m, frame, x, y)
+    away = np.log(known_m) - mapped
+    away = np.abs(away - np.median(away))
+    followed = away <= max(_WRONG * float(np.median(away)), _LEAST_WRONG)
+    at = np.stack([(y + 0.5) / frame.height, (x + 0.5) / frame.width, mapped])
+    log_m += log_correction(log_m, at, known_m, followed, passes=1)
+    inside[some] = followed
+    return np.exp(log_m), inside
+
+
+def _is_inside(x: Int64Array, y: Int64Array, frame: Frame) -> BoolArray:
+    return (x >= 0) & (x < frame.width) & (y >= 0) & (y < frame.height)
+
+
 def _on_grid_of(
     points: AnchorPoints, frame: Frame, layout: Layout
 ) -> tuple[Float64Array, BoolArray]:
     """Mean logarithm of the points in each pixel of a layout, (H, W), and where there are any."""
     x, y = pixels_of(points, frame.windows)
-    inside = (x >= 0) & (x < frame.width) & (y >= 0) & (y < frame.height)
+    inside = _is_inside(x, y, frame)
     x, y, depth_m = x[inside], y[inside], points.depth_m[inside]
     columns = layout.left + ((x + 0.5) * layout.inner_width / frame.width).astype(np.int64)
     rows = layout.top + ((y + 0.5) * layout.inner_height / frame.height).astype(np.int64)

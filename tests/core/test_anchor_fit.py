@@ -320,11 +320,11 @@ def test_pixels_without_depth_stay_so() -> None:
 def test_a_level_sums_points_as_a_plain_loop_does() -> None:
     """Each point is spread linearly to eight nodes, weighted by distance, and read likewise."""
     random = np.random.default_rng(3)
-    at = random.uniform([[0.1], [0.1], [0.1]], [[1.1], [0.65], [0.9]], (3, 12))
+    at = random.uniform([[0.1], [0.1], [0.1]], [[0.9], [0.9], [1.1]], (3, 12))
     level = local_correction._Level(0.1, at, 0.75, 0.0, 1.2)
-    _, rows, columns = level.nodes
-    scale = np.array([1 / level.depth_step, rows / 0.75, columns])
-    places = at * scale[:, None] - np.array([[0], [0.5], [0.5]])
+    rows, columns, _ = level.nodes
+    scale = np.array([rows, columns, 1 / level.depth_step])
+    places = at * scale[:, None] - np.array([[0.5], [0.5], [0]])
     for i, j in itertools.product(range(12), repeat=2):
         plain = (1.5 / (1 + 0.5 * math.exp(-0.5))) ** 3
         for mine, other in zip(places[:, i], places[:, j], strict=True):

@@ -3,20 +3,23 @@
 import numpy as np
 import pytest
 
-from depthcli.core.local_correction import _Level, spread_log_ratio
+from depthcli.core.local_correction import _Level, _sliced, log_correction
 
 HEIGHT, WIDTH = 30, 40
 
 
-def test_layers_are_between_nodes_and_end_with_the_last() -> None:
+def test_a_field_is_resized_and_read_linearly_and_ends_with_the_last_node() -> None:
     level = _Level(0.2, np.zeros((3, 1)), HEIGHT / WIDTH, -0.5, 1.5)
-    assert level.nodes[1:] == (4, 5)
+    assert level.nodes[:2] == (4, 5)
     assert level.depth_step == pytest.approx(0.3 * 0.5**0.5)
-    field = np.random.default_rng(0).normal(size=level.nodes)
-    mixed = 0.75 * field[1] + 0.25 * field[2]
-    for place, expected in (0, field[0]), (1.25, mixed), (99, field[-1]):
-        found = level.layer(field, place * level.depth_step, (5, 4))
-        np.testing.assert_allclose(found, expected, rtol=1e-6)
+    field = np.random.default_rng(0).normal(size=(4, 5, 3)).astype(np.float32)
+    resized = level.resized(field, 0.8 * level.depth_step)
+    assert resized.shape == level.nodes
+    np.testing.assert_allclose(resized[..., 1], 0.75 * field[..., 1] + 0.25 * field[..., 2], 1e-5)
+    np.testing.assert_array_equal(resized[..., -1], field[..., 2])
+    for place, expected in (0, field[..., 0]), (1.25, resized[..., 1]), (99, field[..., 2]):
+        found = _sliced(field, np.full((4, 5), place, np.float32))
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_correction_is_that_of_the_constants_that_were_measured() -> None:
@@ -31,11 +34,15 @@ def test_correction_is_that_of_the_constants_that_were_measured() -> None:
     x, y = random.integers(1, WIDTH, 150), random.integers(1, HEIGHT, 150)
     log_ratio = np.where(depth_m[y, x] == 1, 0.3, 0.1 * x / WIDTH) + random.normal(0, 0.01, 150)
     log_ratio[:15] += random.uniform(0.5, 1, 15)
-    found, followed = spread_log_ratio(log_ratio, x, y, depth_m, random.random(150) < 0.9)
-    assert (found.shape, found.dtype, found[0, 0]) == ((HEIGHT, WIDTH), np.float32, 0)
+    log_m = np.log(depth_m)
+    at = np.stack([(y + 0.5) / HEIGHT, (x + 0.5) / WIDTH, log_m[y, x]])
+    followed = random.random(150) < 0.9
+    found = log_correction(log_m, at, np.exp(log_ratio + at[2]), followed)
+    assert (found.shape, found.dtype) == ((HEIGHT, WIDTH), np.float32)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(depth_m))
     assert (followed[:15].sum(), followed.sum()) == (0, 127)
     places = [14, 14, 2, 28, 25], [12, 23, 5, 37, 20]
-    expected = [0.3080706, 0.29670805, 0.0185575, 0.08938435, 0.0509098]
+    expected = [0.3081205, 0.2966606, 0.0193081, 0.0893613, 0.0509506]
     assert found[places] == pytest.approx(expected, rel=2e-4)
-    spread = found.mean(dtype=float), found.std(dtype=float)
-    assert spread == pytest.approx((0.08698672, 0.09493492), rel=2e-5)
+    spread = np.nanmean(found, dtype=float), np.nanstd(found, dtype=float)
+    assert spread == pytest.approx((0.08725131, 0.09476859), rel=2e-5)
