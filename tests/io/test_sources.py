@@ -105,6 +105,11 @@ def test_lists(data: bytes, words: list[str]) -> None:
     assert parse_list(data) == words
 
 
+def test_a_list_redirected_by_windows_powershell_is_refused() -> None:
+    with pytest.raises(UsageError, match="UTF-16"):
+        parse_list("a.png\r\n".encode("utf-16"))
+
+
 def test_listed_paths_are_named_from_the_folder() -> None:
     words = ["z.png", "./a.png", "hall/../b.png", "/far/c.png", "/base/d.png", "../e.png"]
     found = {f.name: f.path for f in listed_inputs(words, "/base")}

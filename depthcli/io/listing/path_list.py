@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from codecs import BOM_UTF8
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain, islice
@@ -78,6 +78,8 @@ def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
 
 def parse_list(data: bytes) -> list[str]:
     """Paths, one a line, or separated by NUL bytes (``find -print0``), in their order."""
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):  # as Windows PowerShell 5.1 redirects
+        raise UsageError("the list is in UTF-16", "write it in UTF-8")
     data = data.removeprefix(BOM_UTF8)
     words = data.split(b"\0") if b"\0" in data else data.splitlines()
     return [os.fsdecode(word) for word in words if word]
