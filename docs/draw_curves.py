@@ -1,7 +1,7 @@
 """Draw learning curves: a metric of held-out pictures over the training, one line a run.
 
-Runs can have different numbers of epochs. Run ``python docs/draw_curves.py runs/table curves.svg``
-with the ``plot`` extra.
+Runs can have different numbers of epochs. Run ``python docs/draw_curves.py curves.svg
+runs/table/*`` with matplotlib.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ def curve(log: Path, metric: str) -> tuple[list[float], list[float]]:
 
 
 def main() -> None:
-    """Read the logs of a folder of runs and draw them."""
+    """Read the logs of runs and draw them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("runs", type=Path, help="folder of runs, each with metrics.jsonl")
     parser.add_argument("picture", type=Path, help="picture to write; the suffix is its format")
+    parser.add_argument("runs", type=Path, nargs="+", help="runs, each with metrics.jsonl")
     parser.add_argument("--metric", default="abs_rel")
     parser.add_argument("--top", type=float, help="highest value that is shown")
     arguments = parser.parse_args()
@@ -39,8 +39,9 @@ def main() -> None:
     figure, axes = plt.subplots(figsize=(8, 4.5))
     colours = mpl.rcParams["axes.prop_cycle"]
     axes.set_prop_cycle(plt.cycler(linestyle=["-", "--"]) * colours)
-    for log in sorted(arguments.runs.glob("*/metrics.jsonl")):
-        axes.plot(*curve(log, arguments.metric), marker=".", label=log.parent.name)
+    for run in sorted(arguments.runs):
+        found = curve(run / "metrics.jsonl", arguments.metric)
+        axes.plot(*found, marker=".", label=run.name)
     axes.set(xlabel="share of the epochs", ylabel=f"{arguments.metric}, held-out scenes")
     axes.set_ylim(top=arguments.top)
     axes.grid(alpha=0.3)
