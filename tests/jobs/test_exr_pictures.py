@@ -1,8 +1,6 @@
 """EXR pictures: their names, colours and windows."""
 
 import dataclasses
-import errno
-import pathlib
 from collections.abc import Callable
 from fractions import Fraction
 from io import BytesIO
@@ -171,17 +169,6 @@ def test_a_store_has_plates_too(tmp_path: Path, bucket: Bucket) -> None:
     uri = bucket.put("in/plate.1.exr", plate.read_bytes()[:1000])
     with pytest.raises(InputError):
         read_image(uri)
-
-
-def test_a_full_temporary_folder_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = write_plate(tmp_path, 1, DISPLAY).read_bytes()
-
-    def full(*_: object) -> int:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(pathlib.Path, "write_bytes", full)
-    with pytest.raises(OutputError):
-        read_image(None, data)
 
 
 def test_its_size_is_limited_before_its_pixels_are_read(tmp_path: Path) -> None:

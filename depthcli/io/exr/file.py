@@ -1,15 +1,14 @@
 """OpenEXR files: headers, channels with the windows that they are in, and writing them."""
 
-import os
 import re
-import struct
 import sys
 import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from fractions import Fraction
+from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO, TypeVar, cast
+from typing import Any, BinaryIO, NamedTuple, TextIO, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +18,7 @@ from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import MAX_PIXELS, check_pixel_count, one_line
 from depthcli.core.types import Window, over_window
 from depthcli.errors import InputError, Message
-from depthcli.io.storage.paths import RemotePath, local_copy, read_bytes
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.paths import RemotePath, read_bytes
 
 OPENEXR_ERRORS = (RuntimeError, ValueError, TypeError, OSError, MemoryError, ArithmeticError)
 _WINDOWS = ("dataWindow", "displayWindow")
@@ -49,32 +47,20 @@ def silenced() -> Iterator[None]:
         yield
 
 
-@contextmanager
-def utf8_name(path: Path) -> Iterator[str]:
-    """A UTF-8 name of the same file, because OpenEXR accepts no others."""
-    if isinstance(path, RemotePath):
-        with local_copy(path) as copy:
-            yield str(copy)
-        return
-    name = os.fspath(path)
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        with temporary_folder() as folder:
-            link = folder / "depth.exr"
-            link.symlink_to(path.absolute())
-            yield str(link)
-    else:
-        yield name
+def _opened(source: Path | bytes) -> BinaryIO:
+    """A file, or the content of one, for OpenEXR, which takes no names that are not UTF-8."""
+    if isinstance(source, RemotePath):
+        source = read_bytes(source)
+    if isinstance(source, bytes):
+        return BytesIO(source)
+    read_bytes(source, first=1)  # errors of files are told apart here
+    return source.open("rb")
 
 
 def stated_rate(header: Mapping[str, Any]) -> Fraction | None:
     """Frames a second that a header states; None if it does not, or not above 0."""
     stated = header.get("framesPerSecond")
-    if not isinstance(stated, Fraction):  # releases of OpenEXR differ
-        d = getattr(stated, "d", None)
-        stated = Fraction(stated.n, d) if stated is not None and d else None
-    return stated if stated and stated > 0 else None
+    return stated if isinstance(stated, Fraction) and stated > 0 else None
 
 
 _FIELDS = (
@@ -164,16 +150,17 @@ class StoredChannel(NamedTuple):
 
 
 def read_exr_channels(
-    path: Path, *, name: str | None = None, max_pixels: int = MAX_PIXELS
+    source: Path | bytes, *, name: str | None = None, max_pixels: int = MAX_PIXELS
 ) -> dict[str, StoredChannel]:
-    """All channels by name, after that of their part if there are several."""
-    if not isinstance(path, RemotePath):
-        read_bytes(path, first=1)  # errors of files are told apart here
-    shown = name or str(path)
+    """All channels of a file, or of its content, by name.
+
+    The name begins with that of their part if there are several.
+    """
+    shown = name or str(source)
     channels: dict[str, StoredChannel] = {}
     problem = "is not an EXR file that can be read"
     try:
-        with utf8_name(path) as file, silenced():
+        with _opened(source) as file, silenced():
             for part in OpenEXR.File(file, header_only=True).parts:
                 if part.header["type"] in _DEEP:
                     raise InputError(f"{shown} holds deep data", "flatten it first")
@@ -181,6 +168,7 @@ def read_exr_channels(
                     size = header_window(part.header[which])
                     check_pixel_count(shown, size.width, size.height, max_pixels)
             problem = "is damaged: its pixels cannot be read"
+            file.seek(0)
             parts = OpenEXR.File(file, separate_channels=True).parts
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
             raise InputError(f"{shown} {problem}", "copy it again")
@@ -193,9 +181,6 @@ def read_exr_channels(
     except OPENEXR_ERRORS as error:
         raise InputError(f"{shown} {problem}", "copy it again") from error
     return channels
-
-
-_FIRST_ATTRIBUTE, _ROWS_A_BLOCK, _HEAD_BYTES = 8, 16, 1 << 20
 
 
 def write_exr(
@@ -226,40 +211,15 @@ def write_exr(
         header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
     if time_code is not None:
         header["timeCode"] = time_code_attribute(time_code)
-    try:
-        with utf8_name(path) as name:
-            OpenEXR.File(header, dict(channels)).write(name)
-    except RuntimeError as error:
-        # 'Failed to ... image file "name". No space left on device.'
-        raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
-    if not _has_all_rows(path, len(next(iter(channels.values())))):
-        raise OSError("its end did not reach the disk, which may be full")
-
-
-def _has_all_rows(path: Path, height: int) -> bool:
-    """Whether a file of one part has all its rows: OpenEXR reports no error if they are missing."""
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
-        try:
-            at = _FIRST_ATTRIBUTE
-            while head[at]:  # name, type, size and value of an attribute
-                at = head.index(0, head.index(0, at) + 1) + 1
-                at += 4 + int.from_bytes(head[at : at + 4], "little")
-            offsets = struct.unpack_from(f"<{-(-height // _ROWS_A_BLOCK)}Q", head, at + 1)
-        except (IndexError, ValueError, struct.error):
-            return False
-        file.seek(offsets[-1] + 4)
-        size = int.from_bytes(file.read(4), "little")
-    return all(offsets) and path.stat().st_size == offsets[-1] + 8 + size
+    with path.open("wb") as file:
+        OpenEXR.File(header, dict(channels)).write(file)
 
 
 def read_exr_header(path: Path) -> dict[str, Any]:
     """All attributes of the first part."""
-    if not isinstance(path, RemotePath):
-        read_bytes(path, first=1)
     try:
-        with utf8_name(path) as name, silenced():
-            header: dict[str, Any] = OpenEXR.File(name, header_only=True).header()
+        with _opened(path) as file, silenced():
+            header: dict[str, Any] = OpenEXR.File(file, header_only=True).header()
             return header
     except OPENEXR_ERRORS as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error

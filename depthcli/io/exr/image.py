@@ -1,7 +1,6 @@
 """Images in OpenEXR files, converted from linear light to sRGB."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -14,7 +13,6 @@ from depthcli.core.types import Frame, Window, Windows
 from depthcli.errors import InputError, Message
 from depthcli.io.images.pixels import PANORAMA
 from depthcli.io.listing.folder import is_exr
-from depthcli.io.storage.temporary import temporary_copy
 
 _LINEAR_UP_TO = 0.0031308
 _REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of R, G, B and white
@@ -98,7 +96,7 @@ def _to_xyz(chromaticities: Sequence[float]) -> tuple[Float64Array, Float64Array
 
 
 def read_exr_image(
-    path: Path | bytes,
+    source: Path | bytes,
     *,
     name: str | None = None,
     max_pixels: int = MAX_PIXELS,
@@ -114,14 +112,8 @@ def read_exr_image(
     # OpenEXR is slow to load.
     from depthcli.io.exr.file import colour_channels, read_exr_channels  # noqa: PLC0415
 
-    if isinstance(path, bytes):
-        with temporary_copy(path, "image.exr") as copy:
-            frame = read_exr_image(
-                copy, name=name, max_pixels=max_pixels, overscan=overscan, options=options
-            )
-        return replace(frame, path=None)
-    name = name or str(path)
-    channels = read_exr_channels(path, name=name, max_pixels=max_pixels)
+    name = name or str(source)
+    channels = read_exr_channels(source, name=name, max_pixels=max_pixels)
     names, doubt = colour_channels(name, list(channels), options.layer)
     part = channels[names[0]].part
     whole = part.display.union(part.data)
@@ -146,7 +138,7 @@ def read_exr_image(
     )
     return Frame(
         pixels if len(names) > 1 else pixels[..., 0],
-        path,
+        source if isinstance(source, Path) else None,
         rate=part.rate,
         warnings=tuple(filter(None, warnings)),
         pixel_aspect=part.pixel_aspect,

@@ -41,7 +41,7 @@ from depthcli.io.images.pixels import (
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.images.tiff import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
 from depthcli.io.listing.folder import CAMERA_RAW, EXR_MAGIC, is_own_exr, is_video
-from depthcli.io.storage.paths import RemotePath, path_of, read_bytes
+from depthcli.io.storage.paths import path_of, read_bytes
 
 OPENCV_MAX_PIXELS = 2**30
 _XMP_BYTES = 2**20  # at both ends of a file, in which its XMP is looked for
@@ -208,7 +208,6 @@ def read_image(
     Raises:
         InputError: missing, empty, truncated, damaged, not an image, too large, float with
             another range than [0, 1], or an EXR that depthcli wrote or without this layer.
-        OutputError: there is no room for the temporary copy that the data of an EXR needs.
         UsageError: a level is not a whole number of 16 bits, black is not below white, or the
             exposure is not from -20 to 20.
     """
@@ -217,7 +216,6 @@ def read_image(
         raise UsageError(f"an exposure of {exposure!r} is not {EXPOSURE.what}")
     path = None if path is None else path_of(path)
     name = name if path is None else str(path)
-    file = path if data is None else None
     if data is None:
         if path is None:
             raise InputError("neither a file nor data was given")
@@ -233,9 +231,8 @@ def read_image(
 
         if is_own_exr(data):
             raise InputError(f"{name} was written by depthcli", "'depthcli convert' reads it")
-        source = data if file is None or isinstance(file, RemotePath) else file
         options = ReadOptions(exposure=exposure, layer=layer, projection=projection)
-        frame = read_exr_image(source, name=name, max_pixels=max_pixels, options=options)
+        frame = read_exr_image(data, name=name, max_pixels=max_pixels, options=options)
         return replace(frame, path=path)
     image = check(data, name, max_pixels)
     decoded = image.decode()
