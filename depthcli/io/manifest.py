@@ -13,7 +13,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -21,7 +21,7 @@ from typing import Annotated, Any, Self
 from depthcli.core.options import AnchorsFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import OutputError, UsageError, os_errors_as
-from depthcli.io.storage.atomic import append_whole, atomic_path, write_errors
+from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.io.storage.paths import RemotePath, download, object_checksum, regular_size
 from depthcli.io.storage.temporary import folder_lock, open_locked, temporary_folder
 
@@ -419,7 +419,7 @@ def _key(name: str) -> bytes:
 def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
     """The rows of earlier batches in an output folder, which is not changed."""
     source = RowsFolder(folder)
-    with write_errors(folder):
+    with _write_errors(folder):
         return Rows([RowFile(path) for path in row_files(source.path, shard)], shard, source)
 
 
@@ -436,7 +436,7 @@ class Journal(Rows):
         self._path = folder / shard.journal_name
         self.manifest = folder / shard.manifest_name
         self._shard = shard
-        with ExitStack() as opened, write_errors(self._path):
+        with ExitStack() as opened, _write_errors(self._path):
             folder.mkdir(parents=True, exist_ok=True)
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _busy_error(folder)
@@ -453,7 +453,7 @@ class Journal(Rows):
 
     def add(self, row: ManifestRow) -> None:
         """Append a row, which replaces the input's earlier one."""
-        with write_errors(self._path), self._lock:
+        with _write_errors(self._path), self._lock:
             position = self._own.append(row.as_line())
             self._index([(row.input, len(self._files) - 1, position)])
 
@@ -468,7 +468,7 @@ class Journal(Rows):
         names. After a batch of a part of the files, failed inputs of earlier batches are kept.
         """
         write_manifest(self.manifest, self._rows(names, keep_failed=keep_failed))
-        with write_errors(self._path), self._opened:
+        with _write_errors(self._path), self._opened:
             self._path.unlink(missing_ok=True)  # before another batch can lock it
             for path in self._earlier:
                 if path != self.manifest and self._shard.owns(path):
@@ -493,6 +493,10 @@ class Journal(Rows):
                 continue
             if row.outputs or keep_failed or names is None:
                 yield row
+
+
+def _write_errors(path: Path) -> AbstractContextManager[None]:
+    return os_errors_as(OutputError, f"cannot write {path}", "choose another {out}")
 
 
 def _busy_error(folder: Path) -> UsageError:

@@ -107,17 +107,6 @@ def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
             os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass
 
 
-@contextmanager
-def write_errors(where: str | Path) -> Iterator[None]:
-    """Raise an OSError of the block as an OutputError, of the file that it names or of this one."""
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        problem = f"cannot write {os.fspath(error.filename or where)}: {reason}"
-        raise OutputError(problem, "choose another {out}") from error
-
-
 def write_text(text: str, path: Path) -> None:
     """Write a file of text, in which names of files may not be UTF-8."""
     with atomic_path(path) as temporary:

@@ -10,11 +10,10 @@ from depthcli._version import __version__
 from depthcli.core.arrays import Float32Array
 from depthcli.core.types import DepthKind
 from depthcli.core.validation import fingerprint
-from depthcli.errors import InputError
+from depthcli.errors import InputError, OutputError, os_errors_as
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
-from depthcli.io.storage.atomic import write_errors
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoPlan, VideoSettings
@@ -143,7 +142,7 @@ def open_journal(
     is_readable = any(w.facts.image and w.facts.image.facts.is_readable for w in numbered)
     can_resume = not settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     can_resume &= is_readable
-    with write_errors(f"into {plan.folder}"):
+    with os_errors_as(OutputError, f"cannot write into {plan.folder}", "choose another {out}"):
         if can_resume:
             origin = _origin(plan, source, pipeline, settings, anchors)
             return FrameJournal(path, origin, plan)
