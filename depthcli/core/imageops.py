@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray, Int64Array
 from depthcli.core.types import Frame
 
 
@@ -41,13 +41,18 @@ def resize_rows(values: Float32Array, width: int, height: int, rows: slice) -> F
     last = values.shape[0] - 1
     numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
     place = np.clip((numbers + 0.5) * (values.shape[0] / height) - 0.5, 0, last)
+    return resize_bilinear(_rows_at(values, place), width, len(numbers))
+
+
+def _rows_at(values: Float32Array, place: FloatArray) -> Float32Array:
+    """Rows at fractional places, interpolated; never a view."""
     above = place.astype(np.intp)
-    share = (place - above).astype(np.float32)[:, np.newaxis]
-    upper, mixed = values[above], values[np.minimum(above + 1, last)]
+    share = (place - above).astype(np.float32).reshape(-1, *[1] * (values.ndim - 1))
+    upper, mixed = values[above], values[np.minimum(above + 1, len(values) - 1)]
     mixed -= upper  # in place, as new arrays take longer than what is computed
     mixed *= share
     mixed += upper
-    return resize_bilinear(mixed, width, mixed.shape[0])
+    return mixed
 
 
 def resize_area(values: Float32Array, width: int, height: int) -> Float32Array:
@@ -79,15 +84,7 @@ def resize_corners(values: Float32Array, width: int, height: int) -> Float32Arra
     rows, columns = values.shape[:2]
     x = np.linspace(0, columns - 1, width, dtype=np.float32)
     y = np.linspace(0, rows - 1, height, dtype=np.float32)
-    return np.asarray(_between(_between(values, y).swapaxes(0, 1), x).swapaxes(0, 1))
-
-
-def _between(values: Float32Array, place: Float32Array) -> Any:  # noqa: ANN401
-    """Rows at fractional places, interpolated."""
-    above = np.minimum(place.astype(np.intp), max(values.shape[0] - 2, 0))
-    share = (place - above).astype(np.float32).reshape(-1, *[1] * (values.ndim - 1))
-    upper = values[above]
-    return upper + share * (values[np.minimum(above + 1, values.shape[0] - 1)] - upper)
+    return _rows_at(_rows_at(values, y).swapaxes(0, 1), x).swapaxes(0, 1)
 
 
 _ANTIALIAS_ROWS = 32
