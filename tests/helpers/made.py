@@ -6,9 +6,13 @@ import zlib
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+
+#: a JPEG of 8 by 8 gray pixels
+JPEG = cv2.imencode(".jpg", np.full((8, 8), 128, np.uint8))[1].tobytes()
 
 
 def upright_to_stored(pixels: npt.NDArray[np.generic], orientation: int) -> npt.NDArray[np.generic]:
@@ -27,14 +31,12 @@ def upright_to_stored(pixels: npt.NDArray[np.generic], orientation: int) -> npt.
 
 def exif(orientation: int = 1, focal_35mm: int | None = None, order: str = "<") -> bytes:
     """An EXIF block: a TIFF structure without pixels."""
-    tags = [struct.pack(order + "HHIHH", 0x0112, 3, 1, orientation, 0)]
-    inner = b""
+    tags = Image.Exif()
+    tags.endian = order
+    tags[0x0112] = orientation
     if focal_35mm is not None:
-        at = 8 + 2 + 2 * 12 + 4
-        tags.append(struct.pack(order + "HHII", 0x8769, 4, 1, at))
-        inner = struct.pack(order + "HHHIHHI", 1, 0xA405, 3, 1, focal_35mm, 0, 0)
-    head = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(order + "IH", 8, len(tags))
-    return head + b"".join(tags) + bytes(4) + inner
+        tags.get_ifd(0x8769)[0xA405] = focal_35mm
+    return tags.tobytes().removeprefix(b"Exif\0\0")
 
 
 def jpeg_with_exif(jpeg: bytes, block: bytes) -> bytes:
@@ -62,18 +64,6 @@ def jpeg_with_depth(
     return image[:2] + segments + image[2:]
 
 
-def png_with_exif(png: bytes, block: bytes) -> bytes:
-    return png[:33] + chunk(b"eXIf", block) + png[33:]
-
-
-def webp_with_exif(webp: bytes, block: bytes, width: int, height: int) -> bytes:
-    size = b"".join((n - 1).to_bytes(3, "little") for n in (width, height))
-    extended = b"VP8X" + struct.pack("<I", 10) + bytes([8, 0, 0, 0]) + size
-    tail = b"EXIF" + struct.pack("<I", len(block)) + block + bytes(len(block) % 2)
-    body = b"WEBP" + extended + webp[12:] + tail
-    return b"RIFF" + struct.pack("<I", len(body)) + body
-
-
 def chunk(kind: bytes, body: bytes) -> bytes:
     """One PNG chunk."""
     crc = struct.pack(">I", zlib.crc32(kind + body))
@@ -94,15 +84,13 @@ def tiff(
     pixels: npt.NDArray[np.generic],
     orientation: int = 1,
     photometric: int = -1,
-    planes: int = 1,
     extra: tuple[int, ...] = (),
     longs: Mapping[int, int] | None = None,
 ) -> bytes:
     """An uncompressed little-endian TIFF of the array's type; (H, W) or (H, W, C).
 
-    With two ``planes`` the header says that each channel is by itself. ``extra`` are the kinds of
-    the last channels: 0 unknown, 1 associated alpha, 2 unassociated alpha. ``longs`` are
-    further tags of one 32-bit number each.
+    ``extra`` are the kinds of the last channels: 0 unknown, 1 associated alpha, 2 unassociated
+    alpha. ``longs`` are further tags of one 32-bit number each.
     """
     height, width = pixels.shape[:2]
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
@@ -115,7 +103,7 @@ def tiff(
         262: [photometric],
         274: [orientation],
         277: [channels],
-        284: [planes],
+        284: [1],
         339: [sample] * channels,
     } | ({338: [*extra]} if extra else {})
     longs = {256: width, 257: height, 273: 0, 278: height, 279: pixels.nbytes} | dict(longs or {})
@@ -135,58 +123,6 @@ def tiff(
     return head + tags + bytes(4) + lists.ljust(32, b"\0") + np.ascontiguousarray(pixels).tobytes()
 
 
-def jpeg(blocks: Sequence[Sequence[int]], adobe: int | None = None) -> bytes:
-    """A baseline JPEG, one row of flat 8x8 blocks; each block has one sample a component.
-
-    Args:
-        blocks: (blocks, components) samples, 0-255.
-        adobe: colour transform that an Adobe marker states: 0 none (CMYK), 2 YCCK.
-    """
-    count = len(blocks[0])
-    app14 = b"" if adobe is None else segment(0xEE, b"Adobe\0\x64" + bytes(4) + bytes([adobe]))
-    parts = b"".join(bytes([i + 1, 0x11, 0]) for i in range(count))
-    frame = struct.pack(">BHHB", 8, 8, 8 * len(blocks), count) + parts
-    # Twelve DC lengths with a code of four bits each; AC knows only the end of the block.
-    huffman = bytes([0, 0, 0, 0, 12]) + bytes(12) + bytes(range(12))
-    huffman += bytes([0x10, 1]) + bytes(15) + bytes([0])
-    scan = bytes([count]) + b"".join(bytes([i + 1, 0]) for i in range(count)) + bytes([0, 63, 0])
-    head = app14 + segment(0xDB, bytes([0]) + bytes([1] * 64)) + segment(0xC0, frame)
-    head += segment(0xC4, huffman) + segment(0xDA, scan)
-    return b"\xff\xd8" + head + _entropy_coded(blocks) + b"\xff\xd9"
-
-
 def segment(marker: int, body: bytes) -> bytes:
     """A part of a JPEG file."""
     return bytes([0xFF, marker]) + struct.pack(">H", len(body) + 2) + body
-
-
-def _entropy_coded(blocks: Sequence[Sequence[int]]) -> bytes:
-    bits, before = "", [0] * len(blocks[0])
-    for block in blocks:
-        for i, sample in enumerate(block):
-            level = 8 * (sample - 128)  # the DC coefficient of a flat block, quantized by 1
-            step, before[i] = level - before[i], level
-            length = abs(step).bit_length()
-            bits += f"{length:04b}"
-            if length:
-                bits += f"{step if step > 0 else step + (1 << length) - 1:0{length}b}"
-            bits += "0"  # end of block
-    bits += "1" * (-len(bits) % 8)
-    data = int(bits, 2).to_bytes(len(bits) // 8, "big")
-    return data.replace(b"\xff", b"\xff\0")
-
-
-def bmp(
-    rows: Sequence[bytes], width: int, bits: int = 24, *, start: int = 54, masks: Sequence[int] = ()
-) -> bytes:
-    """A BMP of rows from top to bottom, whole multiples of four bytes; masks of red, green, blue.
-
-    With a ``start`` of 26 it has the header of OS/2.
-    """
-    if start == 26:
-        header = struct.pack("<IHHHH", 12, width, len(rows), 1, bits)
-    else:
-        size = struct.pack("<IiiHH", 40, width, len(rows), 1, bits)
-        header = size + struct.pack("<I", 3 if masks else 0) + bytes(20)
-        header += b"".join(struct.pack("<I", mask) for mask in masks)
-    return b"BM" + struct.pack("<III", 0, 0, start) + header + b"".join(reversed(rows))

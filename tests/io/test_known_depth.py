@@ -163,12 +163,12 @@ def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
 def test_own_depth_of_an_image_is_used_if_it_is_in_metres(tmp_path: Path) -> None:
     path, shades = tmp_path / "a.jpg", np.array([[0, 255]], np.uint8)
     facts = {"Format": "RangeLinear", "Near": "1", "Far": "3"}
-    path.write_bytes(made.jpeg_with_depth(made.jpeg([[128]]), shades, Units="m", **facts))
+    path.write_bytes(made.jpeg_with_depth(made.JPEG, shades, Units="m", **facts))
     points = AnchorFiles(SELF).read(path)
     assert (points.depth_m.tolist(), points.size_px) == ([1, 3], (2, 1))
     for data in (
-        made.jpeg_with_depth(made.jpeg([[128]]), shades, **facts),  # without a unit
-        made.jpeg([[128]]),
+        made.jpeg_with_depth(made.JPEG, shades, **facts),  # without a unit
+        made.JPEG,
     ):
         path.write_bytes(data)
         points = AnchorFiles(SELF).read(path)
@@ -335,7 +335,6 @@ def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -
 
 
 SHADES = np.arange(256, dtype=np.uint8).reshape(16, 16)
-EMPTY = made.jpeg([[128]])
 
 
 @pytest.mark.parametrize("form", ["RangeInverse", "RangeLinear"])
@@ -343,7 +342,7 @@ EMPTY = made.jpeg([[128]])
 def test_gdepth_of_a_jpeg_is_read_upright(form: str, orientation: int, tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     facts = {"Format": form, "Near": "0.5", "Far": "8", "Units": "m"}
-    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, orientation=orientation, **facts))
+    path.write_bytes(made.jpeg_with_depth(made.JPEG, SHADES, orientation=orientation, **facts))
     depth = read_stored_depth(path).depth
     share = SHADES / 255
     inverse_m, linear_m = 1 / (1 / 0.5 + share * (1 / 8 - 1 / 0.5)), 0.5 + share * 7.5
@@ -362,7 +361,7 @@ def test_dynamic_depth_after_a_jpeg_is_read(tmp_path: Path) -> None:
     )
     xmp += "<x " + " ".join(f"DepthMap:{fact}" for fact in facts) + "/>"
     head = made.segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode())
-    (tmp_path / "a.jpg").write_bytes(EMPTY[:2] + head + EMPTY[2:] + depth + other)
+    (tmp_path / "a.jpg").write_bytes(made.JPEG[:2] + head + made.JPEG[2:] + depth + other)
     stored = read_stored_depth(tmp_path / "a.jpg").depth
     assert stored.kind is DepthKind.METRIC
     assert (stored.values[0, 0], stored.values[-1, -1]) == (0.5, 8)
@@ -370,12 +369,13 @@ def test_dynamic_depth_after_a_jpeg_is_read(tmp_path: Path) -> None:
 
 def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
-    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, Format="RangeLinear", Near="1", Far="2"))
+    facts = {"Format": "RangeLinear", "Near": "1"}
+    path.write_bytes(made.jpeg_with_depth(made.JPEG, SHADES, Far="2", **facts))
     assert read_stored_depth(path).depth.kind is DepthKind.RELATIVE
-    path.write_bytes(made.jpeg_with_depth(EMPTY, SHADES, Format="RangeLinear", Near="1"))
+    path.write_bytes(made.jpeg_with_depth(made.JPEG, SHADES, **facts))
     with pytest.raises(InputError):
         read_stored_depth(path)
-    path.write_bytes(EMPTY)
+    path.write_bytes(made.JPEG)
     with pytest.raises(InputError):
         read_stored_depth(path)
 
