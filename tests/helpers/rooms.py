@@ -32,6 +32,9 @@ class Rooms(InMemory):
     images: npt.NDArray[np.uint8]
     depths_m: npt.NDArray[np.float32]
     scenes: tuple[str, ...] = SCENES
+    focal_px: tuple[float, ...] = ()
+    hfov_deg: float | None = None
+    scales: tuple[float, ...] = ()
 
     @property
     def ids(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Runs of two steps over tiny rooms, from given weights or beside pseudo labels."""
+"""Runs of a few steps over tiny rooms, from given weights or beside pseudo labels."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,20 +24,21 @@ BARE = replace(SUPERVISED, generator=replace(SUPERVISED.generator, norm="none"))
 """L1 alone, without batch norm."""
 
 
-def train_two_steps(
+def train_steps(
     config: TrainConfig,
     folder: Path,
     init_weights: Path | None = None,
     pseudo_labels: Path | None = None,
     title: str = "rooms",
+    steps: int = 2,
 ) -> TrainState:
-    """Two more steps of the run in a folder."""
+    """Some more steps of the run in a folder."""
     data = room_data()._replace(title=title)
     if pseudo_labels is not None:
         data = data._replace(pseudo_labels=open_paired_folder(pseudo_labels))
     fabric = Fabric(accelerator="cpu", devices=1)
     sources = [init_weights] if init_weights else ()
-    return fit(config, data, folder, fabric, Callback(), max_steps=2, init_weights=sources)
+    return fit(config, data, folder, fabric, Callback(), max_steps=steps, init_weights=sources)
 
 
 def write_pseudo_labels(folder: Path, prefix: str = "photo-") -> Path:

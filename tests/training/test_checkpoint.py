@@ -11,10 +11,9 @@ import onnx
 import pytest
 import torch
 from helpers.rooms import EFFICIENT, PAPER
-from helpers.supervised_runs import SUPERVISED, train_two_steps, write_pseudo_labels
+from helpers.supervised_runs import SUPERVISED, train_steps, write_pseudo_labels
 from lightning_fabric import Fabric
 
-from depthcli.core.options import Weights
 from depthcli.datasets.base import NYU
 from depthcli.datasets.training_data import NYU_OFFICIAL, NYU_PAPER
 from depthcli.errors import CheckpointError, DatasetError, UsageError
@@ -27,13 +26,11 @@ from depthcli.training.checkpoint import (
     load_generator,
     saved_checkpoint,
 )
-from depthcli.training.config import TrainConfig
 from depthcli.training.methods.registry import default_config
 from depthcli.training.networks.build import build_generator
 from depthcli.training.provenance import (
     DataProvenance,
     PairIds,
-    config_differences,
     data_differences,
     ids_of_card,
 )
@@ -107,7 +104,7 @@ def test_checkpoint_of_0_15_is_read_in_present_names(old_run: Path) -> None:
 
 def test_run_of_0_15_resumes_with_its_numbers(tmp_path: Path, old_run: Path) -> None:
     labels = write_pseudo_labels(tmp_path / "extra")
-    state = train_two_steps(STORED_CONFIG, old_run, None, labels)
+    state = train_steps(STORED_CONFIG, old_run, None, labels)
     assert (state.step, state.epoch) == (4, 2)
     assert state.scores["abs_rel"] == pytest.approx(0.4193221335098589, rel=1e-4)
     assert Checkpoint.load(old_run / CHECKPOINT).provenance.init_weights.startswith("last.ckpt ")
@@ -118,7 +115,7 @@ def test_checkpoint_of_0_15_is_exported_and_gives_weights(tmp_path: Path, old_ru
     card = export_checkpoint(path, tmp_path / "old.onnx", ExportOptions("old")).card
     assert card.training["pseudo_labels"] == "6 extra pairs (extra)"
     assert card.training["nyu_train_ids"] == "0000-0001,0003-0005"
-    train_two_steps(STORED_CONFIG, tmp_path / "next", path)
+    train_steps(STORED_CONFIG, tmp_path / "next", path)
     assert (
         "own pairs (extra)" in Checkpoint.load(tmp_path / "next" / CHECKPOINT).provenance.init_ids
     )
@@ -127,18 +124,6 @@ def test_checkpoint_of_0_15_is_exported_and_gives_weights(tmp_path: Path, old_ru
 def test_other_users_may_read_checkpoints_as_other_files(tmp_path: Path) -> None:
     (tmp_path / "other").touch()
     assert _saved(tmp_path).stat().st_mode == (tmp_path / "other").stat().st_mode
-
-
-def test_generator_is_the_average_unless_raw_weights_are_asked_for(tmp_path: Path) -> None:
-    for average in (False, True):
-        _checkpoint(average=average).save(tmp_path / "a.ckpt")
-        generator, loaded = load_generator(tmp_path / "a.ckpt")
-        assert not generator.training
-        assert loaded.config == EFFICIENT
-        assert bool((generator.state_dict()["stem.0.weight"] == 7).all()) is average
-        raw, _ = load_generator(tmp_path / "a.ckpt", Weights.RAW)
-        own = _checkpoint().method
-        assert all(torch.equal(own[f"generator.{n}"], w) for n, w in raw.state_dict().items())
 
 
 @pytest.mark.parametrize("share", [0, 0.5, 0.999])
@@ -270,16 +255,6 @@ def _seen(path: Path) -> PairIds:
     return Checkpoint.load(path).provenance.seen_ids
 
 
-def test_each_differing_setting_is_named_with_both_values() -> None:
-    config = TrainConfig()
-    given = replace(config, seed=7, optim=replace(config.optim, batch_size=4))
-    assert config_differences(config, config) == ()
-    assert config_differences(config, given) == (
-        "seed is 0 there, 7 here",
-        "optim.batch_size is 1 there, 4 here",
-    )
-
-
 @pytest.mark.parametrize(
     ("changes", "count"),
     [
@@ -295,17 +270,6 @@ def test_each_differing_setting_is_named_with_both_values() -> None:
 )
 def test_runs_are_compared_by_content_of_their_data(changes: dict[str, str], count: int) -> None:
     assert len(data_differences(SAVED, replace(SAVED, **changes))) == count
-
-
-def test_folder_keeps_the_configuration_of_its_run(tmp_path: Path) -> None:
-    train_two_steps(SUPERVISED, tmp_path)
-    saved = saved_checkpoint(tmp_path)
-    assert saved.config == SUPERVISED
-    for settings in ((), ("seed=3", "optim.ema=0.9")):
-        assert resolve_config("proposed", None, (), settings, tmp_path) == SUPERVISED
-    for method, settings in (("proposed", ["seed=9"]), ("cut", [])):
-        with pytest.raises(CheckpointError):
-            resolve_config(method, None, (), settings, tmp_path)
 
 
 def test_losses_of_other_packages_are_named_by_the_command_of_a_resumed_run(tmp_path: Path) -> None:
@@ -334,17 +298,18 @@ def test_method_preset_files_and_settings_count_in_this_order(tmp_path: Path) ->
         resolve_config("cut", settings=["loss.l1=1", "data.paired=true"])
 
 
-@pytest.fixture
-def first(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A checkpoint of a network that was trained on six pairs of NYU."""
-    train_two_steps(ALL, tmp_path / "first", title=NYU_PAPER)
-    return tmp_path / "first" / CHECKPOINT
+    folder = tmp_path_factory.mktemp("first")
+    train_steps(ALL, folder, title=NYU_PAPER)
+    return folder / CHECKPOINT
 
 
 @pytest.mark.parametrize("title", [NYU_PAPER, YARD])
 def test_pairs_of_init_weights_are_recorded(tmp_path: Path, first: Path, title: str) -> None:
     later = tmp_path / "later" / CHECKPOINT
-    train_two_steps(SUPERVISED, later.parent, first, title=title)
+    train_steps(SUPERVISED, later.parent, first, title=title)
     provenance = Checkpoint.load(later).provenance
     assert provenance.init_ids == {NYU: SIX}
     assert "0002" in provenance.held_out_ids
@@ -359,7 +324,7 @@ def test_pairs_of_init_weights_are_recorded(tmp_path: Path, first: Path, title: 
 def test_chain_of_runs_forgets_no_pair(tmp_path: Path, first: Path) -> None:
     for title in (YARD, NYU_OFFICIAL):
         folder = tmp_path / title
-        train_two_steps(SUPERVISED, folder, first, title=title)
+        train_steps(SUPERVISED, folder, first, title=title)
         first = folder / CHECKPOINT
     five = tuple(i for i in SIX if i != "0002")
     assert _seen(first) == {NYU: SIX, YARD: five}
@@ -371,7 +336,7 @@ def test_chain_of_runs_forgets_no_pair(tmp_path: Path, first: Path) -> None:
 def test_pseudo_labels_are_recorded(tmp_path: Path, prefix: str, nyu: tuple[str, ...]) -> None:
     """Those with numbers of NYU, as the rooms have, as its pairs."""
     labels = write_pseudo_labels(tmp_path / "more", prefix)
-    train_two_steps(SUPERVISED, tmp_path / "run", None, labels, title=YARD)
+    train_steps(SUPERVISED, tmp_path / "run", None, labels, title=YARD)
     seen = _seen(tmp_path / "run" / CHECKPOINT)
     assert seen.pop(NYU, ()) == nyu
     assert seen["own pairs (more)"] == tuple(prefix + name for name in SIX)
@@ -382,9 +347,9 @@ def test_pseudo_labels_are_recorded(tmp_path: Path, prefix: str, nyu: tuple[str,
 def test_pseudo_labels_of_held_out_pairs_are_refused(tmp_path: Path, title: str) -> None:
     labels, run = write_pseudo_labels(tmp_path / "yard", prefix=""), tmp_path / "run"
     with pytest.raises(DatasetError):
-        train_two_steps(SUPERVISED, run, None, labels, title=title)
+        train_steps(SUPERVISED, run, None, labels, title=title)
     assert not run.exists()
-    train_two_steps(ALL, run, None, labels, title=title)
+    train_steps(ALL, run, None, labels, title=title)
 
 
 def test_numbers_of_nyu_need_no_leading_zeros(tmp_path: Path) -> None:
@@ -392,8 +357,8 @@ def test_numbers_of_nyu_need_no_leading_zeros(tmp_path: Path) -> None:
     for file in [*labels.glob("*/*.png")]:
         file.rename(file.with_name(f"{int(file.stem)}.png"))
     with pytest.raises(DatasetError):
-        train_two_steps(SUPERVISED, tmp_path / "run", None, labels, title=NYU_PAPER)
-    train_two_steps(ALL, tmp_path / "run", None, labels, title=YARD)
+        train_steps(SUPERVISED, tmp_path / "run", None, labels, title=NYU_PAPER)
+    train_steps(ALL, tmp_path / "run", None, labels, title=YARD)
     assert _seen(tmp_path / "run" / CHECKPOINT)[NYU] == SIX
 
 

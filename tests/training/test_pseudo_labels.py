@@ -9,7 +9,7 @@ import pytest
 import torch
 from helpers.made import exif, jpeg_with_exif
 from helpers.rooms import PAPER, TRAIN, room_data, rooms
-from helpers.supervised_runs import BARE, SUPERVISED, train_two_steps, write_pseudo_labels
+from helpers.supervised_runs import BARE, SUPERVISED, train_steps, write_pseudo_labels
 from helpers.tiny import write_model, write_picture
 from torch import Tensor
 
@@ -30,7 +30,7 @@ NARROW = replace(WIDE, decoder=(16, 8, 8, 8))
 
 
 def test_run_starts_from_a_model_and_states_it(tmp_path: Path) -> None:
-    train_two_steps(SUPERVISED, tmp_path / "first")
+    train_steps(SUPERVISED, tmp_path / "first")
     model = tmp_path / "first" / "model.onnx"
     exported = export_checkpoint(tmp_path / "first" / CHECKPOINT, model, ExportOptions("first"))
     taught, _ = load_generator(tmp_path / "first" / CHECKPOINT)
@@ -45,12 +45,12 @@ def test_run_starts_from_a_model_and_states_it(tmp_path: Path) -> None:
         load_init_weights(generator, [apart], NEW)
 
     second = tmp_path / "second"
-    train_two_steps(BARE, second, model)
+    train_steps(BARE, second, model)
     assert Checkpoint.load(second / CHECKPOINT).provenance.init_weights == origin
-    assert train_two_steps(BARE, second, model).step == 3
-    assert train_two_steps(BARE, second).step == 3
+    assert train_steps(BARE, second, model).step == 3
+    assert train_steps(BARE, second).step == 3
     with pytest.raises(CheckpointError):
-        train_two_steps(BARE, second, model.rename(tmp_path / "other.onnx"))
+        train_steps(BARE, second, model.rename(tmp_path / "other.onnx"))
     card = export_checkpoint(second / CHECKPOINT, tmp_path / "b.onnx", ExportOptions("b")).card
     assert card.training["init_weights"] == origin
 
@@ -58,7 +58,7 @@ def test_run_starts_from_a_model_and_states_it(tmp_path: Path) -> None:
 def test_learned_gain_of_the_input_is_a_weight(tmp_path: Path) -> None:
     """``generator.residual=input``: a checkpoint and its models give the same init weights."""
     config = replace(PAPER.generator, residual="input")
-    train_two_steps(replace(PAPER, generator=config), tmp_path)
+    train_steps(replace(PAPER, generator=config), tmp_path)
     taught, _ = load_generator(tmp_path / CHECKPOINT)
     assert taught.input_gain.detach() != 0
     model = tmp_path / "model.onnx"
@@ -78,7 +78,7 @@ def test_learned_gain_of_the_input_is_a_weight(tmp_path: Path) -> None:
 def test_several_files_give_the_mean_of_their_weights(tmp_path: Path) -> None:
     files = [tmp_path / name / CHECKPOINT for name in "abc"]
     for seed, file in enumerate(files):
-        train_two_steps(replace(SUPERVISED, seed=seed), file.parent)
+        train_steps(replace(SUPERVISED, seed=seed), file.parent)
     generator = build_generator(SUPERVISED.generator).eval()
     origin = load_init_weights(generator, files, NEW).init_weights
     assert origin.startswith("mean of last.ckpt ")
@@ -91,7 +91,7 @@ def test_several_files_give_the_mean_of_their_weights(tmp_path: Path) -> None:
 
 def test_weights_of_other_networks_are_refused(tmp_path: Path) -> None:
     for name, generator in (("wide", WIDE), ("narrow", NARROW)):
-        train_two_steps(replace(BARE, generator=generator), tmp_path / name)
+        train_steps(replace(BARE, generator=generator), tmp_path / name)
     wide, narrow = (tmp_path / name / CHECKPOINT for name in ("wide", "narrow"))
     (tmp_path / "broken.onnx").write_bytes(b"no graph")
     for config, files in (
@@ -178,13 +178,13 @@ def test_invalid_pixels_do_not_move_the_scale_of_a_pseudo_label() -> None:
 
 def test_run_states_its_pseudo_labels_and_needs_them_to_resume(tmp_path: Path) -> None:
     labels, run = write_pseudo_labels(tmp_path / "more"), tmp_path / "run"
-    train_two_steps(SUPERVISED, run, None, labels)
+    train_steps(SUPERVISED, run, None, labels)
     stated = Checkpoint.load(run / CHECKPOINT).provenance.pseudo_labels
     assert stated == "6 pseudo labels (more)"
     with pytest.raises(CheckpointError):
-        train_two_steps(SUPERVISED, run)
+        train_steps(SUPERVISED, run)
     moved = labels.rename(tmp_path / "moved")
-    assert train_two_steps(SUPERVISED, run, None, moved).step == 4
+    assert train_steps(SUPERVISED, run, None, moved).step == 4
     card = export_checkpoint(run / CHECKPOINT, run / "run.onnx", ExportOptions("run")).card
     assert card.training["pseudo_labels"] == stated
 
@@ -193,7 +193,7 @@ def test_pseudo_labels_need_log_depth(tmp_path: Path) -> None:
     labels = write_pseudo_labels(tmp_path / "more")
     config = replace(SUPERVISED, output=replace(SUPERVISED.output, coding="linear"))
     with pytest.raises(UsageError):
-        train_two_steps(config, tmp_path / "run", None, labels)
+        train_steps(config, tmp_path / "run", None, labels)
 
 
 @pytest.fixture

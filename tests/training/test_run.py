@@ -172,16 +172,6 @@ def test_averages_statistics_and_copies_counts() -> None:
     assert int(average.network.num_batches_tracked) == 1
 
 
-def test_is_a_copy_to_evaluate() -> None:
-    network = nn.Linear(2, 2)
-    average = WeightAverage(network, 0.9)
-    assert not average.network.training
-    assert not any(p.requires_grad for p in average.network.parameters())
-    with torch.no_grad():
-        network.weight.add_(1)
-    assert not torch.equal(average.network.weight, network.weight)
-
-
 @pytest.mark.parametrize("name", ["cuda", "mps"])
 def test_the_accelerators_generator_is_restored(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither is at hand here: a generator of the CPU stands in for it."""

@@ -1,7 +1,7 @@
 """Views against the pinhole camera, ray by ray, in plain loops, at any field of view."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -204,20 +204,6 @@ WIDE_DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0, rotate_deg=8)
 SHAPES = replace(WIDE_DATA, aspects=(1.7778, 1.0, 0.75, 0.5625))
 
 
-@dataclass(frozen=True)
-class OneCamera(Rooms):
-    """Pictures of one known camera."""
-
-    hfov_deg: float = 0
-
-
-@dataclass(frozen=True)
-class ManyCameras(Rooms):
-    """Pictures of a known focal length each."""
-
-    focal_px: tuple[float, ...] = ()
-
-
 def _black(*shape: int) -> Rooms:
     """Pictures (height, width), and a depth of 1 m."""
     size = (COUNT, *shape)
@@ -272,15 +258,15 @@ def test_labels_of_a_turned_view_are_depth_along_its_axis(
     if hfov_deg is None:  # the largest crop of NYU's picture
         half_width = NYU_HALF_WIDTH * width / max(width, height, min(width, height) * 4 / 3)
     else:
-        dataset = OneCamera(dataset.images, dataset.depths_m, dataset.scenes, hfov_deg)
+        dataset = replace(dataset, hfov_deg=hfov_deg)
         half_width = math.tan(math.radians(hfov_deg / 2))
     halves = torch.tensor([half_width, half_width * height / width]).expand(COUNT, 2)
     assert _variation(data, dataset, halves) < 0.001
 
 
 def test_each_picture_is_turned_with_its_own_focal_length() -> None:
-    black, focal_px = _black(48, 64), torch.linspace(25, 90, COUNT)
-    dataset = ManyCameras(black.images, black.depths_m, black.scenes, tuple(focal_px.tolist()))
+    focal_px = torch.linspace(25, 90, COUNT)
+    dataset = replace(_black(48, 64), focal_px=tuple(focal_px.tolist()))
     assert _variation(WIDE_DATA, dataset, torch.tensor([32, 24]) / focal_px[:, None]) < 0.001
 
 
@@ -291,7 +277,6 @@ def test_unpaired_depth_is_turned_with_its_own_shape() -> None:
 
 
 def test_wide_camera_gives_no_negative_depth() -> None:
-    black, half_width = _black(48, 64), math.tan(math.radians(80))
-    dataset = OneCamera(black.images, black.depths_m, black.scenes, 160)
+    dataset, half_width = replace(_black(48, 64), hfov_deg=160), math.tan(math.radians(80))
     halves = torch.tensor([half_width, half_width * 0.75]).expand(COUNT, 2)
     assert _variation(WIDE_DATA, dataset, halves) < 0.001

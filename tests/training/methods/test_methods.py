@@ -5,17 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 import pytest
 import torch
-from helpers.rooms import PAPER, room_data, rooms
+from helpers.rooms import room_data, rooms
 from helpers.runs import same
 from helpers.tiny import load
 from helpers.tiny_methods import batch, tiny, tiny_method
 from lightning_fabric import Fabric
 from torch import Tensor
-from torch._subclasses.fake_tensor import FakeTensorMode
-from torch.utils.flop_counter import FlopCounterMode
 
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.types import DepthKind, Frame
@@ -25,7 +22,6 @@ from depthcli.inference.transforms import prepare
 from depthcli.training.callbacks import Callback
 from depthcli.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.training.config import LossConfig, TrainConfig, updated
-from depthcli.training.data import TrainingBatch
 from depthcli.training.methods.base import TwoWay
 from depthcli.training.methods.registry import (
     build_method,
@@ -61,37 +57,9 @@ def test_method_learns_saves_and_resumes_bit_exactly(tmp_path: Path, name: str) 
 
 
 @pytest.mark.parametrize("name", PAPER_METHODS)
-def test_method_trains_on_colour(tmp_path: Path, name: str) -> None:
+def test_method_trains_on_colour_exports_and_predicts(tmp_path: Path, name: str) -> None:
     config = updated(tiny(name), {"data": {"colour": "rgb"}})
     assert _two_steps(config, tmp_path) == 2
-    generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
-    picture = torch.rand(1, 3, 32, 48) * 2 - 1
-    with torch.no_grad():
-        assert generator(picture).shape == (1, 1, 32, 48)
-        differing = generator(picture.flip(1)) - generator(picture)
-    assert float(differing.abs().max()) > 0
-    if isinstance(method := build_method(checkpoint.config), TwoWay) and method.backward_generator:
-        assert method.backward_generator(picture).shape == picture.shape
-
-
-@pytest.mark.parametrize("name", PAPER_METHODS)
-def test_phases_own_every_weight_once(name: str) -> None:
-    method = build_method(tiny(name))
-    owned = [
-        id(w) for phase in method.phases for net in method.networks(phase) for w in net.parameters()
-    ]
-    assert sorted(owned) == sorted(id(w) for w in method.parameters())
-
-
-def test_unknown_method_names_the_known() -> None:
-    with pytest.raises(UsageError):
-        build_method(replace(PAPER, method="pix2pix"))
-
-
-@pytest.mark.parametrize("name", PAPER_METHODS)
-def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> None:
-    fabric = Fabric(accelerator="cpu", devices=1)
-    fit(tiny(name), room_data(), tmp_path, fabric, Callback(), max_steps=2)
     done = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "model.onnx", ExportOptions())
     assert done.card.training["method"] == name
     bilinear = UpsamplingOptions(Upsampling.BILINEAR)
@@ -101,18 +69,18 @@ def test_a_trained_method_exports_and_predicts(tmp_path: Path, name: str) -> Non
     assert depth.kind is DepthKind.METRIC
     assert depth.values.shape == (frame.height, frame.width)
     generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
-    given = prepare(pipeline.card.input, frame)[0]
-    method = build_method(tiny(name))
+    picture = torch.from_numpy(prepare(pipeline.card.input, frame)[0])
+    method = build_method(checkpoint.config)
     method.load_state_dict(checkpoint.method)
     with torch.no_grad():
-        raw = generator(torch.from_numpy(given))[0].numpy()
-        forward = method.generator.eval()(torch.from_numpy(given))[0].numpy()
-    np.testing.assert_array_equal(raw, forward)  # G, never F, which some methods have beside it
-    wanted = checkpoint.config.output.codec.decode(raw)
-    assert float(np.mean(depth.values)) == pytest.approx(float(wanted.mean()), rel=0.01)
-    session = onnxruntime.InferenceSession(tmp_path / "model.onnx")
-    (exported,) = session.run(None, {session.get_inputs()[0].name: given})
-    np.testing.assert_allclose(exported[0], raw, atol=1e-4)
+        raw = generator(picture)
+        assert torch.equal(raw, method.generator.eval()(picture))  # G, never F beside it
+        assert not torch.equal(raw, generator(picture.flip(1)))
+    wanted_m = checkpoint.config.output.codec.decode(raw.numpy())
+    assert float(np.mean(depth.values)) == pytest.approx(float(wanted_m.mean()), rel=0.01)
+    np.testing.assert_allclose(pipeline.session.run(picture.numpy()), raw[:, 0], atol=1e-4)
+    if isinstance(method, TwoWay) and method.backward_generator:
+        assert method.backward_generator(picture).shape == picture.shape
 
 
 UNPAIRED_METHODS = sorted(set(PAPER_METHODS) - {"proposed"})
@@ -251,27 +219,3 @@ def test_a_run_without_any_loss_is_refused(name: str) -> None:
     nothing = LossConfig(0, 0, 0, 0, 0, 0, 0, 0)
     with pytest.raises(UsageError):
         build_method(replace(TrainConfig(method=name), loss=nothing))
-
-
-TFLOP = {
-    "cyclegan": 1.85,
-    "cut": 1.41,
-    "fastcut": 0.75,
-    "dclgan": 2.27,
-    "simdcl": 2.54,
-    "hnegsrc": 1.41,
-    "proposed": 2.28,
-}
-"""Forward and backward passes of one picture, 256 x 256, generators and discriminators."""
-
-
-@pytest.mark.parametrize("name", PAPER_METHODS)
-def test_a_step_makes_the_passes_of_its_formula_and_no_other(name: str) -> None:
-    config = updated(default_config(name), {"loss": {"flip_contrast": False}})  # costs nothing
-    with FakeTensorMode():
-        method = build_method(config)
-        batch = TrainingBatch(torch.zeros(1, 1, 256, 256), torch.ones(1, 1, 256, 256))
-        with FlopCounterMode(display=False) as counter:
-            for phase in method.phases:
-                torch.stack(list(method(batch, phase).values())).sum().backward()
-    assert counter.get_total_flops() / 1e12 == pytest.approx(TFLOP[name], abs=0.006)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from helpers.supervised_runs import SUPERVISED, train_two_steps
+from helpers.supervised_runs import SUPERVISED, train_steps
 
 from depthcli.errors import CheckpointError, UsageError
 from depthcli.export.graph import build_graph, check_parity
@@ -16,7 +16,6 @@ from depthcli.training.config import GeneratorConfig
 from depthcli.training.networks.encoder import (
     EncoderGenerator,
     SamePaddedConv2d,
-    folded_norms,
     timm_features,
 )
 from depthcli.training.settings import apply_overrides
@@ -58,7 +57,7 @@ def weights(tmp_path: Path) -> Path:
 def test_any_family_trains_and_exports_with_parity(name: str, tmp_path: Path) -> None:
     generator = GeneratorConfig(name="encoder", encoder=name, decoder=DECODER)
     data = replace(SUPERVISED.data, width=64, height=64)
-    train_two_steps(replace(SUPERVISED, generator=generator, data=data), tmp_path)
+    train_steps(replace(SUPERVISED, generator=generator, data=data), tmp_path)
     exported = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "m.onnx", ExportOptions())
     assert exported.parity.max_abs < 1e-3
     assert len(exported.parity.cases) == 5
@@ -99,14 +98,14 @@ def test_run_starts_from_an_encoder_and_resumes_without_it(weights: Path, tmp_pa
     )
     optim = replace(SUPERVISED.optim, encoder_rate=0.0)
     config = replace(SUPERVISED, generator=generator, optim=optim)
-    train_two_steps(config, tmp_path / "run", init_weights=weights)
+    train_steps(config, tmp_path / "run", init_weights=weights)
     expected = _generator()
     expected.load_encoder(weights)
     trained, saved = load_generator(tmp_path / "run" / CHECKPOINT)
     assert saved.provenance.encoder_weights.startswith("weights.pth ")
     for name, value in expected.encoder.state_dict().items():
         assert torch.equal(trained.state_dict()[f"encoder.{name}"], value)  # its rate is 0
-    assert train_two_steps(config, tmp_path / "run").step == 3
+    assert train_steps(config, tmp_path / "run").step == 3
 
 
 def test_exported_network_starts_another_without_norm(weights: Path, tmp_path: Path) -> None:
@@ -114,26 +113,15 @@ def test_exported_network_starts_another_without_norm(weights: Path, tmp_path: P
         name="encoder", encoder=FAMILIES[0], decoder=DECODER, norm="decoder"
     )
     config = replace(SUPERVISED, generator=generator)
-    train_two_steps(config, tmp_path / "run", init_weights=weights)
+    train_steps(config, tmp_path / "run", init_weights=weights)
     exported = export_checkpoint(
         tmp_path / "run" / CHECKPOINT, tmp_path / "m.onnx", ExportOptions()
     )
     assert exported.card.training["encoder_weights"].startswith("weights.pth ")
     bare = replace(config, generator=replace(generator, norm="none"))
-    assert train_two_steps(bare, tmp_path / "next", init_weights=exported.path).step == 2
+    assert train_steps(bare, tmp_path / "next", init_weights=exported.path).step == 2
     _, saved = load_generator(tmp_path / "next" / CHECKPOINT)
     assert saved.provenance.encoder_weights == exported.card.training["encoder_weights"]
-
-
-def test_folding_keeps_what_the_network_computes() -> None:
-    torch.manual_seed(0)
-    network = timm_features("test_resnet", 1).eval()
-    picture = torch.rand(1, 1, 64, 64)
-    wanted = network(picture)
-    folded = folded_norms(network, 1)
-    assert not any(isinstance(part, torch.nn.BatchNorm2d) for part in folded.modules())
-    for found, before in zip(folded(picture), wanted, strict=True):
-        torch.testing.assert_close(found, before, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize(("size", "bias"), [(3, True), (5, False)])
