@@ -12,27 +12,14 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from helpers.rooms import large_rooms, rooms, write_rooms
+from helpers.runs import EFFICIENT_TOML
 from helpers.videos import flat_frames, write_mp4
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = re.compile(
     r"^```python\n# (\S+\.py)(, at the end)?\n(.*?)^```$", re.MULTILINE | re.DOTALL
 )
-TINY = """
-[generator]
-name = "efficient"
-encoder = [8, 8, 8, 8, 8]
-decoder = [8, 8, 8, 8]
-depths = [1, 1, 1, 1]
-[data]
-width = 64
-height = 48
-holdout_every = 0
-[optim]
-batch_size = 2
-epochs_constant = 1
-epochs_decay = 0
-"""
+TINY = EFFICIENT_TOML.replace("epochs_decay = 2", "epochs_constant = 1\nepochs_decay = 0")
 
 
 def place(example: re.Match[str], folder: Path) -> None:
@@ -162,8 +149,7 @@ def test_transcript_of_a_method_and_a_loss_from_outside(extended: Extended) -> N
             path.rename(path.with_name(f"a{path.name}"))  # other names than those of NYU
         index = (made / "index.csv").read_text()
         (made / "index.csv").write_text(index.replace("\n0", "\na0"))
-    holdout = "holdout_every = 4\nholdout_offset = 1"
-    (folder / "tiny.toml").write_text(TINY.replace("holdout_every = 0", holdout))
+    (folder / "tiny.toml").write_text(TINY)
     commands = re.findall(r"^depthcli (.+)$", section, re.MULTILINE)
     assert [line.split()[0] for line in commands] == [
         "train",

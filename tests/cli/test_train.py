@@ -8,32 +8,13 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from helpers.rooms import write_rooms
-from helpers.runs import finished, inside
+from helpers.runs import finished, inside, write_run
 
 from depthcli.cli.app import main
 from depthcli.cli.screen.training import TextCallback
 from depthcli.core.parallel import usable_cores
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.provenance import TrainState
-
-TINY = """
-[generator]
-name = "efficient"
-encoder = [8, 8, 8, 8, 8]
-decoder = [8, 8, 8, 8]
-depths = [1, 1, 1, 1]
-
-[data]
-width = 64
-height = 48
-holdout_every = 4
-holdout_offset = 1
-
-[optim]
-batch_size = 2
-epochs_decay = 2
-"""
 
 
 def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -42,10 +23,7 @@ def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A data set and a file of settings."""
-    write_rooms(tmp_path / "data")
-    (tmp_path / "tiny.toml").write_text(TINY)
-    return tmp_path
+    return write_run(tmp_path)
 
 
 COMMON = ("proposed", "--data", "data", "--out", "run", "--preset", "bundled")

@@ -1,32 +1,18 @@
-"""``depthcli train`` of several methods and seeds, one resumable run after another."""
+"""``depthcli train`` of several methods and seeds, and when something goes wrong."""
 
 import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 from helpers.command_line import unmeasured
-from helpers.rooms import write_rooms
-from helpers.runs import ENVIRONMENT, inside, same, saved
+from helpers.runs import ENVIRONMENT, RESNET_TOML, finished, inside, same, saved, write_run
 
-TINY = """
-[generator]
-width = 4
-blocks = 1
-
-[data]
-width = 32
-height = 32
-holdout_every = 4
-holdout_offset = 1
-
-[optim]
-epochs_constant = 1
-epochs_decay = 0
-width_discriminator = 2
-"""
+EPOCHS = ("fastcut", "--set", "optim.epochs_decay=3", "--set", "validate_every=99", "--quiet")
+"""Twenty steps in four epochs."""
 LONG = ("--set", "optim.epochs_constant=100000", "--set", "validate_every=100000")
 
 
@@ -41,10 +27,7 @@ def _train(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A data set and a file of settings."""
-    write_rooms(tmp_path / "data")
-    (tmp_path / "tiny.toml").write_text(TINY)
-    return tmp_path
+    return write_run(tmp_path, RESNET_TOML)
 
 
 def test_runs_are_those_of_single_commands_and_are_resumed(folder: Path) -> None:
@@ -111,3 +94,54 @@ def test_signal_ends_all_runs_with_a_checkpoint(folder: Path) -> None:
     assert process.returncode == 128 + signal.SIGTERM, err
     assert (folder / "runs" / "fastcut-seed0" / "last.ckpt").exists()
     assert not (folder / "runs" / "cut-seed0").exists()
+
+
+def test_signal_saves_the_step_and_the_run_goes_on_exactly(folder: Path) -> None:
+    log = folder / "run" / "metrics.jsonl"
+    command = [sys.executable, "-m", "depthcli", *_words(*EPOCHS, "--out", "run")]
+    environment = unmeasured(ENVIRONMENT)
+    process = subprocess.Popen(
+        command, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60
+    while not log.exists() and time.monotonic() < deadline:
+        time.sleep(0.002)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (128 + signal.SIGINT, "")
+    assert sorted(p.name for p in (folder / "run").iterdir()) == ["last.ckpt", "metrics.jsonl"]
+    stopped = saved(folder / "run")["state"]["step"]
+    assert 5 <= stopped < 20
+    for out in ("run", "unbroken"):
+        assert _train(folder, *EPOCHS, "--out", out).returncode == 0
+    whole, unbroken = saved(folder / "run"), saved(folder / "unbroken")
+    for name in ("method", "optimizers", "extra", "rng"):
+        assert same(whole[name], unbroken[name]), name
+
+
+_FULL = """
+import os, resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+"""No file grows beyond a fraction of the checkpoint: the disk is full."""
+
+
+def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
+    assert _train(folder, *EPOCHS, "--out", "run", "--max-minutes", "0").returncode == 0
+    before = _snapshot(folder / "run")
+    command = [sys.executable, "-m", "depthcli", *_words(*EPOCHS, "--out", "run")]
+    done = finished([sys.executable, "-c", _FULL, *command], folder, env=unmeasured(ENVIRONMENT))
+    assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
+    assert "run/last.ckpt" in done.stderr
+    after = _snapshot(folder / "run")
+    assert after.pop("metrics.jsonl", b"")  # an epoch was logged that is not in the checkpoint
+    assert after == before
+    assert _train(folder, *EPOCHS, "--out", "run").returncode == 0
+    log = (folder / "run" / "metrics.jsonl").read_text().splitlines()
+    assert len(log) == 4  # each epoch once
+    assert saved(folder / "run")["state"]["step"] == 20
+
+
+def _snapshot(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from helpers.command_line import Cli
 from helpers.rooms import large_rooms, write_rooms
+from helpers.runs import RESNET_TOML
 from helpers.stores import KEYS, Bucket, Faults, credentials_checked
 from helpers.tiny import card_with, tiny_onnx, write_model, write_picture
 from helpers.videos import flat_frames, write_mp4
@@ -24,11 +25,6 @@ for words in sys.stdin.read().splitlines():
     assert main(words.split()) == 0, words
     print(met, {"obstore", "boto3"} & set(sys.modules))
 """
-TINY = """
-generator = { width = 4, blocks = 1 }
-data = { width = 32, height = 32, holdout_every = 2 }
-optim = { epochs_constant = 1, epochs_decay = 0, width_discriminator = 2 }
-"""
 LOCAL = """\
 predict in/a.png
 batch in -o out
@@ -42,7 +38,7 @@ convert out/a.depth.png a.exr
 eval nyu --data nyu --split val
 bench --seconds 0.1 --workers 1
 doctor
-train proposed --data nyu --out run --threads 1 --config tiny.toml
+train fastcut --data nyu --out run --threads 1 --config tiny.toml
 """
 
 
@@ -130,7 +126,7 @@ def test_wrong_credentials_are_one_line(inside: Cli, bucket: Bucket) -> None:
 def test_plain_paths_open_no_connection(cli: Cli) -> None:
     write_picture(cli.folder / "in" / "a.png")
     write_mp4(cli.folder / "in" / "clip.mp4", flat_frames(range(40, 44)))
-    (cli.folder / "tiny.toml").write_text(TINY)
+    (cli.folder / "tiny.toml").write_text(RESNET_TOML)
     write_rooms(cli.folder / "nyu", large_rooms())
     (cli.folder / "models").symlink_to(cli.models)
     home = cli.folder / "user"

@@ -10,10 +10,49 @@ from typing import Any
 import pytest
 import torch
 
-from helpers.command_line import InProcess
+from helpers.command_line import ROOT, InProcess
+from helpers.rooms import write_rooms
 
-ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "CUDA_VISIBLE_DEVICES": ""}
+HELD_OUT = "holdout_every = 4\nholdout_offset = 1\n"
+RESNET_TOML = f"""
+[generator]
+width = 4
+blocks = 1
+
+[data]
+width = 32
+height = 32
+{HELD_OUT}
+[optim]
+epochs_constant = 1
+epochs_decay = 0
+width_discriminator = 2
+"""
+"""Five steps in one epoch."""
+EFFICIENT_TOML = f"""
+[generator]
+name = "efficient"
+encoder = [8, 8, 8, 8, 8]
+decoder = [8, 8, 8, 8]
+depths = [1, 1, 1, 1]
+
+[data]
+width = 64
+height = 48
+{HELD_OUT}
+[optim]
+batch_size = 2
+epochs_decay = 2
+"""
+"""Four steps in two epochs of the preset ``bundled``."""
+
+
+def write_run(folder: Path, settings: str = EFFICIENT_TOML) -> Path:
+    """The rooms in ``data``, and settings in ``tiny.toml``."""
+    write_rooms(folder / "data")
+    (folder / "tiny.toml").write_text(settings)
+    return folder
 
 
 def finished(
