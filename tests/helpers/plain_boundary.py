@@ -2,6 +2,9 @@
 
 import math
 
+import cv2
+import numpy as np
+
 Map = list[list[float]]
 Mask = list[list[bool]]
 
@@ -9,29 +12,16 @@ RADIUS = 4
 
 
 def edges(depth_m: Map, valid: Mask) -> Mask:
-    """Canny's detector on log depth: gradient, ridges, hysteresis."""
+    """OpenCV's detector of Canny on the gradient of log depth."""
     height, width = len(depth_m), len(depth_m[0])
     logs = [
         [math.log(d) if ok else 0.0 for d, ok in zip(*line, strict=True)]
         for line in zip(depth_m, valid, strict=True)
     ]
     gradient = [[_gradient(logs, valid, y, x) for x in range(width)] for y in range(height)]
-    ridge = [[_is_ridge(gradient, y, x) for x in range(width)] for y in range(height)]
+    across, down = np.moveaxis(np.array(gradient, np.int16), 2, 0)
     step = math.log(1.1) * max(_bell()) * 8192
-    weak, strong = ((step * share) ** 2 for share in (0.5, 1.0))
-    size = [[gx * gx + gy * gy for gx, gy in line] for line in gradient]
-    todo = [
-        (y, x) for y in range(height) for x in range(width) if ridge[y][x] and size[y][x] > strong
-    ]
-    found = [[False] * width for _ in range(height)]
-    while todo:
-        y, x = todo.pop()
-        if not (0 <= y < height and 0 <= x < width) or found[y][x]:
-            continue
-        if not ridge[y][x] or size[y][x] <= weak:
-            continue
-        found[y][x] = True
-        todo += [(y + dy, x + dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    found: Mask = (cv2.Canny(across, down, step / 2, step, L2gradient=True) > 0).tolist()
     return found
 
 
@@ -55,25 +45,6 @@ def _gradient(logs: Map, valid: Mask, y: int, x: int) -> tuple[int, int]:
             gx += value * slope[i] * bell[j]
             gy += value * slope[j] * bell[i]
     return round(gx), round(gy)
-
-
-def _is_ridge(gradient: list[list[tuple[int, int]]], y: int, x: int) -> bool:
-    """Steeper than both neighbours along the gradient, its direction taken to an eighth turn."""
-
-    def size(row: int, column: int) -> int:
-        if not (0 <= row < len(gradient) and 0 <= column < len(gradient[0])):
-            return 0
-        gx, gy = gradient[row][column]
-        return gx * gx + gy * gy
-
-    gx, gy = gradient[y][x]
-    here = size(y, x)
-    if abs(gy) < abs(gx) * math.tan(math.pi / 8):
-        return here > size(y, x - 1) and here >= size(y, x + 1)
-    if abs(gy) > abs(gx) * math.tan(3 * math.pi / 8):
-        return here > size(y - 1, x) and here >= size(y + 1, x)
-    side = -1 if (gx < 0) != (gy < 0) else 1
-    return here > size(y - 1, x - side) and here > size(y + 1, x + side)
 
 
 def distances(truth: Mask, predicted: Mask) -> tuple[float, float]:
