@@ -11,8 +11,6 @@ import pytest
 from helpers.tiny import write_model
 
 from depthcli.cli.app import main
-from depthcli.datasets.base import SplitName, split_nyu
-from depthcli.datasets.nyu import open_nyu
 from depthcli.errors import ExitCode
 
 COUNT = 11
@@ -133,24 +131,3 @@ def test_usage_errors_are_one_line(
 ) -> None:
     assert _run(data, *arguments) == ExitCode.USAGE
     assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-def test_sheets_and_page(
-    data: Path, models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    far = write_model(models / "far", output__shift=6.0)
-    page, sheets = tmp_path / "new" / "page.html", tmp_path / "sheets"
-    arguments = ["--split", "val", "--model", "default", "--model", str(far)]
-    arguments += ["--html", str(page), "--figures", str(sheets)]
-    assert _run(data, *arguments) == ExitCode.OK
-    shown = capsys.readouterr()
-    assert f"{sheets / 'depth-gray.png'}" in shown.err
-    text = page.read_text()
-    for line in shown.out.splitlines()[4:10]:
-        for cell in line.split()[-9:]:
-            assert f"<td>{cell}</td>" in text
-    assert "headline" in text
-    assert text.count("data:image/png;base64,") == 2
-    ids = split_nyu(open_nyu(data), SplitName.VAL).test
-    assert all(f"{i:04d}" in text for i in ids)
-    assert sorted(path.name for path in sheets.iterdir()) == ["depth-colour.png", "depth-gray.png"]

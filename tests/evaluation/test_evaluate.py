@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from helpers import plain_evaluator as plain
 from helpers.in_memory import InMemory
-from helpers.small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
+from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 from helpers.tiny import write_model
 from helpers.watched import Watched
 
 from depthcli.core.options import Alignment, Averaging
 from depthcli.core.types import DepthKind
-from depthcli.datasets.base import ALL_PAIRS, Split, SplitName
+from depthcli.datasets.base import SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import EvalOptions, entry_for, evaluate, score
 from depthcli.evaluation.predictors import Sample, open_model
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.report import PUBLISHED, Source
-from depthcli.evaluation.task import plan_nyu, plan_pairs
+from depthcli.evaluation.task import plan_nyu
 from depthcli.inference.loading import SessionLoader
 from depthcli.metrics.boundary import boundary_scores, mean_boundary_scores
 
@@ -89,15 +89,6 @@ def test_depth_is_read_once_and_images_only_on_use() -> None:
     seeing = [entry_for(Playback(noisy(dataset), look=True)) for _ in range(3)]
     score(dataset, range(6), seeing, PROTOCOL)
     assert dataset.image_reads == dict.fromkeys(range(6), 1)
-
-
-def test_scores_of_each_image_on_request() -> None:
-    dataset = small_set()
-    entry = entry_for(Playback(noisy(dataset)))
-    (row,) = score(dataset, (4, 0), [entry], PROTOCOL)
-    assert [image.id for image in row.images] == ["0004", "0000"]
-    average = sum(image.scores["rmse"] for image in row.images) / 2
-    assert row.scores["rmse"] == pytest.approx(average, rel=1e-12)
 
 
 def test_image_without_valid_pixel_is_reported() -> None:
@@ -222,29 +213,12 @@ def test_trivial_rows_know_the_depth_that_counts() -> None:
     assert row.scores["abs_rel"] == pytest.approx(np.mean(errors), rel=1e-5)
 
 
-def test_all_pairs_of_a_custom_data_set_are_evaluated() -> None:
-    dataset = small_set(3)
-    task = plan_pairs(dataset, "own")
-    assert (task.title, task.test) == ("own", (0, 1, 2))
-    assert task.split == Split(ALL_PAIRS, (), (0, 1, 2), 0, 3)
-    options = EvalOptions(PROTOCOL)
-    report = evaluate(task, [Playback(noisy(dataset))], options)
-    assert [row.name for row in report.rows] == ["playback"]
-    assert report.notes == ("no training pair of this split is available: baselines are omitted",)
-
-
-class _Cameras(SmallSet):
-    """Pictures of other cameras than the models'; of the first, the focal length is known."""
-
-    hfov_deg = 40.0
-    focal_px: tuple[float | None, ...] = (25.0, None)
-
-
 @pytest.mark.parametrize("own_camera", [True, False])
 def test_metres_are_scaled_to_the_camera_of_each_image(tmp_path: Path, own_camera: bool) -> None:
     camera = {"hfov_deg": 60.0} if own_camera else None
     predictor = open_model(SessionLoader(write_model(tmp_path, camera=camera), "cpu", 1))
-    dataset = _Cameras(**vars(small_set(2)))
+    dataset = small_set(2)
+    dataset.hfov_deg, dataset.focal_px = 40.0, (25.0, None)  # only the first one's is known
     focal_px = [25.0, WIDTH / 2 / math.tan(math.radians(20))]
     learned_px = WIDTH / 2 / math.tan(math.radians(30))
     for i, actual_px in enumerate(focal_px):

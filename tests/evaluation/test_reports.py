@@ -1,7 +1,6 @@
 """Reports and their figures."""
 
 import json
-import math
 from dataclasses import replace
 
 import cv2
@@ -152,13 +151,6 @@ def test_title(split: str, count: int, title: str) -> None:
     assert replace(REPORT, split=split, image_count=449, split_count=count).title == title
 
 
-def test_a_row_without_edges_has_none_of_their_scores() -> None:
-    names = [*NAMES, *EDGES_JSON]
-    assert [name for name, _ in PRINTED.items(boundary=True)] == names
-    assert all(math.isnan(value) for _, value in list(PRINTED.items(boundary=True))[-3:])
-    assert [name for name, _ in MODEL.items(boundary=False)] == list(NAMES)
-
-
 CELL = (240, 180)
 TITLE, GAP = 26, 4
 
@@ -257,18 +249,6 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
             for column, depth in enumerate(maps, 1):
                 cell = _cell(sheet, row, column)
                 assert np.abs(cell - writer.render(depth).astype(int)).max() <= 3 * (column == 2)
-
-
-def test_without_any_truth_the_range_is_one_metre() -> None:
-    task = _task(["a_1"], (1, 600))  # so flat that its cell has one row
-    dataset = task.dataset
-    dataset.depths_m[:] = 0
-    steps = np.repeat(np.float32([[0.9, 1.1]]), 300, 1)
-    gray, _ = draw_figures(task, (0,), [("steps", Playback({"0000": steps}))])
-    sheet = _pixels(gray)
-    assert len(sheet) == TITLE + 1 + GAP
-    cell = sheet[TITLE, 2 * GAP + CELL[0] :][: CELL[0], 0]
-    assert (cell[0], cell[-1]) == (255, 0)
 
 
 def test_sheet_has_titles_over_its_columns_and_pictures_where_they_belong() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from helpers import plain_evaluator as plain
 from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
-from helpers.watched import Watched
 
 from depthcli.cli.app import main
 from depthcli.core.options import Alignment, Part
@@ -44,44 +43,18 @@ def test_means_equal_the_plain_loop() -> None:
     assert per_pixel.depth.values[0, 1] == 4.0
 
 
-def test_only_depth_inside_the_range_counts() -> None:
-    dataset = small_set(1, shape=(1, 4))
-    dataset.depths_m[:] = [[[0.5, 0.75, 1.25, 2.0]]]
-    constant, per_pixel = fit_trivial(dataset, (0,), min_m=0.5, max_m=2.0)
-    assert constant.depth.values.tolist() == [[1.0] * 4]
-    assert per_pixel.depth.values.tolist() == [[1.0, 0.75, 1.25, 1.0]]
-
-
-def test_only_training_pairs_are_read() -> None:
-    dataset = small_set()
-    watched = Watched()
-    fit_trivial(dataset, (1, 3), progress=watched)
-    assert dataset.depth_reads == {1: 1, 3: 1}
-    assert dataset.image_reads == {}
-    assert watched.stages == {"mean of training images": (2, 2)}
-
-
-def test_no_training_pair() -> None:
-    with pytest.raises(DatasetError):
-        fit_trivial(small_set(), ())
-
-
-def test_training_pairs_without_depth() -> None:
-    dataset = small_set()
-    dataset.depths_m[...] = 0
-    with pytest.raises(DatasetError):
-        fit_trivial(dataset, (0, 1))
-
-
-def test_training_pairs_of_different_sizes() -> None:
+def test_training_pairs_of_no_depth_or_of_different_sizes_are_refused() -> None:
     class Mixed:
         ids = ("a", "b")
 
         def depth_m(self, i: int) -> np.ndarray:
             return np.full((2, 2 + i), 3, np.float32)
 
-    with pytest.raises(DatasetError):
-        fit_trivial(Mixed(), (0, 1))
+    empty = small_set()
+    empty.depths_m[...] = 0
+    for dataset, numbers in ((empty, ()), (empty, (0, 1)), (Mixed(), (0, 1))):
+        with pytest.raises(DatasetError):
+            fit_trivial(dataset, numbers)
 
 
 def card(training: dict[str, Any]) -> ModelCard:
