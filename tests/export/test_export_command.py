@@ -85,15 +85,8 @@ def test_the_card_has_what_the_options_say(tmp_path: Path) -> None:
     assert [(entry.domain, entry.version) for entry in opsets] == [("", 18)]
 
 
-@pytest.mark.parametrize("fp16", [False, True])
-def test_fp16_halves_the_weights(checkpoint: Path, tmp_path: Path, *, fp16: bool) -> None:
-    path = tmp_path / "m.onnx"
-    assert main(["export-onnx", str(checkpoint), "-o", str(path), *["--fp16"] * fp16]) == 0
-    assert bool(_weights_of_type(path, TensorProto.FLOAT16)) is fp16
-
-
 @pytest.mark.parametrize(
-    ("options", "allowed"), [(["--fp16"], 2e-2), (["--tolerance", "0.5"], 0.5)]
+    ("options", "allowed"), [([], 1e-3), (["--fp16"], 2e-2), (["--tolerance", "0.5"], 0.5)]
 )
 def test_json_says_what_was_written_and_how_close_it_is(
     checkpoint: Path,
@@ -111,6 +104,7 @@ def test_json_says_what_was_written_and_how_close_it_is(
     assert 0 < done["mean_abs"] < done["max_abs"] <= done["tolerance"] == allowed
     assert done["cases"][0] == [1, 32, 48]
     assert len(done["cases"]) == 5
+    assert bool(_weights_of_type(path, TensorProto.FLOAT16)) is ("--fp16" in options)
 
 
 def test_weights_are_averaged_or_those_of_the_last_step(tmp_path: Path) -> None:
