@@ -155,10 +155,17 @@ def test_paper_split() -> None:
     assert (split.train_count, split.test_count) == (1000, 449)
 
 
-def test_paper_split_of_the_first_thousand_has_nothing_to_test() -> None:
-    assert split_nyu(_listed(range(1000)), SplitName.PAPER).test == ()
+@pytest.mark.parametrize(
+    ("labels", "name"),
+    [
+        (range(1000), SplitName.PAPER),
+        (range(1, 2), SplitName.OFFICIAL),
+        (range(8), SplitName.VAL),
+    ],
+)
+def test_split_without_a_test_pair_is_refused(labels: range, name: SplitName) -> None:
     with pytest.raises(DatasetError):
-        plan_nyu(_listed(range(1000)), SplitName.PAPER)
+        plan_nyu(_listed(labels), name)
 
 
 def test_paper_split_of_the_test_part_alone() -> None:
@@ -187,11 +194,6 @@ def test_official_split_is_not_guessed() -> None:
         split_nyu(unknown, SplitName.OFFICIAL)
 
 
-def test_official_split_without_test_pair() -> None:
-    with pytest.raises(DatasetError):
-        plan_nyu(_listed(range(1, 2)), SplitName.OFFICIAL)
-
-
 def test_val_split_holds_out_whole_scenes_of_the_first_thousand() -> None:
     split = split_nyu(COMPLETE, SplitName.VAL)
     assert set(split.train) | set(split.test) == set(range(1000))
@@ -206,11 +208,6 @@ def test_val_split_is_the_same_with_and_without_the_test_part() -> None:
     assert split_nyu(_listed(range(1000)), SplitName.VAL) == split_nyu(COMPLETE, SplitName.VAL)
 
 
-def test_val_split_of_too_few_scenes() -> None:
-    with pytest.raises(DatasetError):
-        plan_nyu(_listed(range(8)), SplitName.VAL)
-
-
 @pytest.mark.parametrize("bad", ["kitchen", "1449", "-1", ""])
 def test_id_that_is_no_label(bad: str) -> None:
     with pytest.raises(DatasetError):
@@ -218,7 +215,7 @@ def test_id_that_is_no_label(bad: str) -> None:
 
 
 @given(
-    scenes=st.lists(st.text(max_size=3), max_size=40),
+    scenes=st.lists(st.sampled_from(["", *"abcdefgh"]), max_size=40),
     every=st.integers(1, 9),
     offset=st.integers(0, 9),
 )

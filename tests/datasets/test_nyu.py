@@ -25,6 +25,7 @@ def test_both_layouts_give_the_same_pairs(kind: str, request: pytest.FixtureRequ
     assert len(dataset) == 5
     assert tuple(dataset.ids) == IDS
     assert tuple(dataset.scenes) == SCENES
+    assert tuple(dataset.official_split) == (PARTS if kind == "nyu_folder" else ("",) * 5)
     for i in range(5):
         image, depth_m = dataset.image(i), dataset.depth_m(i)
         assert image.dtype == np.uint8
@@ -35,22 +36,11 @@ def test_both_layouts_give_the_same_pairs(kind: str, request: pytest.FixtureRequ
         np.testing.assert_array_equal(depth_m, made.depths_m[i])
 
 
-def test_folder_knows_the_official_split(nyu_folder: Any) -> None:
-    assert tuple(open_nyu(nyu_folder.path).official_split) == PARTS
-
-
-def test_mat_knows_no_official_split_without_index(nyu_mat: Any) -> None:
-    assert tuple(open_nyu(nyu_mat.path).official_split) == ("",) * 5
-
-
 def test_index_beside_the_mat_supplies_the_official_split(nyu_mat: Any) -> None:
     lines = ["id,scene,official_split", "0000,kitchen_0004,test", "0002,office_0003,train"]
     nyu_mat.path.with_name("index.csv").write_text("\n".join(lines))
-    assert tuple(open_nyu(nyu_mat.path).official_split) == ("test", "", "train", "", "")
-
-
-def test_folder_that_holds_the_mat(nyu_mat: Any) -> None:
-    assert len(open_nyu(nyu_mat.path.parent)) == 5
+    for path in (nyu_mat.path, nyu_mat.path.parent):
+        assert tuple(open_nyu(path).official_split) == ("test", "", "train", "", "")
 
 
 def test_raw_depth_of_the_mat(nyu_mat: Any) -> None:
