@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray, Int64Array
+from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
 from depthcli.core.types import Frame
 
 
@@ -270,22 +270,12 @@ def upsample_guided(
     return values
 
 
-def sample_guided(log_m: Float32Array, frame: Frame, x: Int64Array, y: Int64Array) -> Float32Array:
-    """Log depth at pixels of a picture, (N,), about as :func:`upsample_guided` has it.
-
-    ``log_m`` is (h, w) float32; there are fewer than 32,767 pixels, of these columns and rows.
-    """
-    height, width = log_m.shape
-    column = ((x + 0.5) * (width / frame.width) - 0.5).astype(np.float32)
-    row = ((y + 0.5) * (height / frame.height) - 0.5).astype(np.float32)
-    # Linear, as the mean of areas takes a millisecond and is no better here.
-    guided = GuidedMap.fit(log_m, brightness(np.asarray(cv2.resize(frame.pixels, (width, height)))))
-    slope, offset, low, high = (
-        cv2.remap(part, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
-        for part in guided
-    )
-    guide = brightness(frame.pixels[y, x][np.newaxis])[0]
-    return np.asarray(np.clip(slope * guide + offset, low, high))
+def sample_bilinear(values: Float32Array, row: Float64Array, column: Float64Array) -> Float64Array:
+    """Values of a map (h, w) float32 at rows and columns from 0 to 1, (N,) each, N < 32,767."""
+    height, width = values.shape
+    x, y = (column * width - 0.5).astype(np.float32), (row * height - 0.5).astype(np.float32)
+    found: Any = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found.ravel(), np.float64)
 
 
 class GuidedMap(NamedTuple):

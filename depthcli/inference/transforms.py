@@ -137,12 +137,12 @@ def follow_points(
         return coarse_m, inside
     x, y, known_m = x[some], y[some], points.depth_m[some]
     log_m = np.log(coarse_m.clip(*DEPTH_M_RANGE))
-    mapped = imageops.sample_guided(log_m, frame, x, y)
+    row, column = (y + 0.5) / frame.height, (x + 0.5) / frame.width
+    mapped = imageops.sample_bilinear(log_m, row, column)
     away = np.log(known_m) - mapped
     away = np.abs(away - np.median(away))
     followed = away <= max(_WRONG * float(np.median(away)), _LEAST_WRONG)
-    at = np.stack([(y + 0.5) / frame.height, (x + 0.5) / frame.width, mapped])
-    log_m += log_correction(log_m, at, known_m, followed, passes=1)
+    log_m += log_correction(log_m, np.stack([row, column, mapped]), known_m, followed, passes=1)
     inside[some] = followed
     return np.exp(log_m), inside
 
