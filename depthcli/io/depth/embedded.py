@@ -21,7 +21,7 @@ from depthcli.io.formats.sidecar import FileMetadata
 from depthcli.io.images import heif
 from depthcli.io.images.jpeg import JPEG_START, decode_jpeg, segments
 from depthcli.io.images.pixels import upright
-from depthcli.io.images.read import decode
+from depthcli.io.images.read import decode, reader_errors
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import read_bytes
 
@@ -56,7 +56,8 @@ def read_embedded_depth(path: Path, options: DepthReadOptions) -> StoredDepth | 
 
 def _auxiliary(data: bytes, name: str) -> Found | None:
     """Depth of the primary image of a HEIC, as of iPhones."""
-    images = heif.depth_images(data)
+    with reader_errors(name):
+        images = heif.depth_images(data)
     if not images:
         return None
     stored, facts = images[0]

@@ -28,16 +28,12 @@ _MIRRORED = (2, 5, 4, 7)  # and those that mirroring left to right and then such
 
 def is_avif(data: bytes) -> bool:
     """Whether a file is HEIF coded in AV1."""
-    brands = _brands(data)
-    return bool(brands & _AVIF_BRANDS) or (b"mif1" in brands and b"av1C" in find_box(data, b"meta"))
+    return bool(_brands(data) & _AVIF_BRANDS)
 
 
 def is_heif(data: bytes) -> bool:
     """Whether a file is HEIF coded in HEVC; AVIF, which has the same boxes, is not."""
-    brands = _brands(data)
-    if brands & _AVIF_BRANDS:
-        return False
-    return bool(brands & _HEVC_BRANDS) or (b"mif1" in brands and b"hvcC" in find_box(data, b"meta"))
+    return bool(_brands(data) & _HEVC_BRANDS) and not is_avif(data)
 
 
 def avif_header(data: bytes) -> Header:
@@ -106,7 +102,6 @@ def _brands(data: bytes) -> set[bytes]:
 _EIGHT_BIT = 8
 _RGB = (3, 4)  # channels, without and with alpha
 _WITH_ALPHA = (2, 4)
-_DAMAGE = (EOFError, LookupError, OSError, RuntimeError, SyntaxError, ValueError)  # of files
 
 
 decode_avif = partial(decode_with_opencv, has_alpha=True)
@@ -114,8 +109,6 @@ decode_avif = partial(decode_with_opencv, has_alpha=True)
 
 def heif_header(data: bytes) -> Header:
     """Size of the primary image of a HEIF file, and what else it states."""
-    if not is_installed("pillow_heif"):
-        raise InputError("is HEIC, which needs pillow-heif", INSTALL_HEIF)
     start, end = _extent(data, b"mdat")
     if not start < end <= len(data):  # libheif makes up tiles that are missing, without an error
         raise InputError("is truncated (its end is missing)", "copy it again")
@@ -139,11 +132,8 @@ def decode_heif(data: bytes) -> Decoded:
     file = _opened(data)
     image = file[file.primary_index]
     channels = len(image.mode.partition(";")[0])
-    try:
-        stored = np.asarray(image)
-    except _DAMAGE as error:
-        raise _damaged() from error
-    colours = stored.reshape(*stored.shape[:2], channels)
+    colours = np.asarray(image)
+    colours = colours.reshape(*colours.shape[:2], channels)
     pixels = np.array(colours[..., :3] if channels in _RGB else colours[..., 0], order="C")
     alpha = colours[..., -1] if channels in _WITH_ALPHA else None
     return Decoded(pixels, image.info.get("exif") or b"", alpha=alpha)
@@ -157,17 +147,8 @@ def depth_images(data: bytes) -> list[tuple[AnyArray, dict[str, Any]]]:
 
 
 def _opened(data: bytes) -> Any:  # noqa: ANN401 - the types of its facts are too wide
-    try:
-        import pillow_heif  # noqa: PLC0415 - an extra
+    if not is_installed("pillow_heif"):
+        raise InputError("is HEIC, which needs pillow-heif", INSTALL_HEIF)
+    import pillow_heif  # noqa: PLC0415 - an extra
 
-        return pillow_heif.open_heif(data, convert_hdr_to_8bit=False, hdr_to_16bit=False)
-    except ImportError as error:
-        raise InputError("needs pillow-heif, which is broken", INSTALL_HEIF) from error
-    except _DAMAGE as error:
-        raise _damaged() from error
-
-
-def _damaged() -> InputError:
-    return InputError(
-        "is damaged, or of a variant that cannot be decoded", "copy it again or convert it"
-    )
+    return pillow_heif.open_heif(data, convert_hdr_to_8bit=False, hdr_to_16bit=False)

@@ -49,6 +49,10 @@ _LIGHT = Message(
     "its floats are taken as encoded for display, as in sRGB",
     "if they are linear light, save them as EXR",
 )
+_DAMAGE = (  # what decoders raise about it, those of HEIF whatever Python has
+    *(cv2.error, struct.error, ValueError, LookupError, MemoryError),
+    *(EOFError, OSError, RuntimeError, SyntaxError),
+)
 _GPANO = re.compile(rb"GPano:(\w+)\W{1,4}(\w+)")
 
 
@@ -93,7 +97,7 @@ class CheckedImage(NamedTuple):
 
     def decode(self) -> Decoded:
         """Decode its pixels."""
-        with _errors_about(self.name):
+        with reader_errors(self.name):
             found: Decoded = self.container.call("decode_{}", self.data)
         return found
 
@@ -107,7 +111,7 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
     container = _container_of(data)
     if container is None:
         raise _no_image(data, name)
-    with _errors_about(name):
+    with reader_errors(name):
         header = container.call("{}_header", data)
     width, height = header.width, header.height
     if width <= 0 or height <= 0:
@@ -127,11 +131,14 @@ def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> AnyArray:
 def image_size(data: bytes) -> tuple[int, int] | None:
     """(width, height) that a file states; None if it is not an image or its header is damaged."""
     container = _container_of(data)
-    try:
-        header = container.call("{}_header", data) if container else None
-    except (InputError, struct.error, LookupError):
+    if container is None:
         return None
-    return (header.width, header.height) if header else None
+    try:
+        with reader_errors("it"):
+            header = container.call("{}_header", data)
+    except InputError:
+        return None
+    return header.width, header.height
 
 
 def _container_of(data: bytes) -> _Container | None:
@@ -151,14 +158,14 @@ def _no_image(data: bytes, name: str) -> InputError:
 
 
 @contextmanager
-def _errors_about(name: str) -> Iterator[None]:
-    """Name the file in errors of a container's reader."""
+def reader_errors(name: str) -> Iterator[None]:
+    """Raise errors of a container's reader as an InputError that names the file."""
     try:
         yield
     except InputError as error:
         message = error.message
         raise InputError(f"{name} {message.problem}", message.advice) from error
-    except (cv2.error, struct.error, ValueError, LookupError, MemoryError) as error:
+    except _DAMAGE as error:
         if is_out_of_memory(error):
             raise InputError(f"{name} does not fit into memory", "make it smaller") from error
         raise InputError(
@@ -223,7 +230,7 @@ def read_image(
     if eye is not None:
         from depthcli.io.images.jpeg import image_of_eye  # noqa: PLC0415 - rare
 
-        with _errors_about(name):
+        with reader_errors(name):
             data = image_of_eye(data, eye)
     if data.startswith(EXR_MAGIC):
         # Other images need not wait for it.
@@ -265,7 +272,7 @@ def read_image(
     if decoded.alpha is None or ignore_alpha:
         return frame
     alpha = decoded.alpha if header.is_upright else upright(decoded.alpha, orientation)
-    with _errors_about(name):
+    with reader_errors(name):
         return masked(frame, alpha)
 
 
