@@ -1,6 +1,7 @@
 """Images in OpenEXR files, converted from linear light to sRGB."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 
@@ -71,14 +72,13 @@ def primaries_matrix(
     """
     if chromaticities is None or np.allclose(chromaticities[:6], _REC_709[:6], 0, _SAME_PRIMARIES):
         return None, None
-    try:
+    matrix = np.full((3, 3), np.nan)
+    with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
         to_xyz, white = _to_xyz(chromaticities)
         target_to_xyz, target_white = _to_xyz(_REC_709)
         adapted = np.diag(_BRADFORD @ target_white / (_BRADFORD @ white))
         adaptation = np.linalg.solve(_BRADFORD, adapted @ _BRADFORD)
         matrix = np.linalg.solve(target_to_xyz, adaptation @ to_xyz)
-    except (np.linalg.LinAlgError, ValueError):
-        return None, _NO_PRIMARIES
     if not np.abs(matrix).max() < _MOST_GAIN:  # nor if it is not a number
         return None, _NO_PRIMARIES
     return matrix.astype(np.float32), None
@@ -87,9 +87,6 @@ def primaries_matrix(
 def _to_xyz(chromaticities: Sequence[float]) -> tuple[Float64Array, Float64Array]:
     """The matrix from linear RGB to CIE XYZ, and XYZ of white, whose Y is 1."""
     x, y = np.reshape(np.asarray(chromaticities, np.float64), (4, 2)).T
-    if not y[3] > 0:
-        msg = "white has no light"
-        raise ValueError(msg)
     corners = np.stack([x, y, 1 - x - y])
     white = corners[:, 3] / y[3]
     return corners[:, :3] * np.linalg.solve(corners[:, :3], white), white

@@ -133,8 +133,7 @@ def _first_values(tiff: bytes, at: int | None = None) -> dict[int, float]:
     """The first value of each tag of a directory, as far as that goes."""
     found: dict[int, float] = {}
     with suppress(struct.error):
-        for tag, form, position in tag_entries(tiff, _EXIF_TAGS, at):
-            values = unpack_at(form, tiff, position)
+        for tag, values in read_tags(tiff, _EXIF_TAGS, at):
             if tag in _RATIONALS:
                 found.update({tag: values[0] / values[1]} if len(values) > 1 and values[1] else {})
             elif values:
