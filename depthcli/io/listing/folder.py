@@ -4,7 +4,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple, Self, TypeAlias
@@ -207,36 +207,36 @@ def list_folder(
     place = path_of(root)
     if isinstance(place, RemotePath):
         return _list_objects(place, path_of(leave_out or ""), skip, refusal)
-    avoided = None if leave_out is None else _identity(leave_out)
-    found = Listing([], [], [])
-    stack: list[tuple[str, str, tuple[_Identity, ...]]] = [(root, "", (_identity(root),))]
-    while stack:  # of folders, each with those above it
-        folder, name, above = stack.pop()
-        try:
-            with os.scandir(folder) as entries:
-                children = sorted(entries, key=lambda entry: os.fsencode(entry.name))
-        except OSError as error:
-            problem = f"{folder} cannot be listed: {error.strerror}"
-            found.media.append(InputFile(name or ".", folder, problem))
-            continue
-        folders = []
+    avoided = (leave_out and _identity(leave_out)) or ()
+    found, above = Listing([], [], []), {root: (_identity(root),)}  # of folders to enter
+    named = partial(_name_below, root)
+
+    def not_listed(error: OSError) -> None:
+        problem = f"{error.filename} cannot be listed: {error.strerror}"
+        found.media.append(InputFile(named(error.filename) or ".", error.filename, problem))
+
+    for folder, folders, files in os.walk(root, onerror=not_listed, followlinks=True):
+        inside, outer = partial(os.path.join, folder), above.pop(folder)
+        for path in map(inside, sorted(files, key=os.fsencode)):
+            found.add(named(path), path, refusal(path))
+        children, folders[:] = sorted(folders, key=os.fsencode), ()
         for child in children:
-            child_name = f"{name}/{child.name}" if name else child.name
-            if not _is_directory_entry(child):
-                found.add(child_name, child.path, refusal(child.path))
+            path = inside(child)
+            if child.startswith(".") or skip(named(path)):
                 continue
-            identity = _identity(child.path)
-            if child.name.startswith(".") or skip(child_name):
-                continue
-            if child.name in SYSTEM_FOLDERS:
-                found.skipped.append(Skipped(child_name, child.name))
-                continue
-            if identity in above and identity:
-                found.loops.append(child_name)
-            elif identity is None or identity != avoided:  # listing the first will say why
-                folders.append((child.path, child_name, (*above, identity)))
-        stack.extend(reversed(folders))
+            identity = _identity(path)
+            if child in SYSTEM_FOLDERS:
+                found.skipped.append(Skipped(named(path), child))
+            elif identity in outer:
+                found.loops.append(named(path))
+            elif identity != avoided:
+                folders.append(child)
+                above[path] = (*outer, identity)
     return found
+
+
+def _name_below(root: str, path: str) -> str:
+    return path[len(root) :].lstrip(os.sep).replace(os.sep, "/")
 
 
 def _list_objects(
@@ -276,13 +276,6 @@ def _is_skipped(folder: str, skip: Callable[[str], bool]) -> bool:
         part.startswith(".") or part in SYSTEM_FOLDERS or skip("/".join(parts[: depth + 1]))
         for depth, part in enumerate(parts)
     )
-
-
-def _is_directory_entry(entry: os.DirEntry[str]) -> bool:
-    try:
-        return entry.is_dir()
-    except OSError:  # such as a link to itself, which is reported when it is read
-        return False
 
 
 def _identity(path: str) -> _Identity:
