@@ -235,7 +235,6 @@ def test_a_range_leaves_out_what_has_no_depth() -> None:
     depth = DepthMap(depth_m)
     assert depth.valid.sum() == 4
     assert DepthRange.of(depth) == DepthRange(1, 2.5, 8)
-    assert repr(depth) == "<DepthMap 3×3, metric, 1 to 8 m>"
     assert DepthRange.of(DepthMap(depth_m[:, :1])) == DepthRange(None, None, None)
 
 
@@ -269,14 +268,6 @@ def test_a_map_is_its_values_to_numpy() -> None:
 )
 def test_a_map_is_one_short_line_at_a_prompt(depth: DepthMap, shown: str) -> None:
     assert repr(depth) == shown
-
-
-@pytest.mark.parametrize("count", range(1, 6))
-def test_the_range_has_the_median_of_what_is_finite(count: int) -> None:
-    values = np.float32([[*[5, 1, 9, 2, 7][:count], np.nan, np.inf]])
-    found = DepthRange.of(DepthMap(values))
-    finite = values[0, :count]
-    assert (found.min, found.median, found.max) == (finite.min(), np.median(finite), finite.max())
 
 
 def test_as_many_pixels_as_allowed_pass() -> None:
@@ -337,21 +328,9 @@ def test_it_is_the_same_for_ever() -> None:
     assert fingerprint(*facts) == expected
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        *(Options(1.0), Options(), (Options(0.5),)),
-        *(None, 0.5, "0.5", Upsampling.BILINEAR, {"near": 0.5}),
-    ],
-)
-def test_other_facts_give_another(other: object) -> None:
-    assert fingerprint(other) != fingerprint(Options(0.5))
-
-
-def test_mappings_have_no_order() -> None:
+def test_other_facts_give_another_fingerprint_and_another_order_none() -> None:
+    others = [Options(1.0), Options(), (Options(0.5),), None, 0.5, "0.5", {"near": 0.5}]
+    assert fingerprint(Options(0.5)) not in map(fingerprint, [*others, Upsampling.BILINEAR])
     assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})
-
-
-def test_object_without_stable_text_has_no_fingerprint() -> None:
-    with pytest.raises(TypeError, match="object has no fingerprint"):
+    with pytest.raises(TypeError):
         fingerprint([object()])

@@ -109,14 +109,6 @@ def test_the_radius_is_that_of_the_network_s_pixels() -> None:
     assert errors[1] < 0.7 * errors[0]
 
 
-def test_a_picture_without_edges_guides_nowhere() -> None:
-    _, coarse, frame = scene()
-    plain = Frame(np.full_like(frame.pixels, 128))
-    guided = upsample_guided(coarse, plain, in_log=False)
-    steps = np.abs(np.diff(guided, axis=1))
-    assert steps.max() < 0.5 * np.abs(np.diff(coarse, axis=1)).max()
-
-
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_depth_is_never_invented(seed: int, in_log: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -1,6 +1,7 @@
 """PLY and GLB as an independent library reads them."""
 
 import json
+import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from depthcli._version import __version__
+from depthcli.core.camera import CameraSource
 from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
@@ -99,3 +102,41 @@ def test_a_file_without_points_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(UsageError):
         WriterOptions(stride=0).writer(Format.PLY)
     assert not list(tmp_path.iterdir())
+
+
+DEPTH_M = np.array([[1, 2, 3, 4], [5, np.nan, 0, 8]], np.float32)
+
+
+@pytest.mark.parametrize("focal_px", [2.0, None])
+def test_a_point_lies_on_the_ray_through_the_middle_of_its_pixel(
+    focal_px: float | None, tmp_path: Path
+) -> None:
+    """Row by row, without the holes; without a focal length, it is that of NYU's camera."""
+    depth = DepthMap(DEPTH_M, provenance=Provenance(focal_px=focal_px))
+    warnings = WriterOptions().writer(Format.PLY).write(depth, tmp_path / "a.ply")
+    assert len(warnings) == (focal_px is None)
+    x, y, z = written(tmp_path / "a.ply", depth).vertices.T
+    np.testing.assert_array_equal(z, [1, 2, 3, 4, 5, 8])
+    # Middles lie at ±0.5 and ±1.5 across and ±0.5 down, of 4 × 2 pixels.
+    focal_px = focal_px or 2 / math.tan(math.radians(63.3 / 2))
+    np.testing.assert_allclose(x / z * focal_px, [-1.5, -0.5, 0.5, 1.5, -1.5, 1.5], rtol=1e-5)
+    np.testing.assert_allclose(y / z * focal_px, [-0.5] * 4 + [0.5] * 2, rtol=1e-5)
+
+
+def test_header_of_a_ply_states_types_software_model_and_camera(tmp_path: Path) -> None:
+    source = Provenance(model="室\nend_header\n", focal_px=519.5, camera_source=CameraSource.EXIF)
+    written(tmp_path / "a.ply", DepthMap(DEPTH_M, provenance=source), keep_edges=True)
+    header = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")[0].decode("ascii")
+    assert header.splitlines() == [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment depthcli:kind metric",
+        "comment depthcli:unit m",
+        f"comment depthcli:software depthcli {__version__}",
+        r"comment depthcli:model \u5ba4\nend_header\n",
+        "comment depthcli:focal_px 519.5",
+        "comment depthcli:camera_source exif",
+        "element vertex 6",
+        *(f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+    ]
