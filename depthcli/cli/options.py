@@ -130,16 +130,22 @@ class PinholeOptions:
 
 
 @group
-class CameraOptions(PinholeOptions):
+class LensOptions(PinholeOptions):
     """Camera."""
 
-    camera: str | None = option(
-        "A camera that 'depthcli calibrate' measured: its scale, and its field of view.",
-        metavar="NAME",
-    )
     undistort: bool = option(
         "Remove the lens distortion in --calibration first; outputs are of the rectified images.",
         default=False,
+    )
+
+
+@group
+class CameraOptions(LensOptions):
+    """Camera."""
+
+    camera: str | None = option(
+        "A camera that 'depthcli calibrate' measured: its scale, its field of view and lens.",
+        metavar="NAME",
     )
 
 
@@ -235,7 +241,7 @@ class AnchorOptions:
     )
     extrinsics: str | None = option(
         "Pose of the axes of a cloud's sensor in the camera (x right, y down, z forward): 3x4 "
-        "numbers, x y z qx qy qz qw, /tf_static of ROS, or KITTI's calibration.",
+        "numbers, x y z qx qy qz qw, /tf_static of ROS, KITTI's calibration, or T_cam_lidar.",
         metavar="FILE",
     )
     anchors_scale: float | None = option(

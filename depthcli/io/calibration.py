@@ -13,8 +13,8 @@ from xml.etree import ElementTree as ET
 
 from depthcli.core.camera import FOCAL_PX, CameraScale, Distortion, Intrinsics, hfov_deg
 from depthcli.core.validation import parsed_json
-from depthcli.errors import InputError, UsageError
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.io.storage.atomic import write_text
 from depthcli.io.storage.paths import config_folder, path_of, read_bytes, read_regular
 
 _ADVICE = "name the calibration of a camera"
@@ -129,7 +129,7 @@ def _coefficients_in(tree: Mapping[str, Any]) -> tuple[tuple[float, ...], str]:
         model = "fisheye"
     named = {n[-2:]: _number(tree[n]) for n in tree if _COEFFICIENTS.fullmatch(n)}
     if not any(named.values()):
-        listed = _numbers([tree[name] for name in tree if _DISTORTIONS.fullmatch(name)])
+        listed = numbers_in([tree[name] for name in tree if _DISTORTIONS.fullmatch(name)])
         return tuple(filter(math.isfinite, listed)), model
     order = _FISHEYE_ORDER if _FISHEYE.search(model) else _ORDER[: 8 if "k6" in named else 5]
     if any(named[name] for name in named if name not in order):
@@ -147,13 +147,13 @@ def _camera_in(path: Path, *, rectified: bool) -> _Camera:
     lines = [line.strip() for line in text.splitlines() if line.strip() and line.lstrip()[0] != "#"]
     if lines and all(map(_COLMAP_LINE.fullmatch, lines)):
         return _of_colmap([line.split() for line in lines], path)
-    rows = [_numbers(re.sub(r"[\[\],;]", " ", line).split()) for line in lines]
+    rows = [numbers_in(re.sub(r"[\[\],;]", " ", line).split()) for line in lines]
     if [len(row) for row in rows] == [9]:  # as beside each image of KITTI
         rows = _rows(rows[0], 3)
     is_matrix = len(rows) in {3, 4} and all(len(row) == len(rows) for row in rows)
     if is_matrix and all(math.isfinite(number) for row in rows for number in row):
         return _Camera(_of_rows([row[:3] for row in rows[:3]], path))
-    return _of_tree(_parsed(text), path, rectified=rectified)
+    return _of_tree(dict(documents_in(text)[0]), path, rectified=rectified)
 
 
 def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera:
@@ -162,7 +162,7 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
     projections = (*(_PROJECTIONS if rectified else ()), "P2", "P_rect_02")  # KITTI is rectified
     projection = next((tree[name] for name in projections if name in tree), None)
     if projection is not None:
-        return _Camera(_of_rows(_rows(_numbers(projection), 4), path), size_px)
+        return _Camera(_of_rows(_rows(numbers_in(projection), 4), path), size_px)
     if rectified:
         advice = "give {focal_px} and {centre_px} of the rectified images"
         raise InputError(f"{path} has no projection_matrix", advice)
@@ -170,7 +170,7 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
     named = _of_named(tree, size_px)
     if named is not None:
         return replace(named, coefficients=coefficients, model=model)
-    matrix = next((_numbers(tree[name]) for name in (*_MATRICES, *_LISTS) if name in tree), None)
+    matrix = next((numbers_in(tree[name]) for name in (*_MATRICES, *_LISTS) if name in tree), None)
     if matrix is None or size_px is None:
         lacks = "camera_matrix" if matrix is None else "image_width and image_height"
         raise InputError(f"{path} has no {lacks}", _ADVICE)
@@ -214,7 +214,7 @@ def _of_named(tree: Mapping[str, Any], size_px: tuple[float, float] | None) -> _
             )
             return _Camera((fx, fy, cx, cy), size_px)
     if "intrinsic_matrix" in tree:  # of Open3D, column by column
-        numbers = _numbers(tree["intrinsic_matrix"])
+        numbers = numbers_in(tree["intrinsic_matrix"])
         fx, _, _, _, fy, _, cx, cy, *_ = [*numbers, *[math.nan] * 8]
         return _Camera((fx, fy, cx, cy), size_px)
     if ("fl_x" in tree or "camera_angle_x" in tree) and size_px is not None:  # of nerfstudio
@@ -235,7 +235,7 @@ def _size_px(tree: Mapping[str, Any]) -> tuple[float, float] | None:
                 return _number(tree[prefix + across]), _number(tree[prefix + down])
     for name in ("resolution", "S_rect_02"):  # of Kalibr, of KITTI
         if name in tree:
-            width, height, *_ = [*_numbers(tree[name]), math.nan, math.nan]
+            width, height, *_ = [*numbers_in(tree[name]), math.nan, math.nan]
             return width, height
     return None
 
@@ -269,7 +269,7 @@ def _of_colmap(lines: list[list[str]], path: Path) -> _Camera:
     if len(lines) != 1:
         raise InputError(f"{path} has {len(lines)} cameras", "keep the line of one in cameras.txt")
     _, model, width, height, *words = lines[0]
-    parameters = _numbers(words)
+    parameters = numbers_in(words)
     if _ONE_FOCAL.match(model):
         parameters = parameters[:1] + parameters
     fx, fy, cx, cy, *distortion = parameters
@@ -277,8 +277,8 @@ def _of_colmap(lines: list[list[str]], path: Path) -> _Camera:
     return _Camera((fx, fy, cx, cy), size_px, numbers, model.lower(), counts_from_corner=True)
 
 
-def _parsed(text: str) -> Mapping[str, Any]:
-    """The names and values of JSON, XML or the first document of YAML."""
+def documents_in(text: str) -> list[Any]:
+    """The names and values of JSON, XML or each document of YAML."""
     import yaml  # noqa: PLC0415 - takes 20 ms
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc] # yaml has no types
@@ -290,14 +290,11 @@ def _parsed(text: str) -> Mapping[str, Any]:
     )
     start = text.lstrip()[:1]
     if start == "{":
-        found: Any = parsed_json(text)
-    elif start == "<":
-        found = _of_element(ET.fromstring(text))  # noqa: S314 - expat limits entities
-    else:
-        # OpenCV writes a directive that is not one of YAML.
-        body = re.sub(r"\A\s*%YAML:.*\n", "", text)
-        found = next(iter(yaml.load_all(body, Loader)))
-    return dict(found)
+        return [parsed_json(text)]
+    if start == "<":
+        return [_of_element(ET.fromstring(text))]  # noqa: S314 - expat limits entities
+    # OpenCV writes a directive that is not one of YAML.
+    return list(yaml.load_all(re.sub(r"\A\s*%YAML:.*\n", "", text), Loader))
 
 
 def _of_element(element: ET.Element) -> Any:  # noqa: ANN401 - a mapping, or text
@@ -308,18 +305,18 @@ def _of_element(element: ET.Element) -> Any:  # noqa: ANN401 - a mapping, or tex
 
 def _number(value: Any) -> float:  # noqa: ANN401 - of any file
     """A number; NaN for anything else."""
-    found = _numbers(value)
+    found = numbers_in(value)
     return found[0] if len(found) == 1 else math.nan
 
 
-def _numbers(value: Any) -> list[float]:  # noqa: ANN401 - of any file
+def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
     """The numbers of a matrix or a list, row by row; NaN for what is none."""
     if isinstance(value, Mapping):
-        return _numbers(value["data"] if "data" in value else list(value.values()))
+        return numbers_in(value["data"] if "data" in value else list(value.values()))
     if isinstance(value, list | tuple):
-        return [number for part in value for number in _numbers(part)]
+        return [number for part in value for number in numbers_in(part)]
     if isinstance(value, str) and len(words := value.split()) != 1:
-        return [number for word in words for number in _numbers(word)]
+        return [number for word in words for number in numbers_in(word)]
     try:  # YAML 1.1 takes 1e-05 for a text
         return [float(value)]
     except (TypeError, ValueError, OverflowError):
@@ -329,15 +326,18 @@ def _numbers(value: Any) -> list[float]:  # noqa: ANN401 - of any file
 _KEPT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
-_KEPT = ("hfov_deg", "centre_px", "size_px", "pixel_aspect")  # in 0.22 the first alone
+_KEPT = ("hfov_deg", "centre_px", "size_px", "pixel_aspect", "distortion")  # in 0.22 the first
 
 
 def keep_camera(scale: CameraScale, camera: Intrinsics) -> Path:
     """Write a camera, whose scale was measured; an earlier one of the name is replaced."""
     path = _kept_path(scale.name)
     document = {name: getattr(camera, name) for name in _KEPT} | asdict(scale)
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(document, indent=2) + "\n", "utf-8")
+    try:
+        write_text(json.dumps(document, indent=2) + "\n", path)
+    except OutputError as error:
+        advice = "name a folder that can be written in XDG_CONFIG_HOME"
+        raise OutputError(error.message.problem, advice) from error
     return path
 
 
@@ -346,13 +346,15 @@ def kept_camera(name: str) -> Intrinsics:
     path = _kept_path(name)
     try:
         document: Any = parsed_json(read_regular(path, _MAX_BYTES))
-        hfov_deg, centre_px, size_px, pixel_aspect = (document.pop(name, None) for name in _KEPT)
+        hfov_deg, centre_px, size_px, aspect, lens = (document.pop(name, None) for name in _KEPT)
         return Intrinsics(
             Intrinsics(hfov_deg=hfov_deg).focal_for(size_px[0]) if size_px else None,
             hfov_deg,
             centre_px and tuple(centre_px),
             size_px and tuple(size_px),
-            pixel_aspect,
+            aspect,
+            distortion=lens and Distortion(tuple(lens[0]), tuple(lens[1]), lens[2]),
+            is_undistorted=lens is not None,
             scale=CameraScale(**document),
         )
     except FileNotFoundError as error:

@@ -1,5 +1,6 @@
 """Files of known depth: tables and maps, clouds, reconstructions, and depth within images."""
 
+import json
 import struct
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +18,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth import clouds
 from depthcli.io.depth.anchors import SELF, AnchorFiles, read_known_depth
+from depthcli.io.depth.extrinsics import read_extrinsics
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
@@ -223,24 +225,61 @@ TF = """transforms:
       z: 0.5
       w: 0.5
 """  # as "ros2 topic echo --once /tf_static" prints it
+ECHO = """At time 0.0
+- Translation: [0.100, -0.200, 0.300]
+- Rotation: in Quaternion (xyzw) [0.500, -0.500, 0.500, 0.500]
+- Rotation: in RPY (radian) [1.571, -0.000, 1.571]
+"""  # of tf2_echo, until it is interrupted
+SORTED = """rotation: {w: 0.5, x: 0.5, y: -0.5, z: 0.5}
+translation: {x: 0.1, y: -0.2, z: 0.3}
+"""  # as programs write it that sort names
+FUSION = f"extrinsic_matrix:\n- [{ROWS.replace(' ', ', ')}]"  # of ros2_camera_lidar_fusion
 HAND_EYE = "transformation:\n  {qw: 0.5, qx: 0.5, qy: -0.5, qz: 0.5, x: 0.1, y: -0.2, z: 0.3}"
 PUBLISHER = "--x 0.1 --y -0.2 --z 0.3 --qx 0.5 --qy -0.5 --qz 0.5 --qw 0.5 --frame-id camera"
-ROS = ("0.1 -0.2 0.3 0.5 -0.5 0.5 0.5", TF, HAND_EYE, PUBLISHER)
+ROS = ("0.1 -0.2 0.3 0.5 -0.5 0.5 0.5", TF, HAND_EYE, PUBLISHER, ECHO * 2, SORTED, FUSION)
 
 
 @pytest.mark.parametrize("text", [TURNED, f"{TURNED}\n0 0 0 1", KITTI, ODOMETRY, *ROS])
 def test_extrinsics_take_a_cloud_to_the_camera(text: str, tmp_path: Path) -> None:
     file = tmp_path / "pose.txt"
     file.write_text(text)
-    found = clouds.posed(np.array([[5000.0, 1000, 2000]]), file, 1000)
-    np.testing.assert_allclose(found, [[-900, -2200, 5300]])
+    pose, warnings = read_extrinsics(file)
+    np.testing.assert_allclose(pose @ [5, 1, 2, 1], [-0.9, -2.2, 5.3, 1])
+    assert warnings == ()
+
+
+BACK = np.linalg.inv(np.vstack([np.array(ROWS.split(), float).reshape(3, 4), np.eye(4)[3]]))
+CV_MATRIX = f"!!opencv-matrix\n  rows: 4\n  cols: 4\n  dt: d\n  data: {BACK.ravel().tolist()}"
+BACK_7 = [*BACK[:3, 3], -0.5, 0.5, -0.5, 0.5]
+#: by name: koide3/direct_visual_lidar_calibration, Autoware's and KITTI-360's files; ROS's frames
+TURNED_ROUND = {
+    "calib.json": json.dumps({"results": {"init_T_lidar_camera": [], "T_lidar_camera": BACK_7}}),
+    "20260101_camera.yml": f"%YAML:1.0\n---\nCameraExtrinsicMat: {CV_MATRIX}",
+    "calib_cam_to_velo.txt": " ".join(map(str, BACK[:3].ravel())),
+    "tf.yaml": "header: {frame_id: os}\nchild_frame_id: rgb_optical\ntransform:\n"
+    "  translation: {x: -0.3, y: 0.1, z: -0.2}\n  rotation: {x: -0.5, y: 0.5, z: -0.5, w: 0.5}",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TURNED_ROUND)
+def test_extrinsics_that_state_the_pose_of_the_camera_are_turned_round(
+    name: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(TURNED_ROUND[name])
+    pose, warnings = read_extrinsics(tmp_path / name)
+    np.testing.assert_allclose(pose @ [5, 1, 2, 1], [-0.9, -2.2, 5.3, 1])
+    assert len(warnings) == 1
 
 
 @pytest.mark.parametrize(
     "text",
     [
         "1 2 3",
-        TF + TF,
+        f"{TF}---\n{TF.replace('0.1', '0.2')}",
+        TF.replace("camera_optical", "base_link"),
+        TF.replace("camera_optical", "camera_link"),
+        f"T_cam_imu: [{ROWS.replace(' ', ', ')}]",  # of Kalibr: an IMU's, not a lidar's
+        f"T_BS: {{rows: 3, cols: 4, data: [{ROWS.replace(' ', ', ')}]}}",  # of EuRoC
         "0 0 0 1 1 1 1",
         "x: 1",
         "2 0 0 0 0 2 0 0 0 0 2 0",
@@ -251,7 +290,7 @@ def test_extrinsics_take_a_cloud_to_the_camera(text: str, tmp_path: Path) -> Non
 def test_what_is_no_pose_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "pose.txt").write_text(text)
     with pytest.raises(InputError):
-        clouds.read_extrinsics(tmp_path / "pose.txt")
+        read_extrinsics(tmp_path / "pose.txt")
 
 
 def write_cloud(path: Path) -> None:

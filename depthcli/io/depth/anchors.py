@@ -156,14 +156,17 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
 
 
 def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
-    from depthcli.io.depth.clouds import posed, projected, read_cloud  # noqa: PLC0415 - needs numpy
+    from depthcli.io.depth.clouds import projected, read_cloud  # noqa: PLC0415 - needs numpy
+    from depthcli.io.depth.extrinsics import read_extrinsics  # noqa: PLC0415
 
     if stated.kind:
         raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
-    cloud = read_cloud(path)
+    cloud_m, doubts = read_cloud(path) / (stated.scale or 1), tuple[str, ...]()
     if stated.extrinsics:
-        cloud = posed(cloud, stated.extrinsics, stated.scale or 1)
-    points = projected(cloud, stated.camera, stated.scale or 1)
+        pose, doubts = read_extrinsics(stated.extrinsics)
+        cloud_m = cloud_m @ pose[:3, :3].T + pose[:3, 3]
+    points = projected(cloud_m, stated.camera)
+    points = replace(points, warnings=doubts + points.warnings)
     if not len(points):
         raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")
     return points if stated.scale else points.doubted("{anchors_scale} states another")

@@ -1,8 +1,7 @@
 """Points in space as known depth: clouds of lidars and depth cameras, reconstructions by COLMAP."""
 
-import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
@@ -17,14 +16,10 @@ from depthcli.core.camera import DEPTH_M_RANGE, Intrinsics
 from depthcli.core.options import INSTALL_POINTS
 from depthcli.errors import InputError, Message
 from depthcli.io.calibration import colmap_lines
+from depthcli.io.depth.extrinsics import rotation
 from depthcli.io.storage.paths import read_bytes
 
-_POSE = 4  # rows and columns of a rotation and a translation in one matrix
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
-_QUATERNION = 7  # numbers with a translation
-_FIELD = re.compile(r"\b(q?[xyzw])\b\"?[\s:]+([-+]?[\d.][-+.\deE]*)")  # of YAML, JSON or arguments
-_NAMED = re.compile(r"([A-Za-z_]\w*)\s*:(.*)")
-
 _Values = Float64Array
 
 
@@ -56,81 +51,7 @@ def _of_pcd(data: bytes) -> _Values:
     return np.stack([cloud.pc_data[axis] for axis in "xyz"], axis=-1).astype(np.float64)
 
 
-def read_extrinsics(path: Path) -> _Values:
-    """The matrix that takes points of a cloud to the camera: (4, 4) float64.
-
-    A text of 3×4 or 4×4 numbers by rows, or of a translation and a quaternion, x, y, z, w, as ROS
-    writes them; or of KITTI's objects or odometry, for camera 2 as of
-    :func:`depthcli.io.calibration.read_calibration`.
-    """
-    try:
-        text = read_bytes(path).decode()
-        named = {m[1]: m[2] for m in map(_NAMED.fullmatch, map(str.strip, text.splitlines())) if m}
-        fields = _FIELD.findall(text)
-        pose = _of_fields(fields) if fields else _of_kitti(named) if named else _matrix(text)
-    except (ValueError, KeyError) as error:
-        raise _no_pose(path) from error
-    turn = pose[:3, :3]
-    is_rotation = np.allclose(turn @ turn.T, np.eye(3), atol=1e-2) and np.linalg.det(turn) > 0
-    if not (is_rotation and np.isfinite(pose).all() and (pose[3] == np.eye(_POSE)[3]).all()):
-        raise _no_pose(path)
-    return pose
-
-
-def _of_kitti(named: Mapping[str, str]) -> _Values:
-    """From the lidar to the camera of reference, rectified, and to camera 2 beside it."""
-    rectified, beside = np.eye(_POSE), np.eye(_POSE)
-    if "R0_rect" in named:
-        rectified[:3, :3] = np.array(named["R0_rect"].split(), np.float64).reshape(3, 3)
-    if "P2" in named:
-        projection = _matrix(named["P2"])
-        beside[0, 3] = projection[0, 3] / projection[0, 0]
-    lidar = named["Tr_velo_to_cam" if "Tr_velo_to_cam" in named else "Tr"]
-    return np.asarray(beside @ rectified @ _matrix(lidar))
-
-
-def _of_fields(fields: list[tuple[str, str]]) -> _Values:
-    """From x, y, z of a translation and, with or without a q, x, y, z, w of a quaternion."""
-    found: dict[str, str] = {}
-    for name, value in fields:
-        found[f"q{name}" if name == "w" or name in found else name] = value
-    if len(found) != len(fields):
-        raise ValueError(fields)
-    return _matrix(" ".join(found[name] for name in ("x", "y", "z", "qx", "qy", "qz", "qw")))
-
-
-def _rotation(w: float, x: float, y: float, z: float) -> _Values:
-    """The matrix of a quaternion of length 1: (3, 3)."""
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
-
-
-def _matrix(text: str) -> _Values:
-    """3×4 or 4×4 numbers, or a translation and a quaternion, as (4, 4)."""
-    numbers = np.array(re.sub(r"[\[\],;]", " ", text).split(), np.float64)
-    if len(numbers) == _QUATERNION:
-        x, y, z, w = numbers[3:]
-        numbers = np.column_stack([_rotation(w, x, y, z), numbers[:3]]).ravel()
-    rows = numbers.reshape(-1, _POSE)
-    if len(rows) not in {_POSE - 1, _POSE}:
-        raise ValueError(len(rows))
-    return np.concatenate([rows, np.eye(_POSE)[len(rows) :]])
-
-
-def posed(cloud: _Values, extrinsics: Path, units_per_m: float) -> _Values:
-    """A cloud in the axes of the camera: (N, 3), in its own unit."""
-    pose = read_extrinsics(extrinsics)
-    return np.asarray(cloud @ pose[:3, :3].T + pose[:3, 3] * units_per_m)
-
-
-def _no_pose(path: Path) -> InputError:
-    told = f"{path} is not the pose of a sensor in the camera"
-    return InputError(
-        told, "give 3×4 numbers, a rotation and in the last column metres, or x y z qx qy qz qw"
-    )
-
-
-def projected(cloud: _Values, camera: Intrinsics, units_per_m: float = 1.0) -> AnchorPoints:
+def projected(cloud_m: _Values, camera: Intrinsics) -> AnchorPoints:
     """Points (N, 3) of a camera's axes, x to the right, y down and z forward, in its image.
 
     Of several points in a pixel, the nearest counts. Points that are not finite, behind the camera
@@ -139,10 +60,10 @@ def projected(cloud: _Values, camera: Intrinsics, units_per_m: float = 1.0) -> A
     if camera.focal_px is None or camera.centre_px is None:
         told = "points in three dimensions need the focal length and the principal point in pixels"
         raise InputError(told, "give {calibration}, or {focal_px} and {centre_px}")
-    depth_m = cloud[:, 2] / units_per_m
+    depth_m = cloud_m[:, 2]
     lowest_m, highest_m = DEPTH_M_RANGE
-    is_before = np.isfinite(cloud).all(axis=1) & (depth_m >= lowest_m) & (depth_m <= highest_m)
-    across = cloud[is_before, :2] / cloud[is_before, 2:]
+    is_before = np.isfinite(cloud_m).all(axis=1) & (depth_m >= lowest_m) & (depth_m <= highest_m)
+    across = cloud_m[is_before, :2] / cloud_m[is_before, 2:]
     focal_px = np.array([camera.focal_px, camera.focal_px * (camera.pixel_aspect or 1)])
     pixels = across * focal_px + np.array(camera.centre_px)
     is_near = (np.abs(pixels) < _MAX_PX).all(axis=1)
@@ -152,8 +73,8 @@ def projected(cloud: _Values, camera: Intrinsics, units_per_m: float = 1.0) -> A
     _, first = np.unique(pixels[nearest], axis=0, return_index=True)
     chosen = np.sort(nearest[first])
     x, y = pixels[chosen].T
-    lost = len(cloud) - int(is_near.sum())
-    told = f"{lost} of {len(cloud)} points are behind the camera, far outside or not finite"
+    lost = len(cloud_m) - int(is_near.sum())
+    told = f"{lost} of {len(cloud_m)} points are behind the camera, far outside or not finite"
     warnings = (f"{told}, and are not used",) if lost else ()
     return AnchorPoints(x, y, seen_m[chosen], camera.size_px, warnings, may_be_outside=True)
 
@@ -194,7 +115,7 @@ def read_reconstruction(
     seen_in = found.images[max(names, key=len)]
     rows = [row for row in seen_in.seen.tolist() if int(row[2]) in found.points]
     places = np.array([found.points[int(row[2])] for row in rows]).reshape(-1, 3)
-    depth = places @ _rotation(*seen_in.pose[:4])[2] + seen_in.pose[6]
+    depth = places @ rotation(*seen_in.pose[:4])[2] + seen_in.pose[6]
     depth_m = depth / (units_per_m or 1)
     is_before = (depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1])
     if not is_before.any():
