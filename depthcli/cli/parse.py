@@ -89,7 +89,7 @@ def _colours(options: groups.PreviewOptions) -> tuple[choices.Colormap | None, c
 def camera(options: groups.PinholeOptions) -> Intrinsics:
     """The camera of the options."""
     _refuse_alternatives({field.name: getattr(options, field.name) for field in fields(options)})
-    undistort = getattr(options, "undistort", False)
+    undistort = getattr(options, "undistort", False)  # not of files that hold depth
     if (options.rectified or undistort) and options.calibration is None:
         told = "{undistort} is" if undistort else "{rectified} is"
         raise UsageError("", f"{told} for {{calibration}}: give both or neither")
@@ -97,7 +97,8 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
         centre_px = None if options.centre_px is None else _centre(options.centre_px)
         found = Intrinsics(options.focal_px, options.hfov, centre_px)
         name = getattr(options, "camera", None)
-        return found if name is None else _kept(name, found)
+        has_table = getattr(options, "cameras", None) is not None
+        return found if name is None else _kept(name, found, has_table=has_table)
     from depthcli.io.calibration import read_calibration
 
     try:
@@ -107,11 +108,14 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
         raise UsageError(error.message.problem, option="calibration") from error
 
 
-def _kept(name: str, given: Intrinsics) -> Intrinsics:
+def _kept(name: str, given: Intrinsics, *, has_table: bool) -> Intrinsics:
     """A calibrated camera, with the focal length or principal point that is given."""
     from depthcli.io.calibration import kept_camera
 
     kept = kept_camera(name)
+    if kept.is_undistorted and (has_table or given != UNKNOWN_CAMERA):
+        told = f"the images of {name} are rectified by the calibration of its lens"
+        raise UsageError(told, "leave {focal_px}, {hfov}, {centre_px} and {cameras} out")
     if given.has_focal:
         return replace(given, scale=kept.scale)
     if given.centre_px is None:

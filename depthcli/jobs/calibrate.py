@@ -18,7 +18,7 @@ from depthcli.datasets.folders import open_paired_folder
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.anchors import AnchorFiles
-from depthcli.io.images.read import read_image
+from depthcli.io.images.read import read_image, undistorted
 from depthcli.io.storage.paths import path_of
 
 _Values = Float64Array
@@ -37,7 +37,7 @@ class KnownObject(NamedTuple):
     height_m: float  #: metres
 
     def anchor(self, focal_px: float) -> Anchor:
-        """The depth of its middle: focal length · height ÷ height in pixels."""
+        """The depth of its middle: focal length in rows · height ÷ height in pixels."""
         middle = round((self.x0 + self.x1) / 2), round((self.y0 + self.y1) / 2)
         return Anchor(*middle, focal_px * self.height_m / (self.y1 - self.y0))
 
@@ -123,6 +123,8 @@ def _camera(depth: DepthMap, frame: Frame, given: Intrinsics) -> Intrinsics:
         centre_px=source.centre_px,
         size_px=size_px if source.centre_px else None,
         pixel_aspect=given.pixel_aspect,
+        distortion=given.distortion if given.is_undistorted else None,
+        is_undistorted=given.is_undistorted,
     )
 
 
@@ -134,12 +136,15 @@ def _rounded(camera: Intrinsics) -> tuple[float, ...]:
 
 def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:
     if request.pairs is not None:
+        if request.camera.is_undistorted:
+            told = "its depth is of images with their distortion"
+            raise UsageError(told, "leave {undistort} out", option="pairs")
         dataset = open_paired_folder(request.pairs)
         for i in range(len(dataset)):
             yield dataset.frame(i), AnchorPoints.of_map(dataset.depth_m(i))
         return
     for name in request.images:
-        frame = read_image(path_of(name))
+        frame = undistorted(read_image(path_of(name)), request.camera)
         yield frame, _points(request, frame)
 
 
@@ -149,7 +154,8 @@ def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:
         focal_px = request.camera.focal_for(frame.width)
         if focal_px is None:
             raise UsageError("", "an object of known height needs {focal_px} or {hfov}")
-        return AnchorPoints.of([request.known_object.anchor(focal_px)])
+        down = request.camera.pixel_aspect or frame.pixel_aspect
+        return AnchorPoints.of([request.known_object.anchor(focal_px * down)])
     if isinstance(anchors, tuple):
         return AnchorPoints.of(anchors)
     image = Path(frame.path or "")

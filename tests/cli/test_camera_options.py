@@ -127,6 +127,21 @@ def test_a_distorted_lens_is_one_warning_or_undistorted(
     np.testing.assert_allclose(np.load(path), np.load(folder / "flat.npy"), rtol=1e-6)
 
 
+def test_a_scale_is_measured_and_used_on_undistorted_images(inside: Cli, folder: Path) -> None:
+    (folder / "cam.yaml").write_text(DISTORTED)
+    given = ("--calibration", "cam.yaml", "--undistort")
+    inside("calibrate", "wide", "room.png", *given, "--anchor", "9,4,5", code=0)
+    inside("predict", "room.png", *given, "-o", "own.npy", code=0)
+    inside("predict", "room.png", "--camera", "wide", "-o", "kept.npy", code=0)
+    own_m, kept_m = (np.load(folder / f"{name}.npy") for name in ("own", "kept"))
+    np.testing.assert_allclose(kept_m, own_m * (5 / own_m[4, 9]), rtol=1e-5)
+    assert kept_m[4, 9] == pytest.approx(5)
+    inside("predict", "room.png", "--camera", "wide", "--hfov", "60", "-o", "no.npy", code=2)
+    inside("calibrate", "wide", "--pairs", ".", *given, code=2)  # depth of distorted images
+    done = inside("calibrate", "a", "room.png", "--anchor", "9,4,5", XDG_CONFIG_HOME="/dev/null")
+    assert (done.returncode, b"--out" in done.stderr) == (1, False)
+
+
 def test_points_that_a_reconstruction_saw_in_images_are_not_those_of_undistorted_ones(
     inside: Cli, folder: Path
 ) -> None:

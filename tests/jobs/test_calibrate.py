@@ -76,12 +76,12 @@ def test_uses_a_shift_if_it_helps_on_images_left_out(pipeline: Pipeline, tmp_pat
 def test_an_object_of_known_height_gives_its_depth(pipeline: Pipeline, tmp_path: Path) -> None:
     name = write_picture(tmp_path / "a.png")
     known = KnownObject(10, 8, 30, 28, 1.5)
-    camera = Intrinsics(focal_px=50)
+    camera = Intrinsics(focal_px=50, pixel_aspect=1.2)  # wide pixels: fy is 60
     done = calibrate(
         CalibrationRequest("a", pipeline, (str(name),), known_object=known, camera=camera)
     )
     depth = pipeline.predict(read_image(name), camera).depth.values
-    assert depth[18, 20] * done.scale.scale == pytest.approx(50 * 1.5 / 20)
+    assert depth[18, 20] * done.scale.scale == pytest.approx(60 * 1.5 / 20)
     assert done.scale.residual is None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,7 +44,7 @@ def calibrate(
     ),
     *,
     known: KnownOptions,
-    camera: options.PinholeOptions,
+    camera: options.LensOptions,
     model: options.ModelOptions,
     screen: options.ScreenOptions,
 ) -> int:
@@ -81,10 +81,8 @@ def calibrate(
     scale = done.scale
     path = keep_camera(scale, done.camera)
     if screen.as_json:
-        kept = ("hfov_deg", "centre_px", "size_px", "pixel_aspect")
-        facts = asdict(scale) | {name: getattr(done.camera, name) for name in kept}
-        facts["before"] = done.before
-        console.out_json(facts | {"file": str(path), "warnings": list(done.warnings)})
+        facts = json.loads(path.read_bytes()) | {"before": done.before, "file": str(path)}
+        console.out_json(facts | {"warnings": list(done.warnings)})
     elif not screen.quiet:
         left_out = "" if scale.residual is None else f", {scale.residual:.1%} on points left out"
         error = f"; error {done.before:.1%} before{left_out}"
