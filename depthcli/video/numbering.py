@@ -6,7 +6,7 @@ So is ``plate.####.exr``, the notation of compositing programs. It is free of Nu
 import os
 import re
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from itertools import pairwise, starmap
 from pathlib import Path, PurePath
 from typing import NamedTuple
 
@@ -27,6 +27,8 @@ SINGLE_IMAGE_ADVICE = (
 )
 _NUMBER = re.compile(r"\d+", re.ASCII)
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
+# Seconds since 1970 and their fraction, as of TUM's and ROS's files: 1305031102.175304.
+_SECONDS = re.compile(r"(?<!\d)(\d{10})(?:\.|_(?=\d{9}$))(\d{1,9})$", re.ASCII)
 _SHORT = 4  #: numbers with fewer digits and no leading zero are taken as not padded
 # Before a digit, as in "take #2", # is no placeholder.
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
@@ -66,6 +68,14 @@ def number_in(pattern: str, name: str) -> int | None:
     number = name[len(start) : len(name) - len(end)]
     is_number = number.isdecimal() and numbered_name(pattern, int(number)) == name
     return int(number) if is_number and name != pattern else None
+
+
+def last_number(stem: str) -> int | None:
+    """The last number of a name without suffix; nanoseconds of a time that has a fraction."""
+    if time := _SECONDS.search(stem):
+        return int(time[1] + time[2].ljust(9, "0"))
+    match = _LAST_NUMBER.fullmatch(stem)
+    return int(match[2]) if match else None
 
 
 def pattern_of(stem: str) -> str | None:
@@ -170,6 +180,9 @@ def _is_depth_file(name: str) -> bool:
 
 def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
     """The one sequence of a folder, or images without frame numbers, counted from 0."""
+    times = {last_number(path.stem) or 0: path for path in paths if _SECONDS.search(path.stem)}
+    if len(times) == len(paths):
+        return list(starmap(NumberedImage, sorted(times.items())))
     texts = {(*_NUMBER.split(path.stem), path.suffix.lower()) for path in paths}
     if len(texts) == 1:
         columns = list(zip(*(_NUMBER.findall(path.stem) for path in paths), strict=True))
@@ -182,7 +195,7 @@ def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
             key = match[1], match[3], path.suffix.lower()
             groups.setdefault(key, []).append(NumberedImage(int(match[2]), path))
     sequences = [sorted(group) for group in groups.values() if len(group) > 1]
-    # Names of one form without consecutive numbers are times, such as 1305031102.16.
+    # Names of one form without consecutive numbers are times, such as 12-30-05.16.
     steps = (min(b.number - a.number for a, b in pairwise(sequence)) for sequence in sequences)
     if not sequences or (len(texts) == 1 and all(step > 1 for step in steps)):
         return [NumberedImage(number, path) for number, path in enumerate(paths)]

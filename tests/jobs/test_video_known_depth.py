@@ -1,5 +1,7 @@
 """Known depth of the frames of a video."""
 
+from collections import Counter
+from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 
@@ -9,17 +11,22 @@ from helpers.requests import video_request
 from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_mp4
 
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor
 from depthcli.core.types import DepthKind
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchors import AnchorFiles
+from depthcli.jobs.video import known_depth
 from depthcli.jobs.video.plan import VideoResult, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
 
 HEADER = "x,y,depth_m"
+#: the first of images, and what a millisecond is in their names: of EuRoC and TUM
+EUROC = ("1403636579763555584", "1e6")
+TUM = ("1305031102.960304", "0.001")
 FRAMES = 6
 
 
@@ -69,24 +76,47 @@ def test_a_folder_has_a_file_for_each_frame_by_its_number(
     assert list(done.numbers) == [1001, 1002, 1003, 1004]
 
 
+@pytest.mark.parametrize(("first", "millisecond"), [EUROC, TUM])
 def test_files_named_by_the_time_stamps_of_images_belong_to_them(
-    loader: SessionLoader, tmp_path: Path
+    first: str, millisecond: str, loader: SessionLoader, tmp_path: Path
 ) -> None:
-    """As colour and aligned depth of one camera, in the names of EuRoC; or of another's times."""
-    for folder in ("rgb", "known"):
-        (tmp_path / folder).mkdir()
-    for number in range(3):
-        name = str(1403636579763555584 + number * 50_000_000)
-        write_picture(tmp_path / "rgb" / f"{name}.png", synthetic_picture(48, 64))
-        (tmp_path / "known" / f"{name}.csv").write_text(f"{HEADER}\n5,4,{number + 3}\n")
-    for later_ms, within_s in ((0, None), (19, None), (5, 0.025)):
-        for file in sorted((tmp_path / "known").iterdir(), reverse=True):
-            file.rename(file.with_name(f"{int(file.stem) + later_ms * 10**6}.csv"))
-        run(tmp_path / "rgb", loader, tmp_path / "known", anchors_within_s=within_s)
+    """As colour and aligned depth of one camera, or of another's times."""
+
+    def named(suffix: str, late_ms: int) -> list[Path]:
+        times = [Decimal(first) + (n * 50 + late_ms) * Decimal(millisecond) for n in range(3)]
+        return [tmp_path / suffix / f"{time}.{suffix}" for time in times]
+
+    for file in named("png", 0):
+        write_picture(file, synthetic_picture(48, 64))
+    (tmp_path / "csv").mkdir()
+    for late_ms, within_s in ((0, None), (19, None), (24, 0.025)):
+        for file in (tmp_path / "csv").iterdir():
+            file.unlink()
+        for number, file in enumerate(named("csv", late_ms)):
+            file.write_text(f"{HEADER}\n5,4,{number + 3}\n")
+        run(tmp_path / "png", loader, tmp_path / "csv", anchors_within_s=within_s)
         images = [np.load(file) for file in sorted((tmp_path / "out").glob("*.npy"))]
         assert [image[4, 5] for image in images] == pytest.approx([3, 4, 5], abs=0.01)
     with pytest.raises(InputError):  # half a frame is 20 ms
-        run(tmp_path / "rgb", loader, tmp_path / "known")
+        run(tmp_path / "png", loader, tmp_path / "csv")
+
+
+def test_a_scan_is_read_once_for_the_frames_near_it(
+    clip: Path, loader: SessionLoader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "known").mkdir()
+    (tmp_path / "known/0001.csv").write_text(f"{HEADER}\n5,4,4\n")
+    (tmp_path / "known/0004.csv").write_text(f"{HEADER}\n5,4,5\n")
+    read, count = known_depth.read_known_depth, Counter[str]()
+
+    def counted(path: Path, stated: AnchorFiles) -> AnchorPoints:
+        count[path.stem] += 1
+        return read(path, stated)
+
+    monkeypatch.setattr(known_depth, "read_known_depth", counted)
+    run(clip, loader, tmp_path / "known", anchors_within_s=0.05)
+    assert depths_m(clip) == pytest.approx([4, 4, 4, 5, 5, 5], abs=0.05)
+    assert count == {"0001": 1, "0004": 1}
 
 
 @pytest.mark.parametrize("column", ["frame", "time_s"])

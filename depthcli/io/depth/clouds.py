@@ -70,7 +70,8 @@ def projected(cloud_m: _Values, camera: Intrinsics) -> AnchorPoints:
     pixels = np.rint(pixels[is_near]).astype(np.int64)
     seen_m = depth_m[is_before][is_near]
     nearest = np.argsort(seen_m, kind="stable")
-    _, first = np.unique(pixels[nearest], axis=0, return_index=True)
+    places = pixels @ [1, 4 * int(_MAX_PX)]
+    _, first = np.unique(places[nearest], return_index=True)
     chosen = np.sort(nearest[first])
     x, y = pixels[chosen].T
     lost = len(cloud_m) - int(is_near.sum())

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 
@@ -17,8 +18,8 @@ from depthcli.errors import InputError
 from depthcli.io.depth.anchors import COLUMNS, SUFFIXES, AnchorFiles, numbers_of, read_known_depth
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
+from depthcli.video.numbering import last_number
 
-_LAST_NUMBER = re.compile(r"(\d+)\D*$", re.ASCII)
 _OUTPUT = ".depth"  # end of the stems of the outputs of ``convert``
 _FRAME, _TIME_S = "frame", "time_s"
 _RULES = {
@@ -54,6 +55,7 @@ class FrameAnchors:
         self._of_all: AnchorPoints | None = None
         self._each: Mapping[float, _Points] = {}
         self._is_timed = False
+        self._reading, self._read = Lock(), lru_cache(maxsize=2)(read_known_depth)
         if isinstance(stated, tuple):
             self._of_all = AnchorPoints.of(stated)
             return
@@ -83,7 +85,8 @@ class FrameAnchors:
             within = within_s if self._is_timed else within_s * (numbers_a_second or rate)
             found = self._each[nearest] if abs(nearest - at) <= within else None
         if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
-            found = read_known_depth(found, self._stated)
+            with self._reading:  # once for all frames near a scan
+                found = self._read(found, self._stated)
         return replace(found, fit=self._fit) if isinstance(found, AnchorPoints) else None
 
     def states(self) -> list[object]:
@@ -109,10 +112,9 @@ def _numbered_files(folder: Path) -> dict[int, Path]:
     """The files of known depth in a folder by the last number in their names."""
     found: dict[int, Path] = {}
     for path in sorted(folder.iterdir()):
-        number = _LAST_NUMBER.search(path.stem.removesuffix(_OUTPUT))
-        if path.suffix.lower() not in SUFFIXES or number is None:
+        at = last_number(path.stem.removesuffix(_OUTPUT))
+        if path.suffix.lower() not in SUFFIXES or at is None:
             continue
-        at = int(number[1])
         if at in found:
             raise InputError(f"{found[at]} and {path} are both of frame {at}", "remove one")
         found[at] = path
