@@ -12,7 +12,7 @@ from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_mp4
 
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.camera import Anchor
+from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.types import DepthKind
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
@@ -186,3 +186,14 @@ def test_known_depth_is_not_replaced_and_belongs_to_one_frame(
     (known / "other-3.csv").write_text(f"{HEADER}\n5,4,4\n")
     with pytest.raises(InputError, match="both of frame 3"):
         run(clip, loader, known)
+
+
+def test_frames_of_other_extrinsics_are_not_kept(tmp_path: Path) -> None:
+    """A run that was stopped to correct them, and resumed."""
+    np.array([[3, 0, 0, 1]], "<f4").tofile(tmp_path / "scan.bin")
+    pose, camera = tmp_path / "lidar_to_camera.txt", Intrinsics(50, centre_px=(31.5, 23.5))
+    known, states = AnchorFiles(str(tmp_path / "scan.bin"), camera=camera, extrinsics=pose), []
+    for shift in ("0.1", "0.15"):
+        pose.write_text(f"0 -1 0 {shift}\n0 0 -1 0\n1 0 0 0\n")
+        states.append(known_depth.FrameAnchors(known).states())
+    assert states[0] != states[1]

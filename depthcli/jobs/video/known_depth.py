@@ -36,7 +36,7 @@ class FrameAnchors:
     column ``frame`` or ``time_s``, or is of all frames, as any other file and a list of points.
 
     Attributes:
-        paths: its files.
+        paths: its files, and that of extrinsics.
     """
 
     def __init__(
@@ -68,6 +68,8 @@ class FrameAnchors:
             self._read_table(path, stated)
         else:
             self._of_all = stated.read()
+        if stated.extrinsics:
+            self.paths.append(stated.extrinsics)
 
     def of_frame(
         self, number: int, time_s: float, rate: float, numbers_a_second: float | None = None
