@@ -235,8 +235,7 @@ translation: {x: 0.1, y: -0.2, z: 0.3}
 """  # as programs write it that sort names
 FUSION = f"extrinsic_matrix:\n- [{ROWS.replace(' ', ', ')}]"  # of ros2_camera_lidar_fusion
 HAND_EYE = "transformation:\n  {qw: 0.5, qx: 0.5, qy: -0.5, qz: 0.5, x: 0.1, y: -0.2, z: 0.3}"
-PUBLISHER = "--x 0.1 --y -0.2 --z 0.3 --qx 0.5 --qy -0.5 --qz 0.5 --qw 0.5 --frame-id camera"
-ROS = ("0.1 -0.2 0.3 0.5 -0.5 0.5 0.5", TF, HAND_EYE, PUBLISHER, ECHO * 2, SORTED, FUSION)
+ROS = ("0.1 -0.2 0.3 0.5 -0.5 0.5 0.5", TF, HAND_EYE, ECHO * 2, SORTED, FUSION)
 
 
 @pytest.mark.parametrize("text", [TURNED, f"{TURNED}\n0 0 0 1", KITTI, ODOMETRY, *ROS])

@@ -17,7 +17,6 @@ _SIZE = 4  # rows and columns of a rotation and a translation in one matrix
 _QUATERNION = 7  # numbers with a translation
 _UNIT = 0.01  # by how much a length of 1 may be off, as that of numbers of three decimals
 _ECHO = re.compile(r"Translation: (\[.*\])\s+- Rotation: in Quaternion.*(\[.*\])")  # of tf2_echo
-_ARGUMENT = re.compile(r"--([a-z-]+)[ =]+(\S+)")  # of ROS's static_transform_publisher
 _FLAT = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _CAMERA = re.compile(r"(?i)cam|rgb|colou?r|optical")
 _SENSOR = re.compile(r"(?i)li?dar|velo|livox|laser|ouster|depth")
@@ -69,8 +68,7 @@ def _tree(text: str) -> Any:  # noqa: ANN401 - of any file
     try:
         return [float(word) for word in plain]
     except ValueError:
-        arguments = _ARGUMENT.findall(text)
-        return {name.replace("-", "_"): word for name, word in arguments} or documents_in(text)
+        return documents_in(text)
 
 
 def _poses(tree: Any, frames: _Frames | None) -> Iterator[Extrinsics]:  # noqa: ANN401
