@@ -22,14 +22,13 @@ _SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"))
 _MATRICES = ("camera_matrix", "K", "k")
 _PROJECTIONS = ("projection_matrix", "P", "p")
 _DISTORTIONS = re.compile(r"(?i:dist(?!ance))\w*|coeffs|[Dd]")  # nodes with coefficients
-_COEFFICIENTS = re.compile(r"(Camera1?\.)?[kp]\d")
+_COEFFICIENTS = re.compile(r"[kp]\d")
 _ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # of OpenCV
 _FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
-_MODELS = ("distortion_model", "camera_model", "Camera.type", "model_type", "model")
+_MODELS = ("distortion_model", "camera_model", "type", "model_type", "model")
 _FISHEYE = re.compile(r"equidistant|fisheye|kannala")
 _OTHER_MODELS = re.compile(r"fov|division|thin_prism|omni|(inverse|modified)_brown|another")
 _LISTS = ("intrinsics", "intrinsic", "calibration")  # nodes with fx, fy, cx, cy and distortion
-_PREFIXES = ("", "Camera.", "Camera1.")
 _NORMALIZED = 10  # MoGe, DUSt3R and RealEstate10K state intrinsics in shares of the size
 _COLMAP_LINE = re.compile(r"\d+\s+[A-Z_]{3,}\s+\d+\s+\d+(\s+\S+)+")
 # Models of COLMAP's src/colmap/sensor/models.h by id; those with one focal length; a count.
@@ -127,7 +126,7 @@ def _coefficients_in(tree: Mapping[str, Any]) -> tuple[tuple[float, ...], str]:
     model = next((str(tree[name]) for name in _MODELS if name in tree), "").lower()
     if _number(tree.get("fisheye_model")) == 1:  # of OpenCV's program
         model = "fisheye"
-    named = {n[-2:]: _number(tree[n]) for n in tree if _COEFFICIENTS.fullmatch(n)}
+    named = {n: _number(tree[n]) for n in tree if _COEFFICIENTS.fullmatch(n)}
     if not any(named.values()):
         listed = numbers_in([tree[name] for name in tree if _DISTORTIONS.fullmatch(name)])
         return tuple(filter(math.isfinite, listed)), model
@@ -187,8 +186,12 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
 
 
 def _unwrapped(tree: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """The names of the only camera: Kalibr calls it cam0, Open3D may have its pose beside it."""
-    tree = {str(name): value for name, value in tree.items()}
+    """The names of the only camera, of which programs have different groups and prefixes.
+
+    Kalibr calls it cam0, ORB-SLAM Camera; Open3D may have its pose beside it.
+    """
+    tree = {re.sub(r"Camera1?\.", "", str(name)): value for name, value in tree.items()}
+    tree |= tree.pop("projection_parameters", {})  # of VINS
     nested = [name for name in tree if re.fullmatch(r"cam\d+", name)]
     nested = nested or [name for name in _LISTS if isinstance(tree.get(name), Mapping)]
     cameras = [tree.pop(name) for name in nested]
@@ -205,14 +208,10 @@ def _unwrapped(tree: Mapping[str, Any], path: Path) -> dict[str, Any]:
 
 def _of_named(tree: Mapping[str, Any], size_px: tuple[float, float] | None) -> _Camera | None:
     """A camera whose numbers have names of their own, without its distortion."""
-    for prefix in _PREFIXES:
-        inner = tree.get("projection_parameters", tree)
-        if f"{prefix}fx" in inner:
-            inner = {"cx": inner.get("ppx"), "cy": inner.get("ppy"), **inner}  # of RealSense
-            fx, fy, cx, cy = (
-                _number(inner.get(prefix + name)) for name in ("fx", "fy", "cx", "cy")
-            )
-            return _Camera((fx, fy, cx, cy), size_px)
+    if "fx" in tree:
+        tree = {"cx": tree.get("ppx"), "cy": tree.get("ppy"), **tree}  # of RealSense
+        fx, fy, cx, cy = (_number(tree.get(name)) for name in ("fx", "fy", "cx", "cy"))
+        return _Camera((fx, fy, cx, cy), size_px)
     if "intrinsic_matrix" in tree:  # of Open3D, column by column
         numbers = numbers_in(tree["intrinsic_matrix"])
         fx, _, _, _, fy, _, cx, cy, *_ = [*numbers, *[math.nan] * 8]
@@ -229,10 +228,9 @@ def _of_named(tree: Mapping[str, Any], size_px: tuple[float, float] | None) -> _
 
 def _size_px(tree: Mapping[str, Any]) -> tuple[float, float] | None:
     """Columns and rows of the images; None if they are not stated."""
-    for prefix in _PREFIXES:
-        for across, down in _SIZES:
-            if prefix + across in tree and prefix + down in tree:
-                return _number(tree[prefix + across]), _number(tree[prefix + down])
+    for across, down in _SIZES:
+        if across in tree and down in tree:
+            return _number(tree[across]), _number(tree[down])
     for name in ("resolution", "S_rect_02"):  # of Kalibr, of KITTI
         if name in tree:
             width, height, *_ = [*numbers_in(tree[name]), math.nan, math.nan]

@@ -22,7 +22,8 @@ from depthcli.core.options import AnchorsFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.io.storage.paths import RemotePath, download, object_checksum, regular_size
+from depthcli.io.storage.objects import fetch
+from depthcli.io.storage.paths import RemotePath, object_checksum, regular_size
 from depthcli.io.storage.temporary import folder_lock, open_locked, temporary_folder
 
 OK = "ok"
@@ -322,11 +323,9 @@ class RowsFolder:
     def _download(self, source: RemotePath) -> None:
         """Download an object; parts are joined to one file."""
         whole = _PART.sub("", source.name)
-        file, part = self.path / whole, self.path / "part"
-        download(source, part)
-        with file.open("ab") as target, part.open("rb") as content:
-            shutil.copyfileobj(content, target)
-        part.unlink()
+        file = self.path / whole
+        with file.open("ab") as target:
+            target.writelines(fetch(source)[1])
         os.utime(file, (source.stat().st_mtime,) * 2)  # the latest row of an input counts
         self._objects.setdefault(whole, []).append(source.name)
 

@@ -207,7 +207,7 @@ def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None
     if size is not None and file.seek(0, os.SEEK_END) >= size:
         return
     try:
-        paths.download_rest(model.url, file, progress, max_bytes=catalog.MAX_BYTES)
+        paths.download(model.url, file, progress, max_bytes=catalog.MAX_BYTES)
         file.flush()
     except OSError as error:
         if error.errno == errno.ERANGE:  # it is complete, or else its checksum is wrong

@@ -19,7 +19,7 @@ _FRAMES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")
 _SCAN, _APP1, _EXIF = 0xDA, 0xE1, b"Exif\0\0"
 _STANDALONE = frozenset(b"\x01\xd0\xd1\xd2\xd3\xd4\xd5\xd6\xd7")
 _FILLED_MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)  # fill, however long, and the marker
-_MULTI_PICTURE, _MP_ENTRIES, _MP_ENTRY_BYTES, _DISPARITY = b"MPF\0", 0xB002, 16, 0x020002
+_MULTI_PICTURE, _MP_ENTRIES, _DISPARITY = b"MPF\0", 0xB002, 0x020002
 _OTHER_EYE = Message("holds an image for each eye, and the first is used", "{eye} chooses one")
 _COLOURS = {1: "GRAY", 4: "CMYK"}  # by the number of components; others are decoded to RGB
 # After such messages of libjpeg pixels are made up. Other warnings are harmless, above all that of

@@ -180,8 +180,8 @@ def local_copy(
         return
     with temporary_folder() as folder:
         copy = folder / path.name
-        with os_errors_as(InputError, f"{path} cannot be read"):
-            download(path, copy, progress, max_bytes=max_bytes)
+        with os_errors_as(InputError, f"{path} cannot be read"), copy.open("wb") as file:
+            download(path, file, progress, max_bytes=max_bytes)
         with errors_about(path, copy):
             yield copy
 
@@ -200,17 +200,9 @@ def errors_about(path: Path, copy: Path) -> Iterator[None]:
 
 
 def download(
-    path: RemotePath, file: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
-) -> None:
-    """Download an object to a file, with a few megabytes in memory."""
-    with file.open("wb") as target:
-        download_rest(path, target, progress, max_bytes=max_bytes)
-
-
-def download_rest(
     path: RemotePath, file: BinaryIO, progress: Progress = NO_PROGRESS, *, max_bytes: int | None
 ) -> None:
-    """Append to an open file what it lacks of an object."""
+    """Append to an open file what it lacks of an object, with a few megabytes in memory."""
     done = file.seek(0, os.SEEK_END)
     size, content = objects.fetch(path, max_bytes, done)
     advance = begin_bytes(progress, path.name, size - done)
