@@ -5,9 +5,11 @@ import ipaddress
 import socket
 from base64 import b64encode
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from email.utils import parsedate_to_datetime
 from functools import partial
 from http.client import HTTPException
+from itertools import count
 from typing import Any
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote, unquote, urlsplit
@@ -56,28 +58,21 @@ def fetch(
     size, tag = first + _size(answer), answer.headers.get("ETag", "")
 
     def parts() -> Iterator[bytes]:
-        source, done, tries = answer, first, 0
-        while done < size:
-            part = b""
-            try:
-                part = source.read(min(_PART_BYTES, size - done))
-            except (HTTPException, OSError):
-                source.close()
-            new = part[max(0, start - done) :]  # a server without ranges sends all of it
-            done += len(part)
-            if new:
-                yield new
-            if part:
-                continue
+        source, done = answer, first
+        for tries in count():
+            with suppress(HTTPException, OSError), source:
+                while done < size and (part := source.read(_PART_BYTES)):
+                    yield part[max(0, start - done) :]  # a server without ranges sends all of it
+                    done += len(part)
+            if done >= size:
+                return
             if tries == retries:
                 raise OSError(errno.EIO, "it is cut off; try again later")
             pause(tries)
-            tries += 1
             asked = {"Range": f"bytes={done}-", **({"If-Range": tag} if tag else {})}
             source = _retried(partial(_opened, url, asked), retries, pause)
             if source.status != _PARTIAL and done:
                 raise OSError(errno.EIO, "it is cut off, and the server cannot go on there")
-        source.close()
 
     return size, parts()
 
