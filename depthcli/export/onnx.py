@@ -185,7 +185,7 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
-    guard = Guard.of([checkpoint], is_own=lambda _: True)
+    guard = Guard.of([checkpoint], overwrite=True)
     with (  # both are written before either is renamed, as old and new ones do not match
         atomic_path(out, guard=guard) as path,
         atomic_path(own_card, guard=guard) as card_file,

@@ -139,7 +139,7 @@ def test_outputs_appear_whole_with_their_checksum(bucket: Bucket, tmp_path: Path
     assert not copy.exists()
     with local_copy(tmp_path) as same:
         assert same is tmp_path
-    guard = Guard.of([path], is_own=lambda _: True)
+    guard = Guard.of([path], overwrite=True)
     with pytest.raises(OutputError), atomic_path(path, guard=guard):
         pass
 

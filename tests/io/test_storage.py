@@ -19,6 +19,7 @@ from helpers.file_trees import names
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import Format, WriterOptions, is_own
+from depthcli.io.storage import atomic
 from depthcli.io.storage import temporary as temporaries
 from depthcli.io.storage.atomic import (
     Guard,
@@ -317,11 +318,14 @@ def test_an_input_is_never_replaced(tmp_path: Path) -> None:
         guard.check(tmp_path / "b.png", link)
 
 
-def test_a_file_that_may_not_be_read_is_not_replaced(tmp_path: Path) -> None:
+def test_a_file_that_may_not_be_read_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(path: Path) -> bool:
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
-    guard = Guard.of((), is_own=refuse)  # root may read everything
+    monkeypatch.setattr(atomic, "is_own", refuse)  # root may read everything
+    guard = Guard.of(())
     guard.check(tmp_path / "a.png")
     (tmp_path / "a.png").write_bytes(b"secret")
     with pytest.raises(OutputError):

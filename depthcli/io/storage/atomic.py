@@ -4,7 +4,7 @@ import os
 import re
 import shutil
 import stat
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import FileIO
@@ -27,20 +27,13 @@ class Guard:
     A file without content has nothing to lose, and is replaced as well.
     """
 
-    is_own: Callable[[Path], bool]  #: whether depthcli wrote a file that exists; may raise OSError
     inputs: frozenset[_Identity] = frozenset()  #: files that are never replaced
     overwrite: bool = False  #: whether files of other programs may be replaced
 
     @classmethod
-    def of(
-        cls,
-        inputs: Iterable[Path],
-        *,
-        overwrite: bool = False,
-        is_own: Callable[[Path], bool] = is_own,
-    ) -> Self:
+    def of(cls, inputs: Iterable[Path], *, overwrite: bool = False) -> Self:
         """Make a guard of inputs, which are looked up now."""
-        return cls(is_own, frozenset(map(_identity, inputs)), overwrite)
+        return cls(frozenset(map(_identity, inputs)), overwrite)
 
     def check(self, *paths: Path) -> None:
         """Check that outputs may be written to paths; one request each in an object store."""
@@ -54,7 +47,7 @@ class Guard:
     def _is_foreign(self, path: Path) -> bool:
         is_remote = isinstance(path, RemotePath)
         try:
-            if (not is_remote and not path.stat().st_size) or self.is_own(path):
+            if (not is_remote and not path.stat().st_size) or is_own(path):
                 return False
             return not is_remote or path.exists()  # a name may have told without a request
         except FileNotFoundError:
