@@ -11,13 +11,13 @@ import math
 import typing
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import MISSING, fields, is_dataclass, replace
+from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
 from functools import cache
 from pathlib import PurePath
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from depthcli.core.options import Rule, short_repr
 
@@ -73,22 +73,13 @@ def validated(kind: type[_T], value: object) -> _T:
 def merged(base: _T, changes: object) -> _T:
     """A copy of a dataclass with some fields changed; nested ones and mappings are merged."""
     given: Any = base
-    kind: Any = type(base)
-    hints, _ = _hints(kind)
-    values = {name: getattr(base, name) for name in hints}
-    bases = {name: _Base(value) for name, value in values.items() if is_dataclass(value)}
-    read = _read_fields({**hints, **bases}, changes)
-    for name, value in read.items():
-        if isinstance(value, dict):
-            read[name] = values[name] | value
-    result: _T = replace(given, **read)
-    return result
+    return validated(type(base), _overlaid(asdict(given), changes))
 
 
-class _Base(NamedTuple):
-    """Stands for an annotation of a dataclass that values are merged with."""
-
-    value: object
+def _overlaid(base: object, changes: object) -> object:
+    if not (isinstance(base, dict) and isinstance(changes, dict)):
+        return changes
+    return base | {name: _overlaid(base.get(name), value) for name, value in changes.items()}
 
 
 def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
@@ -151,10 +142,8 @@ def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:  # noqa: ANN401
     return typing.get_origin(hint), typing.get_args(hint)
 
 
-def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa: ANN401, PLR0911
+def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa: ANN401
     """A value as an annotation demands it; the rule describes it in messages."""
-    if type(hint) is _Base:
-        return merged(hint.value, value)
     origin, parts = _parts(hint)
     if origin is None and hasattr(hint, "__dataclass_fields__"):
         hints, required = _hints(hint)
