@@ -105,9 +105,12 @@ def _fit_text(fit: AnchorFit) -> str:
     return f"; depth fitted{by} to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
 
 
+_UNITS = {1: "m", 100: "cm", MILLIMETRES: "mm"}
+
+
 def step_unit(scale: float) -> str:
-    """Unit of quantized depth: ``mm`` for 1000 units per metre."""
-    return "mm" if scale == MILLIMETRES else f"1/{scale:g} m"
+    """Unit of depth in a file: ``mm`` for 1000 units per metre."""
+    return _UNITS.get(scale, f"1/{scale:g} m")
 
 
 def own_metadata(texts: Mapping[str, str]) -> dict[str, str]:
@@ -233,7 +236,6 @@ def _anchor_fit(text: str | None) -> AnchorFit | None:
 
 UINT16_MAX = 65535
 NORMALIZED = ("normalized", "inverse")  #: scales of integers that span the range of (1/)depth
-_UNITS = {1: "m", 100: "cm", MILLIMETRES: "mm"}
 
 
 class DepthScale(NamedTuple):
@@ -246,8 +248,7 @@ class DepthScale(NamedTuple):
     def text(self) -> str:
         """Unit and source, for tables: ``mm, assumed``."""
         source = {"file": "stated", "option": "given", "assumed": "assumed"}[self.source]
-        unit = _UNITS.get(self.units_per_metre, f"1/{self.units_per_metre:g} m")
-        return f"{unit}, {source}"
+        return f"{step_unit(self.units_per_metre)}, {source}"
 
 
 def check_units_per_metre(scale: float) -> None:
@@ -271,18 +272,15 @@ def depth_scale(
     """
     if option is None and metadata.get("scale") in NORMALIZED:
         return None
-    for given in (option, unstated):
-        if given is not None:
-            check_units_per_metre(given)
     stated = positive_number(metadata.get("scale"))
     if stated is None and not is_integer and has_unit and "software" in metadata:
         stated = 1.0  # depthcli wrote it
-    if option is not None:
-        return DepthScale(option, "option")
-    if stated is not None:
+    if option is None and stated is not None:
         return DepthScale(stated, "file")
-    if unstated is not None:
-        return DepthScale(unstated, "option")
+    given = unstated if option is None else option
+    if given is not None:
+        check_units_per_metre(given)
+        return DepthScale(given, "option")
     return DepthScale(MILLIMETRES if is_integer else 1.0, "assumed") if has_unit else None
 
 
