@@ -12,11 +12,11 @@ import shutil
 import sqlite3
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, BinaryIO, Self
 
 from depthcli.core.options import AnchorsFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
@@ -232,48 +232,14 @@ def write_manifest(path: Path, rows: Iterable[ManifestRow]) -> None:
         file.writelines(row.as_line() for row in rows)
 
 
-class RowFile:
-    """A file of rows as JSON, one a line; other lines are passed over."""
-
-    def __init__(self, path: Path, end: int | None = None) -> None:
-        self.path = path
-        size = regular_size(path)
-        self._file = path.open("rb")
-        self._end = None if end is None else os.fdopen(end, "ab", buffering=0)
-        is_manifest = self._end is None and not is_journal(path)
-        if is_manifest and size and next(self.rows(), None) is None:
-            raise UsageError(
-                f"{path} was not written by depthcli", "move it away, or choose another {out}"
-            )
-        if self._end is not None and size:
-            self._file.seek(size - 1)
-            if self._file.read(1) != b"\n":  # the batch was killed in the middle of a line
-                self.append(b"\n")
-
-    def rows(self) -> Iterator[tuple[str, int]]:
-        """Input and position of each row, in their order."""
-        position = self._file.seek(0)
-        for line in self._file:
-            row = parse_row(line)
-            if row is not None:
-                yield row.input, position
-            position += len(line)
-
-    def row(self, position: int) -> ManifestRow | None:
-        """The row at a position."""
-        self._file.seek(position)
-        return parse_row(self._file.readline())
-
-    def append(self, data: bytes) -> int:
-        """Append data, all or nothing; return its position in the file."""
-        assert self._end is not None  # noqa: S101 - of the journal only
-        return append_whole(self._end, data)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-        if self._end is not None:
-            self._end.close()
+def _rows_in(file: BinaryIO) -> Iterator[tuple[str, int]]:
+    """Input and position of each row of an open file, in their order; no other lines."""
+    position = file.seek(0)
+    for line in file:
+        row = parse_row(line)
+        if row is not None:
+            yield row.input, position
+        position += len(line)
 
 
 class RowsFolder:
@@ -374,16 +340,25 @@ class Rows:
     """
 
     def __init__(
-        self, files: Sequence[RowFile], shard: Shard = WHOLE, folder: RowsFolder | None = None
+        self, paths: Iterable[Path], shard: Shard = WHOLE, folder: RowsFolder | None = None
     ) -> None:
         """Index the rows of a shard's inputs, and keep the folder while they are in use."""
-        self._files, self._folder = files, folder
+        self._files, self._shard, self._folder = list[BinaryIO](), shard, folder
         self._lock = threading.Lock()
         self._database = sqlite3.connect("", check_same_thread=False, isolation_level=None)
         for line in _SCHEMA:
             self._database.execute(line)
-        for source, file in enumerate(files):
-            self._index((name, source, at) for name, at in file.rows() if shard.holds(name))
+        for path in paths:
+            self._add_file(path)
+
+    def _add_file(self, path: Path) -> None:
+        size, source, file = regular_size(path), len(self._files), path.open("rb")
+        self._files.append(file)
+        if size and not is_journal(path) and next(_rows_in(file), None) is None:
+            raise UsageError(
+                f"{path} was not written by depthcli", "move it away, or choose another {out}"
+            )
+        self._index((name, source, at) for name, at in _rows_in(file) if self._shard.holds(name))
 
     @property
     def has_files(self) -> bool:
@@ -408,7 +383,8 @@ class Rows:
 
     def _at(self, place: tuple[int, int]) -> ManifestRow | None:
         source, position = place
-        return self._files[source].row(position)
+        self._files[source].seek(position)
+        return parse_row(self._files[source].readline())
 
 
 def _key(name: str) -> bytes:
@@ -419,7 +395,7 @@ def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
     """The rows of earlier batches in an output folder, which is not changed."""
     source = RowsFolder(folder)
     with _write_errors(folder):
-        return Rows([RowFile(path) for path in row_files(source.path, shard)], shard, source)
+        return Rows(row_files(source.path, shard), shard, source)
 
 
 class Journal(Rows):
@@ -434,7 +410,6 @@ class Journal(Rows):
         """Open or create the journal of an output folder, which is created if it is missing."""
         self._path = folder / shard.journal_name
         self.manifest = folder / shard.manifest_name
-        self._shard = shard
         with ExitStack() as opened, _write_errors(self._path):
             folder.mkdir(parents=True, exist_ok=True)
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
@@ -442,18 +417,24 @@ class Journal(Rows):
             files = row_files(folder, shard)
             self.was_interrupted = shard == WHOLE and any(map(is_journal, files))
             self._earlier = [path for path in files if path != self._path]
-            earlier = [opened.enter_context(closing(RowFile(path))) for path in self._earlier]
+            super().__init__(self._earlier, shard)
             handle = open_locked(self._path)
             if handle is None:
                 raise _busy_error(folder)
-            self._own = opened.enter_context(closing(RowFile(self._path, handle)))
-            super().__init__([*earlier, self._own], shard)
+            self._end = opened.enter_context(os.fdopen(handle, "ab", buffering=0))
+            self._add_file(self._path)
+            for file in self._files:
+                opened.enter_context(file)
+            if self._end.tell():
+                self._files[-1].seek(-1, os.SEEK_END)
+                if self._files[-1].read(1) != b"\n":  # the batch was killed in the middle of a line
+                    append_whole(self._end, b"\n")
             self._opened = opened.pop_all()
 
     def add(self, row: ManifestRow) -> None:
         """Append a row, which replaces the input's earlier one."""
         with _write_errors(self._path), self._lock:
-            position = self._own.append(row.as_line())
+            position = append_whole(self._end, row.as_line())
             self._index([(row.input, len(self._files) - 1, position)])
 
     def finish(self, names: Iterable[str] | None, *, keep_failed: bool = False) -> None:

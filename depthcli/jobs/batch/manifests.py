@@ -39,7 +39,7 @@ def read_rows(path: Path) -> Rows:
             raise UsageError(f"no manifest in {path}", "name the output folder of a batch")
         return rows
     with os_errors_as(UsageError, f"cannot read the manifest {path}"):
-        return Rows([manifest.RowFile(path)])
+        return Rows([path])
 
 
 def summarize(rows: Rows) -> Summary:
