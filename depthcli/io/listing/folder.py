@@ -208,7 +208,8 @@ def list_folder(
     if isinstance(place, RemotePath):
         return _list_objects(place, path_of(leave_out or ""), skip, refusal)
     avoided = (leave_out and _identity(leave_out)) or ()
-    found, above = Listing([], [], []), {root: (_identity(root),)}  # of folders to enter
+    found = Listing([], [], [])
+    above: dict[str, tuple[_Identity, ...]] = {root: (_identity(root),)}  # of folders to enter
     named = partial(_name_below, root)
 
     def not_listed(error: OSError) -> None:
