@@ -88,9 +88,7 @@ class RemotePath(Path, PurePosixPath):
         return str(self)
 
     def __reduce__(self) -> Any:  # noqa: ANN401 - what pickle asks for
-        from depthcli.io.storage.paths import path_of  # noqa: PLC0415 - which imports this file
-
-        return path_of, (self.url,)
+        return _restored, (f"{self.base}/{self.key}", self.query)
 
     def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
         """Size and time of the object; a prefix with objects below it is a folder."""
@@ -188,6 +186,12 @@ class RemotePath(Path, PurePosixPath):
             for one in found:
                 after = one["path"][len(start) :]
                 yield after
+
+
+def _restored(uri: str, query: str) -> RemotePath:
+    path = RemotePath(uri)
+    path.query = query
+    return path
 
 
 def head(address: RemotePath) -> tuple[int, int, Mapping[str, str]]:
