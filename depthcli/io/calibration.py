@@ -19,9 +19,9 @@ from depthcli.io.storage.paths import config_folder, path_of, read_bytes, read_r
 
 _ADVICE = "name the calibration of a camera"
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"))
-_MATRICES = ("camera_matrix", "K", "k")
+_MATRICES = ("camera_matrix", "K", "k", "CameraMat")
 _PROJECTIONS = ("projection_matrix", "P", "p")
-_DISTORTIONS = re.compile(r"(?i:dist(?!ance))\w*|coeffs|[Dd]")  # nodes with coefficients
+_DISTORTIONS = re.compile(r"(?i:dist(?!ance))\w*|coeffs|[Dd]|d\d")  # nodes with coefficients
 _COEFFICIENTS = re.compile(r"[kp]\d")
 _ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # of OpenCV
 _FISHEYE_ORDER = ("k1", "k2", "k3", "k4")
@@ -59,8 +59,8 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
 
     These are ``camera_info`` YAML of ROS, as its tools or ``ros2 topic echo`` write it; YAML, XML
     and JSON of OpenCV; YAML of Kalibr, ORB-SLAM and VINS; ``cameras.txt`` and ``cameras.bin`` of
-    COLMAP; ``transforms.json`` of nerfstudio; JSON of Open3D; text of KITTI; and a text file with
-    a 3×3 or 4×4 matrix.
+    COLMAP; ``transforms.json`` of nerfstudio; JSON of Open3D; text of KITTI; YAML of Autoware and
+    FAST-LIVO2; and a text file with a 3×3 or 4×4 matrix.
 
     Of a ``CameraInfo`` with a region of interest, it is the camera of the images of that region.
     Its focal length is the geometric mean of fx and fy, or fx if they differ by more than 1 %. Its
@@ -188,9 +188,9 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
 def _unwrapped(tree: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """The names of the only camera, of which programs have different groups and prefixes.
 
-    Kalibr calls it cam0, ORB-SLAM Camera; Open3D may have its pose beside it.
+    Kalibr calls it cam0, ORB-SLAM Camera, FAST-LIVO2 cam; Open3D may have its pose beside it.
     """
-    tree = {re.sub(r"Camera1?\.", "", str(name)): value for name, value in tree.items()}
+    tree = {re.sub(r"Camera1?\.|^cam_", "", str(name)): value for name, value in tree.items()}
     tree |= tree.pop("projection_parameters", {})  # of VINS
     nested = [name for name in tree if re.fullmatch(r"cam\d+", name)]
     nested = nested or [name for name in _LISTS if isinstance(tree.get(name), Mapping)]
@@ -231,7 +231,7 @@ def _size_px(tree: Mapping[str, Any]) -> tuple[float, float] | None:
     for across, down in _SIZES:
         if across in tree and down in tree:
             return _number(tree[across]), _number(tree[down])
-    for name in ("resolution", "S_rect_02"):  # of Kalibr, of KITTI
+    for name in ("resolution", "S_rect_02", "ImageSize"):  # of Kalibr, KITTI, Autoware
         if name in tree:
             width, height, *_ = [*numbers_in(tree[name]), math.nan, math.nan]
             return width, height

@@ -223,6 +223,16 @@ DIALECTS = {
         '{"width": 640, "height": 480, "ppx": 337.8, "ppy": 250.7, "fx": 431.5, "fy": 431.5, '
         '"model": "distortion.brown_conrady", "coeffs": [0, 0, 0, 0, 0]}'
     ),
+    "autoware.yml": (
+        "%YAML:1.0\n---\nCameraMat: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n"
+        "   data: [431.5, 0, 337.8, 0, 431.5, 250.7, 0, 0, 1]\nDistModel: plumb_bob\n"
+        "DistCoeff: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [0, 0, 0, 0, 0]\n"
+        "ImageSize: [640, 480]\n"
+    ),
+    "fast_livo2.yaml": (
+        "cam_model: Pinhole\ncam_width: 640\ncam_height: 480\nscale: 0.5\ncam_fx: 431.5\n"
+        "cam_fy: 431.5\ncam_cx: 337.8\ncam_cy: 250.7\ncam_d0: 0\ncam_d1: 0\ncam_d2: 0\ncam_d3: 0\n"
+    ),
     "fields.json": (
         '{"width": 640, "height": 480, "fx": 431.5, "fy": 431.5, "cx": 337.8, "cy": 250.7}'
     ),
@@ -238,7 +248,7 @@ def test_calibrations_of_other_programs(tmp_path: Path, name: str) -> None:
     assert (found.size_px, found.distortion, found.pixel_aspect) == ((640, 480), None, 1)
 
 
-FISHEYE = ("equidistant", '"KannalaBrandt8"', "SIMPLE_RADIAL_FISHEYE")
+FISHEYE = ("equidistant", "EquidistantCamera", '"KannalaBrandt8"', "SIMPLE_RADIAL_FISHEYE")
 FOV = "[0.9]\n  distortion_model: fov"
 
 
@@ -259,6 +269,9 @@ FOV = "[0.9]\n  distortion_model: fov"
         ("mast3r.yaml", "250.7]", "250.7, 0.0]", None),
         ("realsense.json", "[0, 0, 0, 0, 0]", "[0, 0.1, 0, 0, 0]", (0, 0.1, 0, 0, 0)),
         ("realsense.json", "brown_conrady", "inverse_brown_conrady", None),
+        ("autoware.yml", "[0, 0, 0, 0, 0]", "[0, 0.1, 0, 0, 0]", (0, 0.1, 0, 0, 0)),
+        ("fast_livo2.yaml", "d1: 0", "d1: 0.1", (0, 0.1, 0, 0)),
+        ("fast_livo2.yaml", "Pinhole", "EquidistantCamera", (0, 0, 0, 0)),
         ("topic.yaml", "D: \n- 0.0", "D: \n- 0.1", (0.1, 0, 0, 0, 0)),
     ],
 )

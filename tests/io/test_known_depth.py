@@ -234,8 +234,15 @@ SORTED = """rotation: {w: 0.5, x: 0.5, y: -0.5, z: 0.5}
 translation: {x: 0.1, y: -0.2, z: 0.3}
 """  # as programs write it that sort names
 FUSION = f"extrinsic_matrix:\n- [{ROWS.replace(' ', ', ')}]"  # of ros2_camera_lidar_fusion
+LIVO = """/fastlivo2_node:
+  ros__parameters:
+    extrin_calib:
+      extrinsic_R: [1, 0, 0, 0, 1, 0, 0, 0, 1]
+      Rcl: [0, -1, 0, 0, 0, -1, 1, 0, 0]
+      Pcl: [0.1, -0.2, 0.3]
+"""  # of FAST-LIVO2
 HAND_EYE = "transformation:\n  {qw: 0.5, qx: 0.5, qy: -0.5, qz: 0.5, x: 0.1, y: -0.2, z: 0.3}"
-ROS = ("0.1 -0.2 0.3 0.5 -0.5 0.5 0.5", TF, HAND_EYE, ECHO * 2, SORTED, FUSION)
+ROS = ("0.1 -0.2 0.3 0.5 -0.5 0.5 0.5", TF, HAND_EYE, ECHO * 2, SORTED, FUSION, LIVO)
 
 
 @pytest.mark.parametrize("text", [TURNED, f"{TURNED}\n0 0 0 1", KITTI, ODOMETRY, *ROS])

@@ -90,6 +90,11 @@ def _named_poses(tree: Mapping[str, Any], frames: _Frames | None) -> Iterator[Ex
     if "Tr" in tree or "Tr_velo_to_cam" in tree:
         yield Extrinsics(_of_kitti(tree))
         return
+    if "Rcl" in tree and "Pcl" in tree:  # of FAST-LIVO2
+        turn = np.reshape(numbers_in(tree["Rcl"]), (3, 3))
+        matrix = _matrix(np.column_stack([turn, numbers_in(tree["Pcl"])]).ravel().tolist())
+        yield _directed(matrix, _OWN)
+        return
     if child := tree.get("child_frame_id"):
         frames = str(child), str(tree.get("header", tree).get("frame_id"))
     flat, place = tree, tree.get("translation", tree.get("position"))
