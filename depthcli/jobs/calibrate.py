@@ -15,7 +15,7 @@ from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.datasets.folders import open_paired_folder
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.images.read import read_image, undistorted
@@ -81,8 +81,12 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
     if request.pipeline.card.output.kind is not DepthKind.METRIC:
         raise UsageError(f"model {request.pipeline.card.name!r} gives no metres to correct")
     samples, cameras = [], dict[tuple[float, ...], Intrinsics]()
-    for frame, points in _known(request):
+    warnings = [*request.camera.warnings]
+    for frame, known in _known(request):
         depth = request.pipeline.predict(frame, replace(request.camera, scale=None)).depth
+        name = str(frame.path or request.pairs)
+        points = _inside(depth, known, name)
+        warnings += [about(name, warning) for warning in points.warnings]
         sample = _sample(depth, points)
         if len(sample.true_m):
             samples.append(sample)
@@ -106,7 +110,7 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
         images=len(samples),
         points=count,
     )
-    before, warnings = _error(ScaleShift(1.0, 0.0), samples), [*request.camera.warnings]
+    before = _error(ScaleShift(1.0, 0.0), samples)
     if scale.residual is not None and scale.residual >= before:
         warnings.append("the scale does not lower the error of points that were left out")
     if len(cameras) > 1:
@@ -164,14 +168,15 @@ def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:
     return anchors.read(image)
 
 
+def _inside(depth: DepthMap, points: AnchorPoints, name: str) -> AnchorPoints:
+    try:
+        return points.within(depth.width, depth.height) if len(points) else points
+    except UsageError as error:
+        raise InputError(error.message.about(name)) from error
+
+
 def _sample(depth: DepthMap, points: AnchorPoints) -> _Sample:
     """Predicted and true depth at the points, evenly thinned."""
-    if not len(points):
-        return _Sample(np.empty(0), np.empty(0))
-    try:
-        points = points.within(depth.width, depth.height)
-    except UsageError as error:
-        raise InputError(error.message) from error
     chosen = np.linspace(0, len(points) - 1, min(len(points), _MOST_POINTS)).astype(np.int64)
     predicted_m = depth.values[points.y[chosen], points.x[chosen]].astype(np.float64)
     is_known = np.isfinite(predicted_m) & (predicted_m > 0)

@@ -157,6 +157,16 @@ def test_a_scale_is_refused_by_another_model(inside: Cli, model_folder: Path) ->
     assert inside("predict", "a.png", "--camera", "robot", "--model", other).returncode == 2
 
 
+def test_doubts_about_known_depth_are_told(pipeline: Pipeline, tmp_path: Path) -> None:
+    """A map of KITTI, 256 units a metre, gave a scale that is four times too small."""
+    name = write_picture(tmp_path / "a.png")
+    cv2.imwrite(str(tmp_path / "lidar.png"), np.full((48, 64), 256 * 5, np.uint16))
+    for scale, count in ((None, 1), (256, 0)):
+        known = AnchorFiles(str(tmp_path / "lidar.png"), scale)
+        done = calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=known))
+        assert len(done.warnings) == count, done.warnings
+
+
 def test_needs_known_depth(pipeline: Pipeline, tmp_path: Path) -> None:
     name = write_picture(tmp_path / "a.png")
     np.save(tmp_path / "a.npy", np.full((48, 64), np.nan, np.float32))
