@@ -220,7 +220,7 @@ class PatternOptions:
 
 
 @group
-class AnchorOptions:
+class KnownDepthOptions:
     """Known depth."""
 
     anchor: list[str] | None = option(
@@ -256,6 +256,12 @@ class AnchorOptions:
     baseline: float | None = option(
         "Distance between the two cameras of --anchors-kind disparity in metres.", callback=positive
     )
+
+
+@group
+class AnchorOptions(KnownDepthOptions):
+    """Known depth."""
+
     anchors_fit: choices.AnchorsFit | None = option(
         "How depth follows known points: global by scale and shift alone; local also by what that "
         "leaves, spread over the image; network by a model that takes them. Default: network, if "

@@ -142,7 +142,7 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
 
 
 def anchors(
-    options: groups.AnchorOptions,
+    options: groups.KnownDepthOptions,
     camera: Intrinsics = UNKNOWN_CAMERA,
     *,
     is_folder: bool | None = False,
@@ -158,7 +158,7 @@ def anchors(
         for name in ("anchors_scale", "anchors_kind", "baseline", "extrinsics"):
             if getattr(options, name) is not None:
                 raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
-        if options.anchors_fit and not options.anchor:
+        if getattr(options, "anchors_fit", None) and not options.anchor:
             raise UsageError("", "{anchors_fit} is for {anchors} and {anchor}: give one of them")
         return tuple(map(_anchor, options.anchor or ()))
     from depthcli.io.depth.anchors import SELF, AnchorFiles

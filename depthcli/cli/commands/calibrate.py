@@ -20,7 +20,7 @@ app = typer.Typer(rich_markup_mode=None)
 
 
 @group
-class KnownOptions(options.AnchorOptions):
+class KnownOptions(options.KnownDepthOptions):
     """Known depth."""
 
     pairs: Path | None = options.option(
