@@ -57,7 +57,7 @@ def ordered_map(
 def process_map(
     function: Callable[[_Item], _Result], items: Iterable[_Item], *, workers: int
 ) -> Generator[_Result, None, None]:
-    """:func:`ordered_map` by processes, for a function, items and results that can be pickled."""
+    """``map`` by processes, for a function, items and results that can be pickled."""
     if workers <= 1:
         yield from map(function, items)
         return
@@ -68,9 +68,7 @@ def process_map(
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
     context = multiprocessing.get_context("spawn")  # a fork would copy locks held by threads
     with ProcessPoolExecutor(workers, context, initializer=_start_worker) as pool:
-        yield from ordered_map(
-            lambda item: pool.submit(function, item).result(), items, workers=2 * workers
-        )
+        yield from pool.map(function, items)
 
 
 def _start_worker() -> None:

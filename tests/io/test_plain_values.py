@@ -24,6 +24,7 @@ from depthcli.io.exr.image import read_exr_image, read_exr_rate
 from depthcli.io.formats.png16 import stretched
 from depthcli.io.formats.preview import PreviewWriter, nearness
 from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.read import frame_of
 
 F32 = np.float32
@@ -55,11 +56,11 @@ def test_steps(values: np.ndarray, scale: float) -> None:
 @given(MAPS)
 def test_stretched(kind: DepthKind, values: np.ndarray) -> None:
     lowest = 0 if kind is DepthKind.METRIC else -math.inf
-    steps, (low, high), saturated = stretched(DepthMap(values, kind))
+    steps, (low, high), saturated = stretched(DepthMap(values, kind), WriterOptions())
     known = [float(value) for value in values[0] if lowest < value < math.inf]
     ends = (min(known), max(known)) if known else (0.0, 0.0)
     assert (low, high, saturated) == (*ends, 0)
-    np.testing.assert_array_equal(stretched(DepthMap(values.T, kind))[0], steps.T)
+    np.testing.assert_array_equal(stretched(DepthMap(values.T, kind), WriterOptions())[0], steps.T)
     for value, found in zip(values[0].tolist(), steps[0].tolist(), strict=True):
         share = (value - low) / (high - low or 1.0)
         assert found == (np.rint(1 + share * 65534) if value in known else 0)

@@ -23,7 +23,6 @@ from depthcli.io.storage.paths import read_bytes
 _GRAY_RANK = 2
 _PGM_TEXT = re.compile(rb"^# (%s\w+) (.*)$" % KEY_PREFIX.encode(), re.MULTILINE)
 _PGM_HEAD_BYTES = 4096
-_OWN_RANGE = WriterOptions()
 
 
 class Png16Writer(WriterOptions):
@@ -81,9 +80,9 @@ def _reciprocal_ends(options: Png16Writer) -> Png16Writer:
 
 
 def stretched(
-    depth: DepthMap, options: WriterOptions = _OWN_RANGE
+    depth: DepthMap, options: WriterOptions
 ) -> tuple[UInt16Array, tuple[float, float], int]:
-    """Depth as 1-65535, 0 for none, (H, W) uint16; by default, its own range is stretched to that.
+    """Depth as 1-65535, 0 for none, (H, W) uint16, of its own range where no other is stated.
 
     Also returns the values that 1 and 65535 stand for, and the number of pixels beyond.
     """
