@@ -60,11 +60,6 @@ class FileMetadata(NamedTuple):
     warnings: tuple[str, ...] = ()  #: about the sidecar, one line each
 
 
-class _Sidecar(NamedTuple):
-    path: Path
-    fields: dict[str, object]
-
-
 def with_sidecar(path: Path, own: Mapping[str, str], size_px: tuple[int, int]) -> FileMetadata:
     """The metadata of a depth file, completed from its sidecar, or from that of its video.
 
@@ -75,13 +70,14 @@ def with_sidecar(path: Path, own: Mapping[str, str], size_px: tuple[int, int]) -
     found = _find_sidecar(path)
     if found is None:
         return FileMetadata(own, warnings)
-    if not _describes(found.fields, own, size_px):
-        ignored = f"{found.path} describes another map than {path.name} and is ignored"
+    sidecar, fields = found
+    if not _describes(fields, own, size_px):
+        ignored = f"{sidecar} describes another map than {path.name} and is ignored"
         advice = Message(ignored, "remove it, or write it again with {sidecar}")
         return FileMetadata(own, (*warnings, advice))
-    texts = _shared_texts(found.fields, own)
+    texts = _shared_texts(fields, own)
     if path.suffix.lower() in {".png", ".pgm"} and "scale" not in own:
-        texts |= _png_scale_texts(found.fields)
+        texts |= _png_scale_texts(fields)
     return FileMetadata({**texts, **own}, warnings)
 
 
@@ -92,11 +88,11 @@ def remove_video_sidecar(path: Path) -> None:
             path.unlink()
 
 
-def _find_sidecar(path: Path) -> _Sidecar | None:
+def _find_sidecar(path: Path) -> tuple[Path, dict[str, object]] | None:
     """The sidecar of a file, or with ``time_s`` that of the video of which it is a frame."""
     own = path.with_suffix(".json")
     if fields := _read_sidecar(own):
-        return _Sidecar(own, fields)
+        return own, fields
     numbers = list(_NUMBER.finditer(own.stem))
     for found in reversed(numbers):
         # The frame's number is not always the last one: d.0001.v003.npy. It stands by itself then.
@@ -108,7 +104,7 @@ def _find_sidecar(path: Path) -> _Sidecar | None:
         if isinstance(times_s, dict):
             time_s = times_s.get(str(int(found[1])))
             if time_s is not None:
-                return _Sidecar(shared, fields | {"time_s": time_s})
+                return shared, fields | {"time_s": time_s}
     return None
 
 
