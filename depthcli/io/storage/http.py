@@ -77,13 +77,6 @@ def fetch(
     return size, parts()
 
 
-def read_first(url: str, length: int) -> bytes:
-    """The first bytes of a file; fewer if it is shorter."""
-    with _opened(url, {"Range": f"bytes=0-{length - 1}"}) as answer:
-        found: bytes = answer.read(length)
-        return found
-
-
 def _opened(url: str, headers: dict[str, str] | None = None, method: str = "GET") -> Any:  # noqa: ANN401
     parts = urlsplit(url)
     path = parts.path if unquote(parts.path) != parts.path else quote(parts.path)

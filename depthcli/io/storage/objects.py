@@ -150,8 +150,7 @@ class RemotePath(Path, PurePosixPath):
         if first < 0:
             return b"".join(fetch(self, max_bytes)[1])
         if self.is_http:
-            with _as_os_errors(self):
-                return bytes(_http().read_first(self.url, first))
+            return next(fetch(self)[1], b"")[:first]
         return bytes(_send_request("get_range", self, start=0, length=first))
 
     def open(self, mode: str = "r", *_: Any, **__: Any) -> Any:  # noqa: ANN401
