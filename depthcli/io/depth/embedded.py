@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, Float32Array, Float64Array
+from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import DepthEncoding
 from depthcli.errors import InputError
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth
@@ -30,6 +30,11 @@ _MORE_HEAD_BYTES = len(_MORE_XMP) + 32 + 4  # and a digest and the length of all
 _FACTS = re.compile(rb"(?:GDepth|DepthMap):(\w+)(?:\s*=\s*[\"']|>)([^\"'<]*)")
 _RELATIVE = re.compile(rb"depthData:Accuracy\W{1,3}relative")
 _INVERSE_Z, _DISPARITY, _Z = 0, 1, 2  # kinds of representation, each uniform in the numbers
+_ENDS: dict[int, tuple[str, ...]] = {  # names of the least and the largest number
+    _INVERSE_Z: ("z_far", "z_near"),
+    _DISPARITY: ("d_min", "d_max"),
+    _Z: ("z_near", "z_far"),
+}
 _UNITS_M = {"m": 1.0, "meters": 1.0, "mm": 1e-3}
 _ITEM = re.compile(rb"<Container:Item\b[^>]*>")  # of the files after the image, in their order
 _LENGTH = re.compile(rb"Item:Length=[\"'](\d+)")
@@ -61,20 +66,15 @@ def _auxiliary(data: bytes, name: str) -> Found | None:
     if not images:
         return None
     stored, facts = images[0]
-    share = stored.astype(np.float64) / np.iinfo(stored.dtype).max
-    kind = facts.get("representation_type")
-    if kind == _DISPARITY:
-        inverse = _between(share, facts.get("d_min"), facts.get("d_max"))
-    elif kind == _INVERSE_Z:
-        near, far = _reciprocal(facts.get("z_near")), _reciprocal(facts.get("z_far"))
-        inverse = _between(share, far, near)
-    else:
-        depth = _between(share, facts.get("z_near"), facts.get("z_far")) if kind == _Z else None
-        inverse = None if depth is None else 1 / depth
-    if inverse is None:
+    kind = facts.get("representation_type", -1)
+    ends = [facts.get(name) for name in _ENDS.get(kind, ("",))]
+    if None in ends:
         raise InputError(f"{name} has depth that does not state its range")
-    with np.errstate(divide="ignore"):
-        values = (1 / inverse).astype(np.float32)
+    share = stored.astype(np.float64) / np.iinfo(stored.dtype).max
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = np.array(ends, np.float64) ** (-1 if kind == _INVERSE_Z else 1)
+        stated = low + share * (high - low)
+        values = (stated if kind == _Z else 1 / stated).astype(np.float32)
     is_rough = _RELATIVE.search(data) is not None
     warning = f"{name}: its camera marks depth as relative, so metres may be wrong by a factor"
     return values, {"kind": "metric", "scale": "1"}, (warning,) if is_rough else ()
@@ -115,11 +115,3 @@ def _item(data: bytes, xmp: bytes) -> bytes | None:
             return data[end - length : end]
         end -= length
     return None
-
-
-def _between(share: Float64Array, low: float | None, high: float | None) -> Float64Array | None:
-    return None if low is None or high is None else low + share * (high - low)
-
-
-def _reciprocal(value: float | None) -> float | None:
-    return 1 / value if value else None
