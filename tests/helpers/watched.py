@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Watched:
-    """It remembers all that it is told, and may end the work once some units are done."""
+    """It remembers all that it is told, and may end the work after some frames."""
 
     last: int | None = None
     begun: list[tuple[str, int | None, str]] = field(default_factory=list)
@@ -31,7 +31,8 @@ class Watched:
 
         def advance(count: int) -> None:
             counts.append(count)
-            if self.done == self.last:
+            before = sum(counts) - count
+            if self.last is not None and unit == "frames" and before < self.last <= before + count:
                 raise KeyboardInterrupt
 
         return advance

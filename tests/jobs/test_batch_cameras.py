@@ -10,7 +10,7 @@ from helpers.batches import outputs, pictures, request
 from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_video
 
-from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.camera import Intrinsics
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.anchors import AnchorFiles
@@ -49,45 +49,28 @@ def focal_px(path: Path) -> float:
 @pytest.mark.parametrize("batch_size", [1, 3])
 def test_each_picture_has_its_own_camera(tmp_path: Path, batch_size: int) -> None:
     pictures(tmp_path)
-    options = BatchOptions((Format.NPY, Format.PNG16, Format.JSON))
-    wanted = replace(with_table(tmp_path, options=options), batch_size=batch_size)
+    table = "id,focal_px,hfov_deg,cx,cy\na,40,,3.5,-2\nhall/b.png,,90,,\nz,,,12,10\n"
+    options = BatchOptions(
+        (Format.NPY, Format.PNG16, Format.EXR, Format.PLY, Format.JSON),
+        camera=Intrinsics(centre_px=(1.0, 2.0)),
+    )
+    wanted = replace(with_table(tmp_path, table, options=options), batch_size=batch_size)
     rows = {result.row.input: result.row for result in Batch(wanted)}
     assert {name: row.camera for name, row in rows.items()} == {
         "a.png": "hfov 43.6° (given)",
         "z.png": "hfov 60.0° (assumed, from the model's card)",
         "hall/b.png": "hfov 90.0° (given)",
     }
-    assert json.loads((tmp_path / "out/a.depth.json").read_text())["camera_source"] == "option"
-    assert focal_px(tmp_path / "out/a.depth.png") == pytest.approx(40)
-    own = {
-        "a.png": Intrinsics(40.0),
-        "z.png": UNKNOWN_CAMERA,
-        "hall/b.png": Intrinsics(hfov_deg=90.0),
-    }
-    together = outputs(tmp_path / "out")
-    for name, camera in own.items():
-        list(Batch(request(tmp_path, "alone", replace(options, camera=camera))))
-        for suffix in ("depth.npy", "depth.png", "depth.json"):
-            output = name.replace("png", suffix)
-            assert together[output] == (tmp_path / "alone" / output).read_bytes()
-
-
-def test_each_picture_has_its_own_principal_point(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    table = "id,focal_px,cx,cy\na,40,3.5,-2\nhall/b,,12,10\nz,30,,\n"
-    options = BatchOptions(
-        (Format.NPY, Format.PNG16, Format.EXR, Format.PLY, Format.JSON),
-        camera=Intrinsics(centre_px=(1.0, 2.0)),
-    )
-    assert not any(kept(with_table(tmp_path, table, options=options)).values())
-    together = outputs(tmp_path / "out")
     stated = json.loads((tmp_path / "out/a.depth.json").read_text())
     assert (stated["focal_px"], stated["centre_px"]) == (40, [3.5, -2])
+    assert stated["camera_source"] == "option"
+    assert focal_px(tmp_path / "out/a.depth.png") == pytest.approx(40)
     own = {
         "a": Intrinsics(40.0, centre_px=(3.5, -2.0)),
-        "hall/b": Intrinsics(centre_px=(12.0, 10.0)),
-        "z": Intrinsics(30.0, centre_px=(1.0, 2.0)),  # that of the batch
+        "hall/b": Intrinsics(hfov_deg=90.0, centre_px=(1.0, 2.0)),  # that of the batch
+        "z": Intrinsics(centre_px=(12.0, 10.0)),
     }
+    together = outputs(tmp_path / "out")
     for name, camera in own.items():
         list(Batch(request(tmp_path, "alone", replace(options, camera=camera))))
         for suffix in ("depth.npy", "depth.png", "depth.exr", "ply", "depth.json"):

@@ -1,7 +1,6 @@
 """The batch job: its results, its options, and what its outputs depend on."""
 
 import json
-import multiprocessing
 import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterable, Sequence
@@ -19,59 +18,21 @@ from helpers.tiny import write_model
 from helpers.videos import flat_frames, with_sound, write_mp4
 from helpers.watched import Watched
 
-from depthcli.core.camera import Anchor, Intrinsics
+from depthcli.core.camera import Intrinsics
 from depthcli.core.options import GPU_BATCH, Upsampling, UpsamplingOptions
-from depthcli.errors import ModelError, UsageError
+from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import NameFilter
-from depthcli.io.manifest import FAILED, OK, CacheKey, ManifestRow, known_rows, output_entry
+from depthcli.io.manifest import FAILED, OK, CacheKey, ManifestRow, output_entry
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, dry_run
-from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
+from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.batch.workers import WorkerSpec
 from depthcli.jobs.predict import predict
 from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
-
-OPTIONS = BatchOptions(
-    (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON),
-    writing=WriterOptions(png_scale=256.0, colormap="turbo", legend=True),
-    anchors=(Anchor(3, 4, 2.5),),
-    detail=UpsamplingOptions(Upsampling.BILINEAR),
-    max_pixels=10_000,
-)
-
-
-def build_and_work(spec: WorkerSpec, tasks: list[BatchTask]) -> list[BatchResult]:
-    """What a worker does in a process that knows nothing else."""
-    return spec.build().work(tasks)
-
-
-def test_a_worker_is_built_in_another_process_and_gives_the_same_bytes(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    here, there = (request(tmp_path, out, OPTIONS) for out in ("here", "there"))
-    rows = [result.row for result in Batch(here)]
-    sha256 = here.model.load().model.sha256
-    spec = WorkerSpec(there.model, sha256, OPTIONS, there.plan.out)
-    maps = TaskBuilder(there.plan, OPTIONS.formats)
-    tasks = [maps.task(file, known_rows(there.plan.out)) for file in there.plan.inputs]
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        results = pool.apply(build_and_work, (spec, tasks))  # pickled on the way
-    assert [replace(result.row, seconds=0) for result in results] == [
-        replace(row, seconds=0) for row in rows
-    ]
-    assert len(outputs(tmp_path / "there")) == 4 * len(NAMES)
-    assert outputs(tmp_path / "there") == outputs(tmp_path / "here")
-
-
-def test_a_worker_refuses_another_model(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    found = request(tmp_path)
-    spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
-    with pytest.raises(ModelError):
-        spec.build()
 
 
 def test_a_library_s_batch_prints_nothing_and_gives_what_the_shell_gives(
@@ -112,16 +73,6 @@ def test_a_batch_that_is_left_goes_on(tmp_path: Path) -> None:
     assert not any(result.is_kept for result in Batch(other))
 
 
-def test_a_batch_that_is_closed_at_once_leaves_the_folder_to_others(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    first = Batch(request(tmp_path))
-    with pytest.raises(UsageError):
-        Batch(request(tmp_path))
-    first.close()
-    assert first.late == ()
-    assert len(list(Batch(request(tmp_path)))) == len(NAMES)
-
-
 class LastFirst:
     """An engine that does chunks from the last to the first, one by one."""
 
@@ -143,9 +94,16 @@ class LastFirst:
             yield from results
 
 
-@pytest.mark.parametrize(("asked", "sizes"), [(None, [1, 1, 1]), (2, [2, 1]), (5, [3])])
-def test_a_processor_takes_one_picture_at_a_time_if_nothing_is_said(
-    tmp_path: Path, asked: int | None, sizes: list[int]
+@pytest.mark.parametrize(
+    ("provider", "asked", "sizes"),
+    [
+        ("cpu", None, [1] * (GPU_BATCH + 1)),
+        ("cpu", GPU_BATCH - 1, [GPU_BATCH - 1, 2]),
+        ("cuda", None, [GPU_BATCH, 1]),
+    ],
+)
+def test_pictures_at_once_are_one_or_several_on_a_gpu_or_as_many_as_asked(
+    tmp_path: Path, provider: str, asked: int | None, sizes: list[int]
 ) -> None:
     found: list[int] = []
 
@@ -157,9 +115,13 @@ def test_a_processor_takes_one_picture_at_a_time_if_nothing_is_said(
             found.extend(map(len, held))
             return super().run(spec, held, *rest)
 
-    pictures(tmp_path)
-    batch = Batch(replace(request(tmp_path), batch_size=asked), engine=Sized())
-    assert len(list(batch)) == sum(found) == batch.tally.done
+    (tmp_path / "in").mkdir()
+    for number in range(GPU_BATCH + 1):
+        (tmp_path / "in" / f"{number}.png").write_bytes(b"no picture")
+    job = replace(request(tmp_path), batch_size=asked)
+    session = job.model.load()
+    session.provider = provider
+    assert len(list(Batch(job, session, engine=Sized()))) == GPU_BATCH + 1
     assert found == sizes
 
 
@@ -188,12 +150,6 @@ def test_excluded_folder_is_not_listed(tmp_path: Path) -> None:
     wanted = NameFilter.of((), ("thumbs",))
     plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), wanted)
     assert {file.name for file in plan.skipped} == {"notes.txt", "hall/notes.txt"}
-
-
-def test_a_list_is_given_as_words(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    plan = plan_files(["z.png", "a.png"], "mine", str(tmp_path / "in"), str(tmp_path / "out"))
-    assert [file.name for file in plan.inputs] == ["a.png", "z.png"]
 
 
 ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
@@ -292,26 +248,6 @@ def test_session_warning_is_printed_once_a_batch(tmp_path: Path) -> None:
     assert not any(result.row.warnings for result in batch)
 
 
-@pytest.mark.parametrize(("provider", "at_once"), [("cpu", 1), ("cuda", GPU_BATCH)])
-def test_a_gpu_takes_several_pictures_at_once(tmp_path: Path, provider: str, at_once: int) -> None:
-    for number in range(GPU_BATCH + 1):
-        (tmp_path / "in").mkdir(exist_ok=True)
-        (tmp_path / "in" / f"{number}.png").write_bytes(b"no picture")
-    asked = replace(request(tmp_path), workers=1)
-    session = asked.model.load()
-    session.provider = provider
-    sizes: list[int] = []
-    with pytest.MonkeyPatch.context() as patch:
-        from depthcli.jobs.batch.workers import ImageWorker  # noqa: PLC0415
-
-        work = ImageWorker.work
-        patch.setattr(
-            ImageWorker, "work", lambda self, tasks: sizes.append(len(tasks)) or work(self, tasks)
-        )
-        list(Batch(asked, session))
-    assert (sizes[0], sum(sizes)) == (at_once, GPU_BATCH + 1)
-
-
 def test_the_frames_of_a_batch_s_videos_are_told(tmp_path: Path) -> None:
     write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99, 200]))
     watched = Watched()
@@ -345,13 +281,14 @@ def test_every_option_of_the_outputs_counts(tmp_path: Path, changed: BatchOption
     assert cache_key(tmp_path, changed).options_sha256 != cache_key(tmp_path).options_sha256
 
 
-@pytest.mark.parametrize("changed", [{"a": "1"}, {"a": "1", "b": "3"}])
-def test_options_of_the_provider_count(tmp_path: Path, changed: dict[str, str]) -> None:
-    assert cache_key(tmp_path, settings=changed) != cache_key(tmp_path)
-
-
-def test_the_order_of_the_provider_s_options_does_not(tmp_path: Path) -> None:
-    assert cache_key(tmp_path, settings={"b": "2", "a": "1"}) == cache_key(tmp_path)
+@pytest.mark.parametrize(
+    ("settings", "is_equal"),
+    [({"a": "1"}, False), ({"a": "1", "b": "3"}, False), ({"b": "2", "a": "1"}, True)],
+)
+def test_options_of_the_provider_count_in_any_order(
+    tmp_path: Path, settings: dict[str, str], is_equal: bool
+) -> None:
+    assert (cache_key(tmp_path, settings=settings) == cache_key(tmp_path)) is is_equal
 
 
 @pytest.mark.parametrize(

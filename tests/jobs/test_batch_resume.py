@@ -314,7 +314,6 @@ def test_videos_are_not_replaced_either(tmp_path: Path) -> None:
 
 
 ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
-STRANGE = "caf\udce9 \\u00e9\n.png"
 
 
 def row(name: str, seconds: float = 0.5) -> ManifestRow:
@@ -371,12 +370,6 @@ def test_merging_waits_for_no_batch_at_work(tmp_path: Path) -> None:
     with pytest.raises(UsageError):
         merge_manifests(tmp_path)
     shard.finish([])
-
-
-def test_rows_come_back_whatever_their_names(tmp_path: Path) -> None:
-    rows = [row("b"), bad(STRANGE), row(f"hall/{STRANGE}"), row("é")]
-    filled(tmp_path, *rows)
-    assert list(read_rows(tmp_path)) == list(read_rows(tmp_path / "manifest.jsonl")) == rows
 
 
 def test_missing_or_unreadable_manifest_is_refused(tmp_path: Path) -> None:

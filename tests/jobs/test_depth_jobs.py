@@ -339,19 +339,13 @@ def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: C
 
 def test_the_command_reports_all_frames(inside: Cli) -> None:
     write_frames(inside.folder / "d.mkv", range(3))
-    done = inside("convert", "d.mkv", "p.####.preview.png", "--vmin", "1", "--vmax", "2")
-    assert (done.returncode, done.stdout, done.stderr) == (0, b"3 frames converted\n", b"")
-    done = inside("convert", "d.mkv", "d.%d.png", "--png-scale", "100000", "--workers", "2")
-    assert (done.returncode, done.stdout) == (
-        0,
-        b"3 frames converted; round trip: max error 2.34 m, 0 pixels lost\n",
-    )
+    words = ("convert", "d.mkv", "d.%d.png", "--png-scale", "100000", "--workers", "2")
+    done = inside(*words, code=0)
+    assert b"3 frames converted; round trip: max error 2.34 m" in done.stdout
+    assert b"3 frames have warnings" in done.stderr
     assert done.stderr.count(b"\n") == 1
-    assert b"3 frames have warnings, the first: " in done.stderr
-    assert sorted(path.name for path in inside.folder.glob("[dp].1*")) == [
-        f"{name}.{number}.{suffix}"
-        for name, suffix in (("d", "png"), ("p", "preview.png"))
-        for number in (1001, 1002, 1003)
+    assert sorted(path.name for path in inside.folder.glob("d.1*")) == [
+        f"d.{number}.png" for number in (1001, 1002, 1003)
     ]
     done = inside("convert", "d.mkv", "d.%d.npy", "--json", "--quiet")
     assert done.stdout.count(b'"status": "ok", "output": "d.100') == 3

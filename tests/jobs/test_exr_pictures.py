@@ -3,7 +3,6 @@
 import dataclasses
 from collections.abc import Callable
 from fractions import Fraction
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -83,18 +82,6 @@ def test_its_depth_is_that_of_a_frame(data: Box, tmp_path: Path, loader: Session
     assert done.depth.provenance.pixel_aspect == 2
 
 
-def test_its_other_outputs_have_the_display_window(tmp_path: Path, loader: SessionLoader) -> None:
-    plate = write_plate(tmp_path, 1, OVERSCAN)
-    looks = WriterOptions(side_by_side=True)
-    predicted(plate, loader, Format.PNG16, Format.PREVIEW, Format.PLY, writing=looks)
-    height, width = size_of(DISPLAY)
-    assert cv2.imread(str(tmp_path / "out" / "plate.1.depth.png"), -1).shape == (height, width)
-    preview = cv2.imread(str(tmp_path / "out" / "plate.1.preview.png"))
-    assert preview.shape == (height, 2 * width, 3)
-    cloud = (tmp_path / "out" / "plate.1.ply").read_bytes()
-    assert f"element vertex {height * width}\n".encode() in cloud
-
-
 @WINDOWS
 def test_anchors_are_in_the_display_window(
     data: Box, tmp_path: Path, loader: SessionLoader
@@ -110,17 +97,6 @@ def test_anchors_are_in_the_display_window(
     outside = (Anchor(64, 20, 3.5),)
     with pytest.raises(InputError):
         predicted(plate, loader, Format.EXR, anchors=outside)
-
-
-def test_it_can_come_through_a_pipe(tmp_path: Path, loader: SessionLoader) -> None:
-    plate, writing = write_plate(tmp_path, 1, MIXED, aspect=2), WriterOptions(half=True)
-    predicted(plate, loader, Format.EXR, writing=writing)
-    stdin, output = BytesIO(plate.read_bytes()), BytesIO()
-    streams = {"stdin": stdin, "stdout": output}
-    request = predict_request(["-"], "-", (Format.EXR,), model=loader, writing=writing, **streams)
-    (done,) = predict(request)
-    assert done.outputs == ("-",)
-    assert output.getvalue() == (tmp_path / "out" / "plate.1.depth.exr").read_bytes()
 
 
 def test_python_reads_it(tmp_path: Path, loader: SessionLoader) -> None:

@@ -159,21 +159,6 @@ def test_videos_and_numbered_pictures_go_from_bucket_to_bucket(
     assert len(results_in(bucket, "p/")) == 2
 
 
-class Stop:
-    """A Progress that ends the run after some frames, not bytes."""
-
-    def __init__(self, last: int) -> None:
-        self._left = last
-
-    def begin(self, _what: str, _total: int | None, unit: str = "") -> Callable[[int], None]:
-        return self._advance if unit == "frames" else lambda _count: None
-
-    def _advance(self, count: int) -> None:
-        self._left -= count
-        if self._left <= 0:
-            raise KeyboardInterrupt
-
-
 def test_a_video_from_a_bucket_goes_on_where_it_was_stopped(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket
 ) -> None:
@@ -183,12 +168,12 @@ def test_a_video_from_a_bucket_goes_on_where_it_was_stopped(
     formats = (VideoFormat.NPY, VideoFormat.MP4)
     request = video_request(uri, f"{out}/", formats, model=loader, workers=2)
     with pytest.raises(KeyboardInterrupt):
-        video(request, Stop(9))
+        video(request, Watched(last=9))
     # Not the first frames, which are predicted while the report waits for one.
     names = [f"clip.depth.{number:06}.npy" for number in range(6, 9)]
     written_ns = [(out / name).stat().st_mtime_ns for name in names]
     with pytest.raises(KeyboardInterrupt):
-        video(request, Stop(12))
+        video(request, Watched(last=12))
     assert [(out / name).stat().st_mtime_ns for name in names] == written_ns
     # Other content is another video.
     bucket.put("in/clip.avi", write_video(clip, flat_frames(range(9, 33))).read_bytes())
@@ -332,18 +317,6 @@ def test_a_model_in_a_bucket(
     with pytest.raises(ModelError):
         add_model(source, card, name="other")
     assert [path.name for path in (tmp_path / "own").iterdir()] == ["tiny"]
-
-
-def test_rows_reach_the_bucket_while_a_batch_runs(
-    tmp_path: Path, bucket: Bucket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("depthcli.io.manifest._UPLOAD_INTERVAL_S", 0)
-    bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
-    job = Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out")))
-    next(job)
-    assert any(name.startswith(".depthcli-batch.jsonl.") for name in results_in(bucket))
-    job.close()
-    assert results_in(bucket).keys() == {"a.depth.png", "a.depth.npy", "manifest.jsonl"}
 
 
 def test_shards_become_one_manifest(tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]) -> None:
