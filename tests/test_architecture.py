@@ -13,7 +13,7 @@ import grimp
 import pytest
 
 import depthcli
-from depthcli.errors import InputError, Message, UsageError
+from depthcli.errors import DepthcliError, InputError, Message, UsageError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "depthcli"
@@ -134,17 +134,26 @@ def flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def test_error_names_parameters_and_the_command_line_its_options() -> None:
-    error = InputError("{a}.png has 9 pixels", "raise {max_pixels} if you trust the file")
-    assert str(error) == "{a}.png has 9 pixels; raise max_pixels if you trust the file"
-    assert error.message.worded(flag).endswith("; raise --max-pixels if you trust the file")
-    assert error.message.worded(flag).startswith("{a}.png")
-
-
-def test_wrong_value_is_told_with_its_option() -> None:
-    error = UsageError("3/2 is not I/N", option="shard")
-    assert str(error) == "shard: 3/2 is not I/N"
-    assert error.message.worded(flag) == "--shard: 3/2 is not I/N"
+@pytest.mark.parametrize(
+    ("error", "text", "of_command"),
+    [
+        (
+            InputError("{a}.png has 9 pixels", "raise {max_pixels} if you trust it"),
+            "{a}.png has 9 pixels; raise max_pixels if you trust it",
+            "{a}.png has 9 pixels; raise --max-pixels if you trust it",
+        ),
+        (
+            UsageError("3/2 is not I/N", option="shard"),
+            "shard: 3/2 is not I/N",
+            "--shard: 3/2 is not I/N",
+        ),
+        (UsageError("bad", "{int8} is none"), "bad; int8 is none", "bad; --int8 is none"),
+    ],
+)
+def test_error_names_parameters_and_the_command_line_its_options(
+    error: DepthcliError, text: str, of_command: str
+) -> None:
+    assert (str(error), error.message.worded(flag)) == (text, of_command)
 
 
 def test_message_keeps_its_facts_in_another_process_and_another_error() -> None:
@@ -152,7 +161,3 @@ def test_message_keeps_its_facts_in_another_process_and_another_error() -> None:
     copy = pickle.loads(pickle.dumps(InputError(message)))  # noqa: S301 - its own
     assert copy.message == message == "anchors: a.png: flat; give anchor"
     assert copy.message.advice == "give {anchor}"
-
-
-def test_option_with_a_digit_is_named() -> None:
-    assert Message("", "{float_model} is for {int8}").worded(flag) == "--float-model is for --int8"

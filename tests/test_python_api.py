@@ -528,15 +528,3 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
         depth.colorize("jet")
     with pytest.raises(depthcli.UsageError):
         depth.colorize("gray", near="cold")
-
-
-# Older names
-
-
-def test_the_older_names_still_work(tmp_path: Path) -> None:
-    folder = write_model(tmp_path / "tiny")
-    pipeline = depthcli.load_model(folder).pipeline
-    inner = pipeline.predict(depthcli.read_image(write_picture(tmp_path / "a.png"))).depth
-    depth = depthcli.DepthMap.of(inner)
-    assert isinstance(depth, type(inner))
-    np.testing.assert_array_equal(depth, inner.values)
