@@ -25,6 +25,15 @@ def sparse_twice(cli: Cli, name: str) -> np.ndarray:
     return sparse_m
 
 
+def points(cli: Cli, *names: str) -> Path:
+    """Tables of one point each, in the folder ``known``."""
+    known = cli.folder / "known"
+    for name in names:
+        (known / name).parent.mkdir(parents=True, exist_ok=True)
+        (known / f"{name}.csv").write_text("x,y,depth_m\n5,4,2\n")
+    return known
+
+
 @pytest.mark.parametrize("kind", ["metric", "relative", "inverse"])
 def test_a_sparse_map_scales_a_picture(inside: Cli, kind: str) -> None:
     write_picture(inside.folder / "room.png", synthetic_picture())
@@ -93,8 +102,7 @@ def test_points_of_a_table_are_those_of_the_option(inside: Cli) -> None:
 def test_points_of_one_image_for_several_are_a_warning_that_names_batch(inside: Cli) -> None:
     for name in ("a.jpg", "b.jpg"):
         write_picture(inside.folder / name)
-    (inside.folder / "known").mkdir()
-    (inside.folder / "known/a.csv").write_text("x,y,depth_m\n5,4,2\n")
+    points(inside, "a")
     words = ("--format", "npy", "-o", "out/")
     for known in (("--anchors", "known/a.csv"), ("--anchor", "5,4,2")):
         assert inside("predict", "a.jpg", *known, *words, code=0).stderr == b""
@@ -138,10 +146,8 @@ def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
 
 def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:
     tree(inside, "a.png", "hall/b.jpg", "c.png")
-    known = inside.folder / "known"
-    (known / "hall").mkdir(parents=True)
+    known = points(inside, "hall/b")
     np.save(known / "a.npy", sparse_twice(inside, "in/a.png"))
-    (known / "hall" / "b.csv").write_text("x,y,depth_m\n5,4,2\n")
     batch = ("batch", "in", "--out", "out", "--anchors", "known")
     done = inside(*batch, code=1)
     assert "c.png: " in done.stderr.decode()
@@ -157,10 +163,7 @@ def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:
 def test_known_depth_of_two_pictures_of_one_stem_is_used_for_none(inside: Cli) -> None:
     tree(inside, "a.png", "a.jpg", "b.png", "hall/a.png")
     (inside.folder / "in/b.mp4").write_bytes(b"film")  # is fitted to nothing
-    known = inside.folder / "known"
-    (known / "hall").mkdir(parents=True)
-    for name in ("a", "b", "hall/a"):
-        (known / f"{name}.csv").write_text("x,y,depth_m\n5,4,2\n")
+    known = points(inside, "a", "b", "hall/a")
     batch = ("batch", "in", "--out", "out", "--anchors", "known", "--exclude", "*.mp4")
     assert inside(*batch).returncode == 1
     found = rows(inside, "out")
@@ -177,10 +180,7 @@ def test_known_depth_of_two_pictures_of_one_stem_is_used_for_none(inside: Cli) -
 
 def test_changed_known_depth_is_done_again(inside: Cli) -> None:
     tree(inside, "a.png", "b.png")
-    known = inside.folder / "known"
-    known.mkdir()
-    for name in "ab":
-        (known / f"{name}.csv").write_text("x,y,depth_m\n5,4,2\n")
+    known = points(inside, "a", "b")
     batch = ("batch", "in", "--out", "out", "--anchors", "known")
 
     def kept() -> list[bool]:
@@ -207,8 +207,7 @@ def test_changed_known_depth_is_done_again(inside: Cli) -> None:
 def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
     tree(inside, "a.png")
     (inside.folder / "in" / "clip.mp4").write_bytes(b"film")
-    (inside.folder / "known").mkdir()
-    (inside.folder / "known" / "a.csv").write_text("x,y,depth_m\n5,4,2\n")
+    points(inside, "a")
     done = inside("batch", "in", "--out", "out", "--anchors", "known/a.csv", code=2)
     assert "--anchors" in done.stderr.decode()
     done = inside("batch", "in", "--out", "out", "--anchors", "known", code=1)

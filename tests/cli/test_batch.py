@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.command_line import Cli
 from helpers.folders import contents, picture, printed, rows, tree
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_picture, write_picture
 from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.app import main
@@ -30,20 +30,6 @@ def test_the_tree_is_kept_and_outputs_are_those_of_predict(cli: Cli) -> None:
     assert cli("predict", "in/hall/b.jpg", "-o", "alone.png").returncode == 0
     alone = (cli.folder / "alone.png").read_bytes()
     assert contents(cli, "out")["hall/b.depth.png"] == alone
-
-
-def test_the_manifest_names_the_camera_of_each_picture(inside: Cli) -> None:
-    write_model(inside.models / "default", camera={"hfov_deg": 60.0}, input__fit="keep-aspect")
-    tree(inside, "a.png")
-    write_picture(inside.folder / "in" / "upright.png", synthetic_picture(64, 48))
-    for words, cameras in (
-        ((), ["hfov 60.0° (assumed, from the model's card)", "hfov 46.8° (assumed, from"]),
-        (("--hfov", "70"), ["hfov 70.0° (given)", "hfov 70.0° (given)"]),
-    ):
-        assert inside("batch", "in", "--out", "out", *words).returncode == 0
-        rows = (inside.folder / "out" / "manifest.jsonl").read_text().splitlines()
-        found = [json.loads(row)["camera"] for row in rows]
-        assert all(text.startswith(camera) for text, camera in zip(found, cameras, strict=True))
 
 
 @pytest.mark.parametrize(

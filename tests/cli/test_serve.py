@@ -76,20 +76,15 @@ LARGE = png(2000, 3000)
 ANY_ADDRESS = "0.0.0.0"  # noqa: S104 - what the token is for
 
 
-@pytest.mark.parametrize("format_", ["png16", "exr", "npy", "preview"])
-def test_answers_the_bytes_that_predict_writes(cli: Cli, format_: str) -> None:
-    (cli.folder / "a.png").write_bytes(png())
-    done = cli("predict", "a.png", "-o", "-", "--format", format_, "--focal-px", "60")
+def test_answers_the_bytes_and_facts_of_predict(cli: Cli, inside: Cli) -> None:
+    (inside.folder / "a.png").write_bytes(png())
     with serving(cli) as server:
-        reply = server.predict(png(), format=format_, focal_px="60")
-    assert (reply.status, reply.body) == (200, done.stdout)
-
-
-def test_facts_of_the_depth_are_headers(cli: Cli) -> None:
-    (cli.folder / "a.png").write_bytes(png())
-    wanted = json.loads(cli("predict", "a.png", "-o", "a.npy", "--hfov", "70", "--json").stdout)
-    with serving(cli) as server:
+        for format_ in ("png16", "exr", "npy", "preview"):
+            words = ("predict", "a.png", "-o", "-", "--format", format_, "--focal-px", "60")
+            reply = server.predict(png(), format=format_, focal_px="60")
+            assert (reply.status, reply.body) == (200, inside(*words).stdout)
         headers = server.predict(png(), hfov="70").headers
+    wanted = json.loads(inside("predict", "a.png", "-o", "a.npy", "--hfov", "70", "--json").stdout)
     facts = json.loads(headers["Depth-Facts"])
     assert facts == {name: wanted[name] for name in facts}
     assert float(headers["Depth-Median"]) == wanted["median"]

@@ -36,8 +36,8 @@ def test_a_command_s_help_loads_nothing_heavy(cli: Cli, name: str) -> None:
     assert not modules & HEAVY
 
 
-def test_help_names_every_command(cli: Cli) -> None:
-    done = cli("--help", code=0)
+def test_help_names_every_command(inside: Cli) -> None:
+    done = inside("--help", code=0)
     text = done.stdout.decode()
     for name, (_, summary) in COMMANDS.items():
         assert f"  {name} " in text
@@ -45,13 +45,13 @@ def test_help_names_every_command(cli: Cli) -> None:
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_without_a_command_the_help_is_shown(cli: Cli) -> None:
-    bare = cli()
+def test_without_a_command_the_help_is_shown(inside: Cli) -> None:
+    bare = inside()
     assert (bare.returncode, bare.stderr) == (0, b"")
-    assert bare.stdout == cli("--help").stdout
-    group = cli("eval")
+    assert bare.stdout == inside("--help").stdout
+    group = inside("eval")
     assert (group.returncode, group.stderr) == (0, b"")
-    assert group.stdout == cli("eval", "--help").stdout
+    assert group.stdout == inside("eval", "--help").stdout
 
 
 def test_version_is_the_package_s(cli: Cli) -> None:
@@ -87,8 +87,10 @@ def test_every_command_is_there_and_every_option_has_help(name: str) -> None:
         (("models", "nonsense"), "nonsense"),
     ],
 )
-def test_wrong_usage_is_a_line_and_exit_2(cli: Cli, arguments: tuple[str, ...], said: str) -> None:
-    done = cli(*arguments)
+def test_wrong_usage_is_a_line_and_exit_2(
+    inside: Cli, arguments: tuple[str, ...], said: str
+) -> None:
+    done = inside(*arguments)
     lines = done.stderr.decode().splitlines()
     assert done.returncode == 2
     assert done.stdout == b""
@@ -97,9 +99,9 @@ def test_wrong_usage_is_a_line_and_exit_2(cli: Cli, arguments: tuple[str, ...], 
     assert "--help'" in lines[0] or "did you mean" in lines[0]
 
 
-def test_a_traceback_only_with_debug(cli: Cli) -> None:
-    plain = cli("models", "show", "nothing")
-    debug = cli("models", "show", "nothing", "--debug")
+def test_a_traceback_only_with_debug(inside: Cli) -> None:
+    plain = inside("models", "show", "nothing")
+    debug = inside("models", "show", "nothing", "--debug")
     assert plain.returncode == debug.returncode == 3
     assert len(plain.stderr.splitlines()) == 1
     assert b"Traceback" in debug.stderr
@@ -160,11 +162,13 @@ def test_shells_can_complete(cli: Cli, shell: str) -> None:
         ("train cut --accelerator m", ["mps"]),
     ],
 )
-def test_names_are_offered_where_names_are_wanted(cli: Cli, words: str, offered: list[str]) -> None:
-    write_model(cli.models / "other")
-    (cli.folder / "depthcli.toml").write_text("[mine]\nhfov = 80\n")
+def test_names_are_offered_where_names_are_wanted(
+    inside: Cli, words: str, offered: list[str]
+) -> None:
+    write_model(inside.models / "other")
+    (inside.folder / "depthcli.toml").write_text("[mine]\nhfov = 80\n")
     typed = f"depthcli {words}"
-    done = cli(
+    done = inside(
         _DEPTHCLI_COMPLETE="complete_bash", COMP_WORDS=typed, COMP_CWORD=str(typed.count(" "))
     )
     assert done.stdout.decode().split() == offered
