@@ -11,7 +11,7 @@ import pytest
 from helpers.command_line import unmeasured
 from helpers.runs import ENVIRONMENT, RESNET_TOML, finished, inside, same, saved, write_run
 
-EPOCHS = ("fastcut", "--set", "optim.epochs_decay=3", "--set", "validate_every=99", "--quiet")
+EPOCHS = ("cyclegan", "--set", "optim.epochs_decay=3", "--set", "validate_every=99", "--quiet")
 """Twenty steps in four epochs."""
 LONG = ("--set", "optim.epochs_constant=100000", "--set", "validate_every=100000")
 

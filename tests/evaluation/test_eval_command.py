@@ -101,17 +101,10 @@ def test_models_are_compared_with_known_depth(
     assert scores[3] < 0.05
 
 
-def test_paper_split_of_the_first_thousand(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run(data, "--no-model") == ExitCode.USAGE
-    output = capsys.readouterr()
-    assert output.out == ""
-    assert len(output.err.splitlines()) == 1
-    assert "--split" in output.err
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
+        ["--no-model"],  # the paper's split has none of these pairs
         ["--model", "default", "--no-model"],
         ["--no-model", "--per-image"],
         ["--split", "val", "--no-model", "--no-trivial"],

@@ -4,7 +4,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers.batches import NAMES, kept, outputs, pictures, request
 from helpers.tiny import prompted_onnx, synthetic_picture, write_model, write_picture
@@ -300,17 +299,6 @@ def test_neither_is_a_link_to_the_folder(tmp_path: Path) -> None:
     write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 40))
     (result,) = Batch(request_of(tmp_path, "link"))
     assert (result.is_kept, result.row.error) == (False, None)
-
-
-def test_videos_are_not_replaced_either(tmp_path: Path) -> None:
-    for folder, level in (("in", 40), ("other", 200)):
-        (tmp_path / folder).mkdir()
-        write_video(tmp_path / folder / "clip.mkv", [np.full((24, 32, 3), level, np.uint8)] * 2)
-    list(Batch(request(tmp_path)))
-    before = outputs(tmp_path / "out")
-    with pytest.raises(UsageError):
-        list(Batch(request_of(tmp_path, "other")))
-    assert outputs(tmp_path / "out") == before
 
 
 ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")

@@ -198,29 +198,6 @@ def test_nothing_in_a_file_is_executed(tmp_path: Path, as_torch: bool) -> None:
     assert target.exists()  # it would have been
 
 
-class _Raising:
-    def __init__(self, error: BaseException) -> None:
-        self.error = error
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        raise self.error
-
-
-@pytest.mark.parametrize(
-    ("error", "caught"),
-    [(OSError(28, "No space left"), CheckpointError), (KeyboardInterrupt(), KeyboardInterrupt)],
-)
-def test_failed_write_keeps_the_previous_checkpoint(
-    tmp_path: Path, error: BaseException, caught: type[BaseException]
-) -> None:
-    path = _saved(tmp_path)
-    before = path.read_bytes()
-    with pytest.raises(caught):
-        replace(_checkpoint(), extra={"pool": [_Raising(error)]}).save(path)
-    assert path.read_bytes() == before
-    assert [p.name for p in tmp_path.iterdir()] == ["a.ckpt"]
-
-
 def test_checkpoint_reaches_the_disk_before_it_replaces_the_previous_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
