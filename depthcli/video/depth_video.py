@@ -78,7 +78,7 @@ class DepthVideo:
         self._first = Frame(
             np.zeros((1, 1), np.uint8),
             index=int(metadata.number(stated("first_frame")) or 0),
-            rate=self.rate,
+            rate=self._source_rate,  # which the numbers count
             pixel_aspect=metadata.pixel_aspect_in(stated("pixel_aspect")),
             time_code=time_code,
         )

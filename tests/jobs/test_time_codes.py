@@ -56,8 +56,8 @@ def test_depth_of_a_sequence(tmp_path: Path, loader: SessionLoader) -> None:
     settings = VideoSettings(span=Span(every=Point(Fraction(2), in_frames=True)))
     pattern, out = f"{tmp_path}/in/plate.%d.exr", f"{tmp_path}/out.%d.exr"
     video(video_request(pattern, out, (VideoFormat.EXR,), model=loader, settings=settings))
-    assert stated(tmp_path / "out.1.exr") == (FILM / 2, time_code_of(1))
-    assert stated(tmp_path / "out.3.exr") == (FILM / 2, time_code_of(3))
+    assert stated(tmp_path / "out.1.exr") == (FILM, time_code_of(1))
+    assert stated(tmp_path / "out.3.exr") == (FILM, time_code_of(3))
 
 
 def write_parts(path: Path, number: int) -> Path:

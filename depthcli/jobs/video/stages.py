@@ -246,14 +246,14 @@ class FrameStages:
         self.numbers = array("q")
 
     def renumbered(self, source: FrameSource) -> Iterator[Frame]:
-        """The frames with the output's rate and frame numbers."""
-        rate, wanted = self._settings.span.rate(source.rate), self._settings.start_number
+        """The frames with the output's numbers, and the rate that these count."""
+        wanted = self._settings.start_number
         self._source_rate, self._name_numbers = float(source.rate), source.name_numbers
         for count, frame in enumerate(source.frames(self._settings.span)):
             if count == 0:
                 self._shift = 0 if wanted is None else wanted - frame.index
                 self._first_number = frame.index + self._shift
-            yield dataclasses.replace(frame, index=frame.index + self._shift, rate=rate)
+            yield dataclasses.replace(frame, index=frame.index + self._shift, rate=source.rate)
 
     def predict(self, image: Frame) -> PredictedFrame:
         """Predict a frame, and all that depends on one frame only; thread-safe."""
