@@ -31,7 +31,7 @@ from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundar
 from depthcli.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.metrics.alignment import SUITABLE, is_reversed
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
-from depthcli.metrics.depth import PixelSums, Scores, mean_scores
+from depthcli.metrics.depth import METRICS, PixelSums, Scores, mean_scores
 from depthcli.training.provenance import TrainedRun
 
 _PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in report.PUBLISHED]
@@ -137,13 +137,10 @@ def evaluate(
     for line, own in zip(lines, each, strict=True):
         kinds = dict.fromkeys(row.alignment for row in own) if line.runs else {}
         rows += own if not kinds else [_mean_row(line, own, alignment) for alignment in kinds]
-    before: tuple[report.ReportRow, ...] = ()
-    after: tuple[report.ReportRow, ...] = ()
     if any(line.runs for line in lines):
-        rows.sort(key=_paper_order)
-        after = report.PUBLISHED if options.published else ()
+        rows = [*sorted(rows, key=_paper_order), *(report.PUBLISHED if options.published else ())]
     elif options.published and _is_headline(task, options):
-        before = report.PUBLISHED
+        rows = [*report.PUBLISHED, *rows]
     return report.EvalReport(
         dataset=task.title,
         split=task.split.name,
@@ -151,7 +148,7 @@ def evaluate(
         split_count=task.split.test_count,
         train_count=len(task.split.train) if options.trivial else 0,
         protocol=options.protocol,
-        rows=(*before, *rows, *after),
+        rows=tuple(rows),
         notes=(*task.dataset.notes, *_range_note(scored, options), *_notes(task, lines, options)),
         differences=differences,
         breakdowns=broken_down,
@@ -207,17 +204,12 @@ def _mean_row(
     seeds = [row for row in rows if row.alignment is alignment]
     values = np.array([row.scores.values for row in seeds])
     std = Scores(tuple(map(float, values.std(0, ddof=1)))) if len(seeds) > 1 else None
-    first = seeds[0]
-    return report.ReportRow(
+    return replace(
+        seeds[0],
         name=line.name,
-        source=first.source,
-        alignment=first.alignment,
-        image_count=first.image_count,
         scores=Scores(tuple(map(float, values.mean(0)))),
-        empty_count=first.empty_count,
-        stated=first.stated,
-        pixel_count=first.pixel_count,
         note="; ".join(dict.fromkeys(row.note for row in seeds if row.note)),
+        model_sha256=None,
         training=_training_of(line),
         seeds=tuple(seeds),
         std=std,
@@ -441,8 +433,9 @@ def differences_from(
 
 def _per_image(rows: Sequence[report.ReportRow], alignment: Alignment | None) -> Float64Array:
     """(N, metrics): the scores of each image, averaged over the seeds."""
-    seeds = [[i.scores.values for i in row.images] for row in rows if row.alignment is alignment]
-    averaged: Float64Array = np.asarray(seeds, np.float64).mean(0)
+    seeds = [row.images for row in rows if row.alignment is alignment]
+    values = [[[image.scores[name] for name in METRICS] for image in images] for images in seeds]
+    averaged: Float64Array = np.asarray(values, np.float64).mean(0)
     return averaged
 
 

@@ -201,6 +201,10 @@ class EvalReport:
                 "training_pairs_of_trivial_rows": self.train_count,
             },
             "protocol": protocol,
+            "metrics": {
+                metric.name: {"higher_is_better": metric.higher_is_better, "unit": metric.unit}
+                for metric in METRICS.values()
+            },
             "rows": [_row_json(row) for row in self.rows],
             "notes": self.notes,
         }

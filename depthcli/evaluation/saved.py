@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from depthcli.core.options import Alignment
+from depthcli.core.options import Alignment, Averaging
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import UsageError
 from depthcli.evaluation.evaluate import differences_from
@@ -20,7 +20,7 @@ from depthcli.evaluation.report import (
     mean_of,
 )
 from depthcli.io.storage.paths import read_bytes
-from depthcli.metrics.depth import Scores
+from depthcli.metrics.depth import METRICS, Metric, Scores
 
 _WORDS = ("name", "description")  # of a protocol, made of its other fields
 
@@ -31,6 +31,9 @@ def read_report(path: Path) -> EvalReport:
         document: Any = parsed_json(read_bytes(path))
         stated, split = document["protocol"], document["split"]
         own = {name: value for name, value in stated.items() if name not in _WORDS}
+        for name, facts in document.get("metrics", {}).items():
+            metric = Metric(name, lambda _: (math.nan,), float, **facts, is_whole=True)
+            METRICS.setdefault(name, metric)
         return EvalReport(
             dataset=document["dataset"],
             split=split["name"],
@@ -92,8 +95,8 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
     notes = tuple(dict.fromkeys(_notes(reports, labels)))
     sets = [{image.id for image in row.images} for own in rows for row in own]
     shared = set.intersection(*sets) if sets else set()
-    if not shared:
-        note = "no intervals: both need the scores of the same images (--json --per-image)"
+    if not shared or one.protocol.averaging is Averaging.POOLED:
+        note = "no intervals: both need means over the same images (--json --per-image)"
         return replace(one, rows=(*rows[0], *rows[1]), notes=(*notes, note))
     kept = [[_part_of(row, shared) for row in own] for own in rows]
     scenes = {name: one.scenes.get(name, f"/{name}") for name in shared}

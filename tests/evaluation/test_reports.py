@@ -100,6 +100,11 @@ def test_json() -> None:
         == "in-filled depth, full frame at 640×480, 0.001 < g < 10 m, mean of images"
     )
     assert "boundary" not in protocol
+    facts = document.pop("metrics")
+    assert [name for name, stated in facts.items() if stated["higher_is_better"]] == list(
+        NAMES[5:8]
+    )
+    assert facts["rmse"]["unit"] == "metres"
     assert document == {
         "schema": 1,
         "software": f"depthcli {__version__}",

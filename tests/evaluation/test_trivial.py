@@ -12,7 +12,7 @@ from helpers import plain_evaluator as plain
 from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 
 from depthcli.cli.app import main
-from depthcli.core.options import Alignment, Part
+from depthcli.core.options import Alignment, Averaging, Part
 from depthcli.datasets.base import SplitName
 from depthcli.errors import DatasetError, UsageError
 from depthcli.evaluation.evaluate import EvalOptions, evaluate
@@ -22,6 +22,7 @@ from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.report import EvalReport
 from depthcli.evaluation.saved import compare_reports, read_report
 from depthcli.evaluation.task import plan_nyu, plan_pairs, train_overlap, trained_numbers
+from depthcli.metrics.depth import METRICS, add_metric
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import ready_card
 
@@ -99,9 +100,11 @@ TASK = plan_pairs(DATASET, "own")
 A, B = (Playback(noisy(DATASET, seed=seed), name=name) for seed, name in enumerate("ab"))
 
 
-def _kept(folder: Path, row: Playback, limit: int | None = None, **options: bool) -> Path:
+def _kept(
+    folder: Path, row: Playback, limit: int | None = None, options: EvalOptions = OPTIONS
+) -> Path:
     path = folder / f"{row.name}.json"
-    report = evaluate(TASK.subsampled(limit), [row], replace(OPTIONS, **options))
+    report = evaluate(TASK.subsampled(limit), [row], options)
     path.write_text(report.to_json())
     return path
 
@@ -132,10 +135,29 @@ def test_rows_are_of_the_images_that_both_have(tmp_path: Path) -> None:
     assert means == pytest.approx([i.mean for i in fewer.differences[0].intervals])
 
 
-def test_without_scores_of_images_there_is_no_interval(tmp_path: Path) -> None:
-    found = compare_reports(_kept(tmp_path, A, per_image=False), _kept(tmp_path, B))
-    assert not found.differences
-    assert len(found.rows) == 2
+def test_without_means_of_images_there_is_no_interval(tmp_path: Path) -> None:
+    pooled = replace(OPTIONS.protocol, averaging=Averaging.POOLED)
+    for options in (replace(OPTIONS, per_image=False), replace(OPTIONS, protocol=pooled)):
+        found = compare_reports(_kept(tmp_path, A, 5, options), _kept(tmp_path, B, None, options))
+        assert not found.differences
+        alone = evaluate(TASK.subsampled(5), [A], options), evaluate(TASK, [B], options)
+        assert [row.scores for row in found.rows] == [one.rows[0].scores for one in alone]
+
+
+def test_metric_of_ones_own_is_compared_without_its_module(tmp_path: Path) -> None:
+    add_metric("bias", lambda g, p: float((p - g).mean()))
+    METRICS["bias"] = replace(METRICS["bias"], higher_is_better=True, unit="metres")
+    try:
+        files = _kept(tmp_path, A), _kept(tmp_path, B)
+        wanted = evaluate(TASK, [A, B], replace(OPTIONS, against="a")).differences[0].intervals
+        METRICS.pop("bias")
+        assert compare_reports(*files).differences[0].intervals == wanted
+        assert (METRICS["bias"].higher_is_better, METRICS["bias"].unit) == (True, "metres")
+        METRICS.pop("bias")
+        _kept(tmp_path, B)  # without it
+        assert np.isnan(compare_reports(*files).differences[0].intervals[-1].mean)
+    finally:
+        METRICS.pop("bias", None)
 
 
 def test_rows_that_were_trained_on_the_images_are_marked(

@@ -91,22 +91,14 @@ class ModelOptions:
 class ReportOptions:
     """Table and figures."""
 
-    metric: list[str] | None = groups.option(
-        "Your own metric, a function of true and predicted metres; repeatable.",
-        metavar="MODULE:NAME",
-    )
     csv: Path | None = groups.option("Also write the table as CSV.", metavar="FILE")
     html: Path | None = groups.option("Write table and figures to one HTML file.", metavar="FILE")
     screen: groups.ScreenOptions
 
     def files(self, figures: Path | None = None) -> "ReportFiles":
-        """The files to write, which are checked; the metrics are added."""
+        """The files to write, which are checked."""
         from depthcli.jobs.evaluate import ReportFiles
-        from depthcli.metrics.depth import add_metric
-        from depthcli.training.plugins import imported
 
-        for name in self.metric or ():
-            add_metric(name.rpartition(":")[2], imported(name))
         found = ReportFiles(self.csv, figures, self.html)
         found.check()
         return found
@@ -148,6 +140,10 @@ class TableOptions:
         "Write figures of sample images, in gray and in colour.", metavar="DIR"
     )
     ids: str | None = groups.option("Image ids to show in the figures.", metavar="A,B")
+    metric: list[str] | None = groups.option(
+        "Your own metric, a function of true and predicted metres; repeatable.",
+        metavar="MODULE:NAME",
+    )
     report: ReportOptions
 
     def options(self, **more: Any) -> "EvalOptions":  # noqa: ANN401 - fields of EvalOptions
@@ -386,7 +382,11 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
 def _run(request: "EvalRequest", table: TableOptions) -> int:
     from depthcli.cli.screen.progress import show_progress
     from depthcli.jobs.evaluate import run_evaluation
+    from depthcli.metrics.depth import add_metric
+    from depthcli.training.plugins import imported
 
+    for name in table.metric or ():
+        add_metric(name.rpartition(":")[2], imported(name))
     screen, files = table.report.screen, table.report.files(table.figures)
     with show_progress(silent=screen.quiet or screen.as_json) as progress:
         warn = console.warn if not screen.quiet else lambda _text: None
