@@ -6,7 +6,7 @@ So is ``plate.####.exr``, the notation of compositing programs. It is free of Nu
 import os
 import re
 from collections.abc import Iterable, Sequence
-from itertools import pairwise, starmap
+from itertools import pairwise
 from pathlib import Path, PurePath
 from typing import NamedTuple
 
@@ -27,8 +27,9 @@ SINGLE_IMAGE_ADVICE = (
 )
 _NUMBER = re.compile(r"\d+", re.ASCII)
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
-# Seconds since 1970 and their fraction, as of TUM's and ROS's files: 1305031102.175304.
-_SECONDS = re.compile(r"(?<!\d)(\d{10})(?:\.|_(?=\d{9}$))(\d{1,9})$", re.ASCII)
+# Seconds since 1970 with decimals, as of TUM, or nanoseconds without leading zeros, as of ROS.
+_SECONDS = re.compile(r"(?<!\d)(1\d{9})([._])(\d{1,9})$", re.ASCII)
+_FINE = 8  # digits of nearly all nanoseconds; after _, shorter ones alone are counts
 _SHORT = 4  #: numbers with fewer digits and no leading zero are taken as not padded
 # Before a digit, as in "take #2", # is no placeholder.
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
@@ -70,12 +71,15 @@ def number_in(pattern: str, name: str) -> int | None:
     return int(number) if is_number and name != pattern else None
 
 
-def last_number(stem: str) -> int | None:
-    """The last number of a name without suffix; nanoseconds of a time that has a fraction."""
-    if time := _SECONDS.search(stem):
-        return int(time[1] + time[2].ljust(9, "0"))
-    match = _LAST_NUMBER.fullmatch(stem)
-    return int(match[2]) if match else None
+def times_ns(stems: Iterable[str]) -> list[int]:
+    """Nanoseconds since 1970 that names without suffix end in; none if not all do."""
+    found = [_SECONDS.search(stem) for stem in stems]
+    times = [time.groups() for time in found if time]
+    has_nanoseconds = any(len(part) >= _FINE for _, _, part in times)
+    is_time = has_nanoseconds or all(mark == "." for _, mark, _ in times)
+    if len(times) < len(found) or not is_time:
+        return []
+    return [int(s + (p.zfill(9) if has_nanoseconds else p.ljust(9, "0"))) for s, _, p in times]
 
 
 def pattern_of(stem: str) -> str | None:
@@ -180,9 +184,9 @@ def _is_depth_file(name: str) -> bool:
 
 def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
     """The one sequence of a folder, or images without frame numbers, counted from 0."""
-    times = {last_number(path.stem) or 0: path for path in paths if _SECONDS.search(path.stem)}
-    if len(times) == len(paths):
-        return list(starmap(NumberedImage, sorted(times.items())))
+    times = times_ns(path.stem for path in paths)
+    if len(set(times)) == len(paths):
+        return sorted(map(NumberedImage, times, paths))
     texts = {(*_NUMBER.split(path.stem), path.suffix.lower()) for path in paths}
     if len(texts) == 1:
         columns = list(zip(*(_NUMBER.findall(path.stem) for path in paths), strict=True))

@@ -160,7 +160,7 @@ def test_a_frame_that_a_live_stream_dropped_is_replaced_by_the_next() -> None:
 
 EUROC = "1403636579763555584 1403636579813555456 1403636579863555584"  # MH_01_easy, cam0
 TUM = "1305031102.175304 1305031102.211214 1305031102.243211"  # fr1/desk, within a second
-BAG = "1700000000_960000000 1700000001_010000000 1700000001_060000000"  # of ROS 2, exported
+BAG = "1700000000_983333333 1700000001_16666666 1700000001_116666665"  # {sec}_{nanosec} of ROS 2
 MILLISECONDS = "1700000000123 1700000000156 1700000000190"  # of apps for Android, in Java
 MVS = "Image_20260120191532433 Image_20260120191532466"  # Hikrobot's viewer: to milliseconds
 
@@ -171,6 +171,8 @@ MVS = "Image_20260120191532433 Image_20260120191532466"  # Hikrobot's viewer: to
         (EUROC, [0, 1, 2], 1),
         (TUM, [0, 1, 2], 1),
         (BAG, [0, 1, 2], 1),
+        (BAG.replace("_", "."), [0, 1, 2], 1),
+        ("1700000000_12 1700000000_13", [12, 13], 0),
         (MILLISECONDS, [0, 1, 2], 1),
         (MVS, [0, 1], 1),
         ("2024011500001 2024011500002", [2024011500001, 2024011500002], 0),  # a date and a number

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,8 +19,9 @@ from depthcli.errors import InputError
 from depthcli.io.depth.anchors import COLUMNS, SUFFIXES, AnchorFiles, numbers_of, read_known_depth
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
-from depthcli.video.numbering import last_number
+from depthcli.video.numbering import times_ns
 
+_LAST_NUMBER = re.compile(r"(\d+)\D*$", re.ASCII)
 _OUTPUT = ".depth"  # end of the stems of the outputs of ``convert``
 _FRAME, _TIME_S = "frame", "time_s"
 _RULES = {
@@ -112,11 +114,12 @@ class FrameAnchors:
 
 def _numbered_files(folder: Path) -> dict[int, Path]:
     """The files of known depth in a folder by the last number in their names."""
+    listed = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    names = {path: path.stem.removesuffix(_OUTPUT) for path in listed}
+    last = {path: match for path, name in names.items() if (match := _LAST_NUMBER.search(name))}
+    numbers = times_ns(names[path] for path in last) or [int(match[1]) for match in last.values()]
     found: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()):
-        at = last_number(path.stem.removesuffix(_OUTPUT))
-        if path.suffix.lower() not in SUFFIXES or at is None:
-            continue
+    for path, at in zip(last, numbers, strict=True):
         if at in found:
             raise InputError(f"{found[at]} and {path} are both of frame {at}", "remove one")
         found[at] = path
