@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers import made
 from helpers.heifs import heic
+from helpers.tiny import write_picture
 from PIL import Image
 
 from depthcli.core.camera import Anchor, Intrinsics
@@ -24,6 +25,7 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.images import heif
+from depthcli.io.images.read import read_image
 
 DEPTH_M = np.full((4, 6), np.nan, np.float32)
 DEPTH_M[1, 2], DEPTH_M[3, 5] = 2.5, 4.0
@@ -363,7 +365,8 @@ def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -
     write(tmp_path)
     stated = AnchorFiles(str(tmp_path))
     assert stated.is_by_image
-    found = stated.read(Path("/data/hall/my room.jpg"))
+    image = write_picture(tmp_path / "data/hall/my room.jpg")
+    found = stated.read(image)
     # A quarter turn about y: z of the camera is -x of the world, and 2.
     assert dict(zip(found.x.tolist(), found.depth_m.tolist(), strict=True)) == pytest.approx(
         {32: 1, 0: 3}
@@ -371,12 +374,27 @@ def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -
     assert found.y.tolist() == [20, 47]
     assert found.size_px == (64, 48)
     assert len(found.warnings) == 2  # its unit, and a point behind the camera
-    in_metres = AnchorFiles(str(tmp_path), scale=2.0).read(Path("hall/my room.jpg"))
+    in_metres = AnchorFiles(str(tmp_path), scale=2.0).read(image)
     np.testing.assert_allclose(in_metres.depth_m, found.depth_m / 2)
     for name in ("empty.jpg", "room.jpg"):
         with pytest.raises(InputError):
             stated.read(Path(name))
     assert found.within(128, 96).x.tolist() == [65, 1]
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_points_of_a_reconstruction_are_on_the_upright_image(
+    orientation: int, tmp_path: Path
+) -> None:
+    """COLMAP ignores EXIF, so that images share a camera (github.com/colmap/colmap/issues/1456)."""
+    write_text(tmp_path)
+    stored = np.zeros((48, 64), np.uint8)
+    stored[16:24, 32:40] = stored[40:, :8] = 255  # around the points
+    path = write_picture(tmp_path / "hall/my room.jpg")
+    Image.fromarray(stored).save(path, exif=made.exif(orientation))
+    found, pixels = AnchorFiles(str(tmp_path)).read(path), read_image(path).pixels
+    assert found.size_px == pixels.shape[::-1]
+    assert (pixels[found.y, found.x] > 200).all()
 
 
 SHADES = np.arange(256, dtype=np.uint8).reshape(16, 16)

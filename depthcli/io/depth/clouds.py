@@ -17,6 +17,9 @@ from depthcli.core.options import INSTALL_POINTS
 from depthcli.errors import InputError, Message
 from depthcli.io.calibration import colmap_lines
 from depthcli.io.depth.extrinsics import rotation
+from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, jpeg_header
+from depthcli.io.images.pixels import upright_places
+from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import read_bytes
 
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
@@ -121,7 +124,9 @@ def read_reconstruction(
     is_before = (depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1])
     if not is_before.any():
         raise InputError(f"{folder} has no points of {image.name}")
-    x, y = np.floor(np.array(rows)[is_before, :2]).astype(np.int64).T  # from the corner
+    size_px = found.sizes_px[seen_in.camera]
+    pixels, size_px = _as_shown(np.array(rows)[is_before, :2], size_px, image)
+    x, y = np.floor(pixels).astype(np.int64).T  # from the corner
     unit = Message(
         f"depth is in the unit of {folder}, which is not known",
         "{anchors_scale} states how many of it are a metre",
@@ -131,8 +136,19 @@ def read_reconstruction(
     warnings += [f"{lost} of {len(rows)} points are behind the camera and are not used"] * (
         lost > 0
     )
-    size_px = found.sizes_px[seen_in.camera]
     return AnchorPoints(x, y, depth_m[is_before], size_px, tuple(warnings))
+
+
+def _as_shown(
+    pixels: _Values, size_px: tuple[int, int], image: Path
+) -> tuple[_Values, tuple[int, int]]:
+    """Pixels of an image as COLMAP reads it, which ignores EXIF, in the upright one."""
+    data = read_bytes(image)
+    if not data.startswith(JPEG_START):
+        return pixels, size_px
+    header, exif = jpeg_header(data), parse_exif(exif_of_jpeg(data))
+    is_stored = (size_px[0] > size_px[1]) == (header.width > header.height)
+    return upright_places(pixels, size_px, exif.orientation if is_stored else 1)
 
 
 @lru_cache(maxsize=1)  # for all images of a batch

@@ -19,7 +19,7 @@ from depthcli.errors import InputError
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth
 from depthcli.io.formats.sidecar import FileMetadata
 from depthcli.io.images import heif
-from depthcli.io.images.jpeg import JPEG_START, decode_jpeg, segments
+from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, segments
 from depthcli.io.images.pixels import upright
 from depthcli.io.images.read import decode, reader_errors
 from depthcli.io.images.tiff import parse_exif
@@ -100,7 +100,7 @@ def _of_jpeg(data: bytes, name: str) -> Found | None:
     is_linear = facts.get("Format") == "RangeLinear"
     depth = near + share * (far - near) if is_linear else far * near / (far - share * (far - near))
     unit_m = _UNITS_M.get(facts.get("Units", "").lower())
-    values = upright(depth * (unit_m or 1), parse_exif(decode_jpeg(data).exif).orientation)
+    values = upright(depth * (unit_m or 1), parse_exif(exif_of_jpeg(data)).orientation)
     stated = {"kind": "relative"} if unit_m is None else {"kind": "metric", "scale": "1"}
     stated["measure"] = facts.get("MeasureType", "")
     return np.ascontiguousarray(values, np.float32), stated, ()

@@ -55,7 +55,7 @@ def read_extrinsics(path: Path) -> Extrinsics:
         raise
     except Exception as error:  # of the libraries, and of numbers in odd places
         told = f"{path} is not the pose of a sensor in the camera"
-        advice = "give 3×4 numbers, a rotation and in the last column metres, or x y z qx qy qz qw"
+        advice = "give 3×4 numbers, rotation and metres, x y z qx qy qz qw, or a matrix T_cam_lidar"
         raise InputError(told, advice) from error
     return only
 

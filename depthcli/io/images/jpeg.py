@@ -62,11 +62,16 @@ def image_of_eye(data: bytes, eye: Eye) -> bytes:
     return data[at:] if eye is Eye.RIGHT else data
 
 
+def exif_of_jpeg(data: bytes) -> bytes:
+    """The EXIF of a JPEG, as ``parse_exif`` reads it; empty without one."""
+    exifs = (body for marker, body in segments(data) if marker == _APP1 and body[:6] == _EXIF)
+    return next(exifs, b"")
+
+
 def decode_jpeg(data: bytes) -> Decoded:
     """Pixels of a JPEG; gray stays gray, and CMYK becomes RGB as in OpenCV."""
     colours = _COLOURS.get(_frame(data)[2], "RGB")
-    exifs = (body for marker, body in segments(data) if marker == _APP1 and body[:6] == _EXIF)
-    exif = next(exifs, b"")
+    exif = exif_of_jpeg(data)
     try:
         pixels: UInt8Array = simplejpeg.decode_jpeg(data, colours)
     except ValueError as error:

@@ -5,7 +5,7 @@ import math
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, BoolArray, UInt16Array
+from depthcli.core.arrays import AnyArray, BoolArray, Float64Array, UInt16Array
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import BLACK_LEVEL, WHITE_LEVEL
 from depthcli.core.types import is_out_of_range
@@ -32,6 +32,18 @@ def upright(pixels: AnyArray, orientation: int) -> AnyArray:
     if orientation in _MIRRORED:
         pixels = pixels[:, ::-1]
     return np.rot90(pixels, _QUARTER_TURNS.get(orientation, 0))
+
+
+def upright_places(
+    places: Float64Array, size_px: tuple[int, int], orientation: int
+) -> tuple[Float64Array, tuple[int, int]]:
+    """Places in an image as stored, (N, 2) x and y from its corner, and its size, once upright."""
+    (x, y), (width, height) = places.T, size_px
+    if orientation in _MIRRORED:
+        x = width - x
+    for _ in range(_QUARTER_TURNS.get(orientation, 0)):
+        x, y, width, height = y, width - x, height, width
+    return np.column_stack([x, y]), (width, height)
 
 
 def full_range(
