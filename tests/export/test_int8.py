@@ -67,65 +67,50 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
     assert [node.op_type for node in small.graph.node if "image" in node.input] == ["Conv"]
 
 
+def _kept(model: onnx.ModelProto) -> list[list[np.ndarray]]:
+    """Weights and biases of each convolution."""
+    stored = {tensor.name: to_array(tensor) for tensor in model.graph.initializer}
+    convolutions = (node for node in model.graph.node if node.op_type == "Conv")
+    return [[stored[name] for name in node.input[1:]] for node in convolutions]
+
+
+def _rounded(weight: np.ndarray) -> np.ndarray:
+    step = np.abs(weight).max((1, 2, 3), keepdims=True) / 64
+    return np.rint(weight / step) * step
+
+
 @pytest.mark.parametrize("groups", [1, 2])
 def test_biases_keep_the_mean_that_rounded_weights_would_shift(groups: int) -> None:
-    random = np.random.default_rng(0)
-    weight = random.normal(size=(8, 4 // groups, 1, 1)).astype(np.float32)
-    batches = [random.random((1, 4, 6, 6), np.float32) for _ in range(3)]
-    step = np.abs(weight).max((1, 2, 3), keepdims=True) / 64
-    rounded = (np.rint(weight / step) * step).astype(np.float32)
+    torch.manual_seed(0)
+    network = nn.Conv2d(4, 8, 1, groups=groups)
+    network.channels = 4
+    images = torch.rand(3, 1, 4, 6, 6)
 
     def means(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
-        convolved = [
-            torch.nn.functional.conv2d(*map(torch.from_numpy, (batch, weight, bias)), groups=groups)
-            for batch in batches
-        ]
-        return torch.stack(convolved).mean((0, 1, 3, 4)).numpy()
+        kernel, added = torch.from_numpy(weight.astype(np.float32)), torch.from_numpy(bias.copy())
+        return F.conv2d(images[:, 0], kernel, added, groups=groups).mean((0, 2, 3)).numpy()
 
-    bias = np.zeros(8, np.float32)
-    node = onnx.helper.make_node("Conv", ["image", "weight", "bias"], ["depth"], group=groups)
-    sizes = [
-        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
-        for name in ("image", "depth")
-    ]
-    stored = [
-        onnx.numpy_helper.from_array(weight, "weight"),
-        onnx.numpy_helper.from_array(bias, "bias"),
-    ]
-    graph = onnx.helper.make_graph([node], "one", sizes[:1], sizes[1:], stored)
-    model = onnx.helper.make_model(
-        graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8
-    )
-    correct_biases(model, [{"image": batch} for batch in batches])
-    corrected = to_array(model.graph.initializer[1]).copy()
-    assert np.abs(means(rounded, bias) - means(weight, bias)).max() > 1e-3
-    np.testing.assert_allclose(means(rounded, corrected), means(weight, bias), atol=1e-6)
+    model = with_own_weights(build_graph(network))
+    ((weight, bias),) = _kept(model)
+    wanted, bias = means(weight, bias), bias.copy()
+    correct_biases(model, [{"image": image.numpy()} for image in images])
+    ((_, corrected),) = _kept(model)
+    assert np.abs(means(_rounded(weight), bias) - wanted).max() > 1e-3
+    np.testing.assert_allclose(means(_rounded(weight), corrected), wanted, atol=1e-6)
 
 
 def test_equal_biases_of_two_convolutions_are_corrected_apart() -> None:
-    random = np.random.default_rng(0)
-    weights = [random.normal(size=(2, 1, 1, 1)).astype(np.float32) for _ in range(2)]
-    nodes = [
-        onnx.helper.make_node("Conv", ["image", f"weight{i}", "bias"], [f"depth{i}"])
-        for i in range(2)
-    ]
-    sizes = [
-        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
-        for name in ("image", "depth0", "depth1")
-    ]
-    stored = [onnx.numpy_helper.from_array(each, f"weight{i}") for i, each in enumerate(weights)]
-    stored.append(onnx.numpy_helper.from_array(np.zeros(2, np.float32), "bias"))
-    graph = onnx.helper.make_graph(nodes, "two", sizes[:1], sizes[1:], stored)
-    model = onnx.helper.make_model(
-        graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8
-    )
+    torch.manual_seed(0)
+    network = nn.Sequential(nn.Conv2d(1, 2, 1), nn.ReLU(), nn.Conv2d(2, 2, 1))
+    for convolution in (network[0], network[2]):
+        nn.init.constant_(convolution.bias, 0.5)
+    model = build_graph(network)
+    assert len({node.input[2] for node in model.graph.node if node.op_type == "Conv"}) == 1
     own = with_own_weights(model)
     correct_biases(own, [{"image": np.ones((1, 1, 4, 4), np.float32)}])
-    biases = {tensor.name: to_array(tensor) for tensor in own.graph.initializer}
-    for node, weight in zip(own.graph.node, weights, strict=True):
-        step = np.abs(weight).max((1, 2, 3), keepdims=True) / 64
-        shift = (weight - np.rint(weight / step) * step).ravel()
-        np.testing.assert_allclose(biases[node.input[2]], shift, atol=1e-7)
+    (weight, first), (_, second) = _kept(own)
+    np.testing.assert_allclose(first, 0.5 + (weight - _rounded(weight)).ravel(), atol=1e-7)
+    assert np.abs(second - first).max() > 1e-4
 
 
 def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_need(
