@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
 from depthcli.core.types import DepthMap, Frame, Provenance, panorama_rays
 from depthcli.errors import UsageError
 
@@ -22,25 +23,25 @@ class Surface:
     """A grid of points, one for each pixel, or each n-th of each n-th row."""
 
     #: (H, W, 3) metres: x right, y down, z along the camera axis; NaN without a point
-    xyz_m: npt.NDArray[np.float32]
+    xyz_m: Float32Array
     #: (H, W) metres along the camera axis, or along the ray in a panorama; NaN without a point
-    depth_m: npt.NDArray[np.float32]
+    depth_m: Float32Array
     #: change of depth between neighbours, by depth, above which they may be on two surfaces
     steepest: float
 
     @property
-    def valid(self) -> npt.NDArray[np.bool_]:
+    def valid(self) -> BoolArray:
         """(H, W) bool, where there is a point."""
         return ~np.isnan(self.depth_m)
 
     @property
-    def right(self) -> npt.NDArray[np.bool_]:
+    def right(self) -> BoolArray:
         """(H, W - 1) bool, whether a point and its right neighbour are on one surface."""
         steps = _steps(self.depth_m)
         return ~(np.isnan(steps) | _stands_out(steps, self.steepest))
 
     @property
-    def down(self) -> npt.NDArray[np.bool_]:
+    def down(self) -> BoolArray:
         """(H - 1, W) bool, whether a point and the one below it are on one surface."""
         steps = _steps(self.depth_m.T)
         return ~(np.isnan(steps) | _stands_out(steps, self.steepest)).T
@@ -55,7 +56,7 @@ class Surface:
             [np.stack((a, c, b), -1)[upper], np.stack((b, c, d), -1)[lower]], dtype=np.uint32
         )
 
-    def normals(self) -> npt.NDArray[np.float32]:
+    def normals(self) -> Float32Array:
         """Unit normals towards the camera, (H, W, 3) float32, axes as the points; NaN without one.
 
         A point without neighbours on its surface faces the camera.
@@ -100,24 +101,24 @@ def surface_of(
     return Surface(rays * depth_m[..., np.newaxis], depth_m, _TORN * stride / focal_px)
 
 
-def is_flying(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[np.bool_]:
+def is_flying(depth_m: Float32Array, focal_px: float) -> BoolArray:
     """Pixels on a steep ramp between near and far, or far from both neighbours; (H, W) bool."""
     return _is_ramp(depth_m, focal_px) | _is_ramp(depth_m.T, focal_px).T
 
 
-def _is_ramp(depth_m: npt.NDArray[np.float32], focal_px: float) -> npt.NDArray[np.bool_]:
+def _is_ramp(depth_m: Float32Array, focal_px: float) -> BoolArray:
     steps = np.pad(_steps(depth_m), ((0, 0), (1, 1)))
     # The step of a clean edge is on one side of a pixel only.
     return _stands_out(np.minimum(steps[:, :-1], steps[:, 1:]), _STEEPEST / focal_px)
 
 
-def _steps(depth_m: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _steps(depth_m: Float32Array) -> Float32Array:
     """Differences of a row's neighbours by the nearer one's depth; NaN if one has none."""
     left, right = depth_m[:, :-1], depth_m[:, 1:]
     return np.asarray(np.abs(right - left) / np.minimum(left, right), np.float32)
 
 
-def _stands_out(steps: npt.NDArray[np.float32], steepest: float) -> npt.NDArray[np.bool_]:
+def _stands_out(steps: Float32Array, steepest: float) -> BoolArray:
     """Where steps are too large, and twice those on one side: a road is as steep on both."""
     reach = max(_LEAST_REACH, round(steps.shape[1] * _REACH_SHARE))
     around = np.pad(np.nan_to_num(steps), ((0, 0), (reach, reach)))
@@ -126,16 +127,14 @@ def _stands_out(steps: npt.NDArray[np.float32], steepest: float) -> npt.NDArray[
     )
 
 
-def _tangents(
-    xyz_m: npt.NDArray[np.float32], right: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.float32]:
+def _tangents(xyz_m: Float32Array, right: BoolArray) -> Float32Array:
     """Sum of the differences to a row's neighbours on the surface, (H, W, 3); 0 without one."""
     steps = np.where(right[..., np.newaxis], np.diff(xyz_m, axis=1), np.float32(0))
     steps = np.pad(steps, ((0, 0), (1, 1), (0, 0)))
     return steps[:, :-1] + steps[:, 1:]
 
 
-def _rays(depth: DepthMap, focal_px: float) -> npt.NDArray[np.float32]:
+def _rays(depth: DepthMap, focal_px: float) -> Float32Array:
     """Points at a depth of 1, (H, W, 3) float32."""
     source = depth.provenance or Provenance()
     if source.projection.is_other:
@@ -152,8 +151,8 @@ def _rays(depth: DepthMap, focal_px: float) -> npt.NDArray[np.float32]:
 class PointCloud:
     """One point for each pixel with depth, row by row."""
 
-    xyz_m: npt.NDArray[np.float32]  #: (N, 3) metres: x right, y down, z along the camera axis
-    rgb: npt.NDArray[np.uint8] | None = None  #: (N, 3), of the picture; None without one
+    xyz_m: Float32Array  #: (N, 3) metres: x right, y down, z along the camera axis
+    rgb: UInt8Array | None = None  #: (N, 3), of the picture; None without one
 
     def __len__(self) -> int:
         return len(self.xyz_m)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array
 from depthcli.core.camera import CameraSource, focal_px_of_hfov, hfov_deg
 from depthcli.core.options import one_line
 from depthcli.core.surface import Surface, surface_of
@@ -216,7 +217,7 @@ class _Buffer:
         }
 
 
-def _texture_coordinates(surface: Surface, depth: DepthMap, stride: int) -> npt.NDArray[np.float32]:
+def _texture_coordinates(surface: Surface, depth: DepthMap, stride: int) -> Float32Array:
     """Middle of each point's pixel in the image, from 0 at the top left to 1; (N, 2) float32."""
     y, x = np.nonzero(surface.valid)
     uv = (x * stride + 0.5) / depth.width, (y * stride + 0.5) / depth.height

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array, Float64Array, UInt8Array
 from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.metadata import SOFTWARE
@@ -38,7 +39,7 @@ _TITLE_PX = 26
 _SIZE = 0.5  # of a title
 
 
-def colour_table(name: Colormap, near: Near = Near.WARM) -> npt.NDArray[np.uint8]:
+def colour_table(name: Colormap, near: Near = Near.WARM) -> UInt8Array:
     """The colours of a colormap, (256, 3) RGB uint8, far first; ``black`` turns it round."""
     levels = np.arange(_LEVELS, dtype=np.uint8)
     colours: npt.NDArray[np.generic]
@@ -55,12 +56,12 @@ def colour_table(name: Colormap, near: Near = Near.WARM) -> npt.NDArray[np.uint8
 
 
 def with_legend(
-    image: npt.NDArray[np.uint8],
-    colours: npt.NDArray[np.uint8],
+    image: UInt8Array,
+    colours: UInt8Array,
     near: float,
     far: float,
     kind: DepthKind,
-) -> npt.NDArray[np.uint8]:
+) -> UInt8Array:
     """The image, (H, W, 3) RGB uint8, with a bar of (256, 3) colours at its right, near on top."""
     height = image.shape[0]
     size = float(np.clip(height / _REFERENCE_HEIGHT, _MIN_SIZE, 4))
@@ -78,7 +79,7 @@ def with_legend(
     return np.hstack([image, panel])
 
 
-def _ticks(room: float, *, flat: bool) -> npt.NDArray[np.float64]:
+def _ticks(room: float, *, flat: bool) -> Float64Array:
     """Positions, 0 at the near end, of the ticks that fit if ``room`` labels do below the first."""
     if flat or room < _MIN_ROOM:
         return np.array([0.5])
@@ -101,14 +102,12 @@ def label(value: float, kind: DepthKind) -> str:
     return f"{digits} m" if kind is DepthKind.METRIC else digits
 
 
-def _draw(panel: npt.NDArray[np.uint8], text: str, origin: tuple[int, int], size: float) -> None:
+def _draw(panel: UInt8Array, text: str, origin: tuple[int, int], size: float) -> None:
     thickness = max(1, round(size))
     cv2.putText(panel, text, origin, _FONT, 0.45 * size, (235, 235, 235), thickness, cv2.LINE_AA)
 
 
-def contact_sheet(
-    rows: Sequence[Sequence[npt.NDArray[np.uint8]]], titles: Sequence[str]
-) -> npt.NDArray[np.uint8]:
+def contact_sheet(rows: Sequence[Sequence[UInt8Array]], titles: Sequence[str]) -> UInt8Array:
     """Arrange pictures (H, W, 3) RGB uint8 on a white sheet, (H', W', 3) RGB uint8.
 
     A column is as wide as its widest picture, a row as high as its highest. In the titles of the
@@ -129,7 +128,7 @@ def contact_sheet(
     return sheet
 
 
-def _title(text: str, width: int) -> npt.NDArray[np.uint8]:
+def _title(text: str, width: int) -> UInt8Array:
     """(26, width, 3): the text in the middle, smaller if it is long."""
     text = text.encode("ascii", "replace").decode()
     band = np.full((_TITLE_PX, width, 3), _BACKGROUND, np.uint8)
@@ -156,7 +155,7 @@ class PreviewWriter(WriterOptions):
 
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
-    ) -> npt.NDArray[np.uint8]:
+    ) -> UInt8Array:
         """Draw (H, W', 3) RGB uint8, wider with legend or frame; ``spread`` is that of a video."""
         low, high = self.range_of(spread or percentiles(depth))
         near, far = (high, low) if depth.kind is DepthKind.INVERSE else (low, high)
@@ -187,7 +186,7 @@ def percentiles(depth: DepthMap) -> tuple[float, float]:
     return float(ordered[low]), float(ordered[high])
 
 
-def nearness(depth: DepthMap, near: float, far: float) -> npt.NDArray[np.float32]:
+def nearness(depth: DepthMap, near: float, far: float) -> Float32Array:
     """1 at ``near``, 0 at ``far``, NaN without depth; (H, W) float32.
 
     Metric maps are interpolated in inverse depth, or in depth if the near end is 0. If both ends
