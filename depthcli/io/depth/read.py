@@ -17,6 +17,8 @@ from depthcli.core.types import (
     DepthMap,
     DepthRange,
     Frame,
+    Provenance,
+    Window,
     displayed_depth,
     doubt_of_metres,
 )
@@ -213,32 +215,26 @@ def _seen_by(
     name: str,
 ) -> DepthMap:
     """Depth along the axis of distances along the ray, or of disparity."""
-    windows = frame.windows if frame else None
-    height, width = depth.values.shape
-    left = top = 0
-    if windows is not None:  # the camera is that of the display window
-        width, height = windows.display.width, windows.display.height
-        left, top = (
-            windows.pixels.left - windows.display.left,
-            windows.pixels.top - windows.display.top,
-        )
-    source = depth.provenance
-    focal_px = options.camera.focal_for(width) or (source.focal_px if source else None)
+    rows, columns = depth.values.shape
+    pixels = shown = Window(0, 0, columns, rows)
+    if frame is not None and frame.windows is not None:
+        pixels, shown = frame.windows.pixels, frame.windows.display  # that the camera is of
+    source = depth.provenance or Provenance()
+    focal_px = options.camera.focal_for(shown.width) or source.focal_px
     if focal_px is None:
         raise InputError(f"{name} holds {encoding}, which needs a focal length", "give {focal_px}")
     if encoding is DepthEncoding.DISPARITY:
         if options.baseline_m is None:
             raise InputError(f"{name} holds disparity", "give {baseline} of the two cameras")
         factor = np.float32(focal_px * options.baseline_m)
-        return DepthMap(reciprocal(depth.values) * factor, DepthKind.METRIC, source)
-    centre = options.camera.centre_for(width, height) or (source.centre_px if source else None)
-    x, y = centre or ((width - 1) / 2, (height - 1) / 2)
-    aspect = options.camera.pixel_aspect or (source.pixel_aspect if source else 1.0)
-    rows, columns = depth.values.shape
-    across = (np.arange(columns) + left - x) / focal_px
-    down = (np.arange(rows) + top - y) / (focal_px * aspect)
+        return replace(depth, values=reciprocal(depth.values) * factor)
+    centre = options.camera.centre_for(shown.width, shown.height) or source.centre_px
+    x, y = centre or ((shown.width - 1) / 2, (shown.height - 1) / 2)
+    aspect = options.camera.pixel_aspect or source.pixel_aspect
+    across = (np.arange(columns) + (pixels.left - shown.left - x)) / focal_px
+    down = (np.arange(rows) + (pixels.top - shown.top - y)) / (focal_px * aspect)
     along_ray = np.sqrt(1 + across**2 + down[:, np.newaxis] ** 2)
-    return DepthMap((depth.values / along_ray).astype(np.float32), DepthKind.METRIC, source)
+    return replace(depth, values=(depth.values / along_ray).astype(np.float32))
 
 
 def reciprocal(values: Float32Array) -> Float32Array:
