@@ -14,9 +14,7 @@ END = b"\xff\xd9"
 
 
 def encoded(suffix: str, *options: int) -> bytes:
-    ok, data = cv2.imencode(suffix, PIXELS, options)
-    assert ok
-    return data.tobytes()
+    return made.encoded(suffix, PIXELS[..., ::-1], *options)
 
 
 JPEGS = {

@@ -11,8 +11,17 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-#: a JPEG of 8 by 8 gray pixels
-JPEG = cv2.imencode(".jpg", np.full((8, 8), 128, np.uint8))[1].tobytes()
+
+def encoded(suffix: str, pixels: npt.NDArray[np.generic], *options: int) -> bytes:
+    """Gray (H, W) or RGB (H, W, 3), as OpenCV writes it."""
+    bgr = pixels[..., ::-1] if pixels.ndim == 3 else pixels
+    ok, data = cv2.imencode(suffix, np.ascontiguousarray(bgr), options)
+    assert ok
+    return data.tobytes()
+
+
+#: of 8 by 8 gray pixels
+JPEG = encoded(".jpg", np.full((8, 8), 128, np.uint8))
 
 
 def upright_to_stored(pixels: npt.NDArray[np.generic], orientation: int) -> npt.NDArray[np.generic]:

@@ -10,6 +10,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 from helpers.heifs import heic
+from helpers.made import encoded
 from helpers.tiny import load, write_model
 from PIL import Image
 
@@ -19,12 +20,6 @@ from depthcli.io.images.read import frame_of, read_image
 
 RNG = np.random.default_rng(0)
 COLOURS = RNG.integers(0, 4096, (24, 32, 3), dtype=np.uint16)
-
-
-def encoded(suffix: str, pixels: np.ndarray[Any, Any]) -> bytes:
-    ok, data = cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels)
-    assert ok
-    return data.tobytes()
 
 
 def packed_tiff(values: Sequence[int], bits: int) -> bytes:

@@ -29,16 +29,9 @@ from depthcli.video.source import VideoSource
 PICTURE = np.random.default_rng(0).integers(0, 255, (6, 9, 3), dtype=np.uint8)
 
 
-def encoded(suffix: str, rgb: np.ndarray = PICTURE) -> bytes:
-    bgr = rgb[..., ::-1] if rgb.ndim == 3 else rgb
-    ok, data = cv2.imencode(suffix, np.ascontiguousarray(bgr))
-    assert ok
-    return data.tobytes()
-
-
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_orientation_of_a_jpeg_is_undone_as_opencv_does(orientation: int) -> None:
-    jpeg = encoded(".jpg", cv2.resize(PICTURE, (64, 48)))
+    jpeg = made.encoded(".jpg", cv2.resize(PICTURE, (64, 48)))
     data = made.jpeg_with_exif(jpeg, made.exif(orientation, 28))
     expected = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     frame = read_image(None, data)
@@ -48,12 +41,12 @@ def test_orientation_of_a_jpeg_is_undone_as_opencv_does(orientation: int) -> Non
 
 @pytest.mark.parametrize("suffix", [".png", ".tiff", ".bmp"])
 def test_lossless_pictures_are_exact(suffix: str) -> None:
-    assert (read_image(None, encoded(suffix)).pixels == PICTURE).all()
+    assert (read_image(None, made.encoded(suffix, PICTURE)).pixels == PICTURE).all()
 
 
 @pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG"), (13, None)])
 def test_high_dynamic_range_of_avif_is_told(transfer: int, name: str | None) -> None:
-    data = encoded(".avif")
+    data = made.encoded(".avif", PICTURE)
     at = data.index(b"colrnclx") + len(b"colrnclx") + 2
     warnings = read_image(None, data[:at] + transfer.to_bytes(2) + data[at + 2 :]).warnings
     assert [f"({name})" in text for text in warnings] == ([True] if name else [])
@@ -61,11 +54,11 @@ def test_high_dynamic_range_of_avif_is_told(transfer: int, name: str | None) -> 
 
 def test_not_a_number_in_a_float_picture_becomes_black() -> None:
     values = np.array([[0.25, np.nan], [np.inf, 2.0]], np.float32)
-    frame = read_image(None, encoded(".tiff", values))
+    frame = read_image(None, made.encoded(".tiff", values))
     assert (frame.pixels == [[0.25, 0], [0, 1]]).all()
     assert len(frame.warnings) == 1  # about light, which the file does not state
     with pytest.raises(InputError):
-        read_image(None, encoded(".tiff", np.full((4, 4), np.nan, np.float32)))
+        read_image(None, made.encoded(".tiff", np.full((4, 4), np.nan, np.float32)))
 
 
 @given(
@@ -77,7 +70,7 @@ def test_damaged_exif_counts_as_absent(data: bytes, start: bytes) -> None:
 
 def test_content_counts_not_the_suffix(tmp_path: Path) -> None:
     path = tmp_path / "picture\nwith a line.txt"
-    path.write_bytes(encoded(".png"))
+    path.write_bytes(made.encoded(".png", PICTURE))
     assert (read_image(path).pixels == PICTURE).all()
 
 
@@ -218,7 +211,7 @@ def test_image_for_each_eye_is_told() -> None:
     second = data[data.index(b"\xff\xd8\xff", 4) :]
     assert (right.pixels == read_image(None, second).pixels).all()
     assert (left.pixels != right.pixels).any()
-    for other in (data, second, encoded(".png")):
+    for other in (data, second, made.encoded(".png", PICTURE)):
         with pytest.raises(InputError):
             read_image(None, other, eye=Eye.RIGHT)
 
