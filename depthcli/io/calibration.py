@@ -5,7 +5,7 @@ import math
 import os
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -152,7 +152,7 @@ def _camera_in(path: Path, *, rectified: bool) -> _Camera:
     is_matrix = len(rows) in {3, 4} and all(len(row) == len(rows) for row in rows)
     if is_matrix and all(math.isfinite(number) for row in rows for number in row):
         return _Camera(_of_rows([row[:3] for row in rows[:3]], path))
-    return _of_tree(dict(documents_in(text)[0]), path, rectified=rectified)
+    return _of_tree(dict(next(documents_in(text))), path, rectified=rectified)
 
 
 def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera:
@@ -275,8 +275,8 @@ def _of_colmap(lines: list[list[str]], path: Path) -> _Camera:
     return _Camera((fx, fy, cx, cy), size_px, numbers, model.lower(), counts_from_corner=True)
 
 
-def documents_in(text: str) -> list[Any]:
-    """The names and values of JSON, XML or each document of YAML."""
+def documents_in(text: str) -> Iterator[Any]:
+    """The names and values of JSON, XML or each document of YAML, in turn."""
     import yaml  # noqa: PLC0415 - takes 20 ms
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc] # yaml has no types
@@ -288,11 +288,12 @@ def documents_in(text: str) -> list[Any]:
     )
     start = text.lstrip()[:1]
     if start == "{":
-        return [parsed_json(text)]
-    if start == "<":
-        return [_of_element(ET.fromstring(text))]  # noqa: S314 - expat limits entities
-    # OpenCV writes a directive that is not one of YAML.
-    return list(yaml.load_all(re.sub(r"\A\s*%YAML:.*\n", "", text), Loader))
+        yield parsed_json(text)
+    elif start == "<":
+        yield _of_element(ET.fromstring(text))  # noqa: S314 - expat limits entities
+    else:
+        # OpenCV writes a directive that is not one of YAML.
+        yield from yaml.load_all(re.sub(r"\A\s*%YAML:.*\n", "", text), Loader)
 
 
 def _of_element(element: ET.Element) -> Any:  # noqa: ANN401 - a mapping, or text

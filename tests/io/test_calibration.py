@@ -86,7 +86,8 @@ def test_camera_info_of_ros(tmp_path: Path, start: str, end: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "end", ["---\n", "---\n\n", "...\n", "\n \n", "---\nheight: 1\n---\n", "--- \r\n"]
+    "end",
+    ["---\n", "---\n\n", "...\n", "\n \n", "---\nheight: 1\n---\n", "--- \r\n", "---\nk: [1, "],
 )
 def test_the_first_message_of_a_topic(tmp_path: Path, end: str) -> None:
     path = tmp_path / "head.yaml"

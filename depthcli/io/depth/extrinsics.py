@@ -68,7 +68,7 @@ def _tree(text: str) -> Any:  # noqa: ANN401 - of any file
     try:
         return [float(word) for word in plain]
     except ValueError:
-        return documents_in(text)
+        return list(documents_in(text))
 
 
 def _poses(tree: Any, frames: _Frames | None) -> Iterator[Extrinsics]:  # noqa: ANN401
