@@ -7,7 +7,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path, PurePosixPath
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -30,9 +30,9 @@ from depthcli.jobs.video.plan import LOCK_S
 from depthcli.jobs.write import FailedInput, failure_reason
 from depthcli.video import numbering
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.formats import preview_codec
+from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import FALLBACK_RATE, Timing
-from depthcli.video.outputs import DepthFrame, DepthVideoOutput, PreviewVideoOutput, VideoFile
+from depthcli.video.outputs import DepthFrame, video_file
 from depthcli.video.sequence import stated_rate
 
 _RULES = outputs.FormatRules(
@@ -312,11 +312,11 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
 
 
 def convert_to_video(
-    request: ConvertRequest, warnings: list[str]
+    request: ConvertRequest, which: VideoFormat, warnings: list[str]
 ) -> Generator[ConvertResult, None, None]:
     """Convert every frame of a depth video, or of numbered depth files, to one video.
 
-    Its suffix says which: depth, or a preview. Warnings about all frames are added to a list.
+    Warnings about all frames are added to a list.
     """
     _check_sequence(request)
     source, path = paths.path_of(request.source), paths.path_of(request.target)
@@ -335,7 +335,7 @@ def convert_to_video(
             warnings.append(Message(assumed, "give {fps}"))
         timing = Timing(rate or FALLBACK_RATE, source_rate=rate, step=None)
         guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
-        output = stack.enter_context(_video_file(request, path, timing, guard))
+        output = stack.enter_context(video_file(which, path, timing, guard, request.writing))
         shape, lock, decay = None, RangeLock(), ema_decay(float(1 / timing.rate), LOCK_S)
         for stored in frames:
             depth = types.with_camera(stored.displayed, request.camera)
@@ -357,16 +357,6 @@ def _numbered_maps(
     for number, path in images:
         found, time_s = inspect.read_map(path, stated), float((number - images[0].number) / rate)
         yield replace(found, frame=replace(found.frame, index=number, timestamp_s=time_s))
-
-
-def _video_file(
-    request: ConvertRequest, path: Path, timing: Timing, guard: atomic.Guard
-) -> VideoFile:
-    colours: Any = request.writing.writer(table.Format.PREVIEW)
-    if inspect.is_depth_video(path):
-        return DepthVideoOutput(path, timing, request.writing.png_scale, guard, colours)
-    codec = preview_codec(path.suffix.lower(), None)
-    return PreviewVideoOutput(path, timing, colours, guard, codec=codec)
 
 
 def _check_sequence(request: ConvertRequest) -> None:

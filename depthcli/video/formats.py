@@ -219,8 +219,9 @@ PREVIEW_CODECS = {
 }  #: codecs of previews by the file's suffix, the default one first
 
 
-def preview_codec(suffix: str, asked: str | None) -> Codec:
+def preview_codec(which: VideoFormat, asked: str | None = None) -> Codec:
     """The codec of a preview: the given one, which the container has to hold, or its default."""
+    suffix = PurePath(which.facts.suffix).suffix
     choices = PREVIEW_CODECS[suffix]
     if asked is not None and asked not in choices:
         names = " or ".join(choices)

@@ -23,14 +23,24 @@ from depthcli.errors import OutputError, about
 from depthcli.io.depth.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.stereo import StereoWriter
-from depthcli.io.formats.table import COMMENT_PREFIX, LABEL_PREFIX, Writer
+from depthcli.io.formats.table import COMMENT_PREFIX, LABEL_PREFIX, Format, WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
 from depthcli.video.decoder import state_number
 from depthcli.video.depth_video import frame_texts
-from depthcli.video.formats import CONTAINERS, DEPTH_PIXELS, ENCODINGS, Codec, check_encoder
+from depthcli.video.formats import (
+    CONTAINERS,
+    DEPTH_PIXELS,
+    ENCODINGS,
+    Codec,
+    PreviewCodec,
+    VideoFormat,
+    check_encoder,
+    preview_codec,
+)
 from depthcli.video.frames import Timing, rate_text, time_code_label
+from depthcli.video.numbering import numbered_name
 
 _SEQUENCE_ADVICE = "choose an image sequence with {format} png16 or exr"
 _BT709 = 1
@@ -359,31 +369,45 @@ class PreviewVideoOutput(VideoFile):
         self._write(coded_frame, frame, labels)
 
 
+def video_file(
+    which: VideoFormat,
+    target: Path | OutputPipe,
+    timing: Timing,
+    guard: Guard | None,
+    writing: WriterOptions,
+    codec: PreviewCodec | None = None,
+    audio: AudioTrack | None = None,
+) -> VideoFile:
+    """The output of a format that is one video: lossless depth, a preview, or stereo pairs.
+
+    ``codec`` and ``audio`` are for the latter two; None for the usual codec, and for no sound.
+    """
+    if which.facts.image is None:
+        colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
+        return DepthVideoOutput(target, timing, writing.png_scale, guard, colours)
+    writer = cast("PreviewWriter | StereoWriter", writing.writer(which.facts.image))
+    chosen = preview_codec(which, codec)
+    return PreviewVideoOutput(target, timing, writer, guard, codec=chosen, audio=audio)
+
+
 class SequenceOutput(VideoOutput):
     """One file a frame, in one of the formats of images, each written atomically."""
 
     def __init__(
-        self,
-        label: str,
-        folder: Path,
-        name: Callable[[int], str],
-        writer: Writer,
-        guard: Guard | None,
-        *,
-        has_overscan: bool = False,
+        self, image: Format, folder: Path, pattern: str, writing: WriterOptions, guard: Guard | None
     ) -> None:
-        """Prepare files, named by their frames' numbers; ``label`` is for warnings."""
-        self.has_overscan = has_overscan
+        """Prepare files in a folder, named by a pattern for their frames' numbers."""
+        self.has_overscan = image.facts.has_overscan
         super().__init__()
-        self._label, self._folder, self._name = label, folder, name
-        self._writer, self._guard = writer, guard
+        self._image, self._folder, self._pattern = image, folder, pattern
+        self._writer, self._guard = writing.writer(image), guard
         self._warnings = _WarningCount()
 
     def encode(self, frame: DepthFrame) -> tuple[str, ...]:
         """Write the file; in any order."""
         if frame.is_kept:
             return ()
-        path = self._folder / self._name(frame.image.index)
+        path = self._folder / numbered_name(self._pattern, frame.image.index)
         with atomic_path(path, guard=self._guard) as temporary:
             return self._writer.write(frame.depth, temporary, frame.image)
 
@@ -394,7 +418,7 @@ class SequenceOutput(VideoOutput):
     def finish(self) -> tuple[str, ...]:
         """Return the first warning, with their number."""
         told = self._warnings
-        first = about(f"{self._label}: {told.count} frames, the first", told.first)
+        first = about(f"{self._image}: {told.count} frames, the first", told.first)
         return (first,) if told.count else ()
 
 

@@ -16,7 +16,7 @@ from depthcli.errors import InputError
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import InputPipe, OutputPipe, RawVideo
-from depthcli.video.formats import preview_codec
+from depthcli.video.formats import VideoFormat, preview_codec
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, PreviewVideoOutput
 from depthcli.video.source import VideoSource
@@ -116,7 +116,8 @@ def write_with_audio(path: Path, source: Path) -> tuple[str, ...]:
     """Four seconds at 25 frames a second, with the audio of a source; also its warnings."""
     with VideoSource(source) as video:
         audio = AudioTrack(source, video.start_s)
-    codec, maps = preview_codec(path.suffix, None), [np.ones((16, 16), np.float32)] * 100
+    codec = preview_codec(VideoFormat(path.suffix[1:]))
+    maps = [np.ones((16, 16), np.float32)] * 100
     return write_preview_video(path, maps, Fraction(25), codec=codec, audio=audio)
 
 
@@ -138,7 +139,7 @@ def test_the_sound_begins_with_the_first_frame(codec: str, layout: str, tmp_path
     source = with_sound(tmp_path / "a.mkv", codec, layout=layout)
     for start_s in (Fraction(509, 1000), Fraction(1.1), Fraction(1.2), Fraction(1509, 1000)):
         path = tmp_path / f"{start_s.numerator}.mov"
-        audio, coded = AudioTrack(source, start_s), preview_codec(".mov", None)
+        audio, coded = AudioTrack(source, start_s), preview_codec(VideoFormat.MOV)
         maps = [np.ones((16, 16), np.float32)] * 30
         assert write_preview_video(path, maps, Fraction(25), codec=coded, audio=audio) == ()
         assert 0 <= tone_begins_s(path) - max(0, 1 - float(start_s)) < 0.025

@@ -35,7 +35,7 @@ from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import is_own
 from depthcli.video.audio import AudioTrack
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.formats import Codec, preview_codec
+from depthcli.video.formats import Codec, VideoFormat, preview_codec
 from depthcli.video.frames import Point, Span, Timing, exact_rate, rate_text
 from depthcli.video.outputs import PreviewVideoOutput
 from depthcli.video.source import VideoSource
@@ -577,7 +577,7 @@ def test_the_sound_comes_along_and_stays_in_time(
     out = tmp_path / preview
     with VideoSource(path) as video:
         audio = AudioTrack(path, video.start_s)
-    which = preview_codec(out.suffix, None)
+    which = preview_codec(VideoFormat(out.suffix[1:]))
     maps = [np.ones((16, 16), np.float32)] * 50
     assert write_preview_video(out, maps, Fraction(25), first_s, codec=which, audio=audio) == ()
     assert is_own(out)

@@ -149,9 +149,9 @@ def convert(
         converted = job.convert_folder(request, plan, count)
         failed = print_conversions(converted, "files", screen, plan)
         return ExitCode.SOME_FAILED if failed else ExitCode.OK
-    if as_video:
+    if as_video is not None:
         warnings: list[str] = []
-        print_conversions(job.convert_to_video(request, warnings), "frames", screen)
+        print_conversions(job.convert_to_video(request, as_video, warnings), "frames", screen)
         console.warn_all(() if screen.quiet else warnings)
     elif is_numbered:
         print_conversions(job.convert_video(request, count), "frames", screen)

@@ -21,7 +21,7 @@ from depthcli.jobs.output_names import comparable, names_near, output_bases
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, MapOptions
 from depthcli.video import container, formats, numbering
 from depthcli.video.container import LiveStream
-from depthcli.video.formats import SEQUENCES, Codec, PreviewCodec, VideoFormat
+from depthcli.video.formats import SEQUENCES, PreviewCodec, VideoFormat
 from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ class VideoPlan:
     source: Path | container.InputPipe | LiveStream  #: the file, standard input, or a live stream
     folder: Path  #: folder of the outputs
     names: Mapping[VideoFormat, str]  #: file name of each; ``%06d`` of a sequence, ``-`` for stdout
-    codecs: Mapping[VideoFormat, Codec] = field(default_factory=dict)  #: of the previews
+    codec: PreviewCodec | None = None  #: of the previews; None for the usual one of each container
     has_audio: bool = True  #: whether previews include the audio
     stdout: BinaryIO | None = None  #: the stream for ``-``
     overwrite: bool = False  #: whether outputs may replace files of other programs
@@ -307,7 +307,9 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     first_segment = 0
     if request.settings.segment_s is not None:
         names, first_segment = _segments(names, folder, request)
-    previews = [which for which in names if which.facts.is_preview]
+    for which in names:
+        if which.facts.is_preview:
+            formats.preview_codec(which, request.codec)
     plan = VideoPlan(
         name=paths.safe_name(name),
         source=file
@@ -315,10 +317,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         or container.InputPipe(request.stdin or sys.stdin.buffer, request.raw),
         folder=folder,
         names=names,
-        codecs={
-            which: formats.preview_codec(PurePath(which.facts.suffix).suffix, request.codec)
-            for which in previews
-        },
+        codec=request.codec,
         has_audio=request.has_audio,
         stdout=(request.stdout or sys.stdout.buffer) if destination.kind is Kind.STDOUT else None,
         overwrite=request.overwrite,

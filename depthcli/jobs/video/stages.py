@@ -24,9 +24,8 @@ from depthcli.errors import InputError, Message, OutputError, about, os_errors_a
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.io.depth.metadata import dequantized, quantized
-from depthcli.io.formats.preview import PreviewWriter, percentiles
+from depthcli.io.formats.preview import percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
-from depthcli.io.formats.stereo import StereoWriter
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.read import undistorted
 from depthcli.io.storage.atomic import Guard, atomic_path
@@ -35,16 +34,15 @@ from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
-from depthcli.video.formats import SEQUENCES, VideoFormat, preview_codec
+from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.numbering import base_name, numbered_name, stamps_a_second
+from depthcli.video.numbering import base_name, stamps_a_second
 from depthcli.video.outputs import (
     DepthFrame,
-    DepthVideoOutput,
-    PreviewVideoOutput,
     SegmentedOutput,
     SequenceOutput,
     VideoOutput,
+    video_file,
 )
 from depthcli.video.source import open_frames
 
@@ -177,26 +175,17 @@ def _output(
 ) -> VideoOutput:
     """The output of one format, or of one of its segments, to be entered."""
     target, writing = plan.target(which, segment), settings.writing
+    if which in SEQUENCES and which.facts.image is not None:
+        return SequenceOutput(which.facts.image, plan.folder, plan.names[which], writing, guard)
     rate = settings.span.rate(source.rate)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
-    image_format = which.facts.image
-    if image_format is None:
-        colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
-        return DepthVideoOutput(target, timing, writing.png_scale, guard, colours)
-    writer = writing.writer(image_format)
-    if not isinstance(writer, PreviewWriter | StereoWriter):
-        name, facts = partial(numbered_name, plan.names[which]), image_format.facts
-        return SequenceOutput(
-            which.value, plan.folder, name, writer, guard, has_overscan=facts.has_overscan
-        )
-    codec = plan.codecs.get(which) or preview_codec(target.suffix.lower(), None)
     starts_s = source.start_s if plan.has_audio else None
     audio = None
     if starts_s is not None and not isinstance(plan.source, LiveStream):
         audio = AudioTrack(plan.source, starts_s)
-    return PreviewVideoOutput(target, timing, writer, guard, codec=codec, audio=audio)
+    return video_file(which, target, timing, guard, writing, plan.codec, audio)
 
 
 @dataclass(frozen=True, slots=True)
