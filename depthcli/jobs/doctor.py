@@ -171,7 +171,7 @@ def _check_extras() -> Iterator[Check]:
 
 
 def _check_video() -> Iterator[Check]:
-    from depthcli.video.formats import Codec, check_encoder
+    from depthcli.video.formats import ENCODINGS, check_encoder
 
-    for codec in Codec:
+    for codec in ENCODINGS:
         yield _tried(f"video codec {codec}", partial(check_encoder, codec), "writes")

@@ -137,23 +137,16 @@ CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
 """FFmpeg's names of containers, by the file's suffix."""
 
 
-class Codec(StrEnum):
-    """A video codec."""
+FFV1 = "ffv1"  #: the codec of depth: lossless, 16-bit gray
 
-    FFV1 = "ffv1"  #: lossless, for depth: 16-bit gray
+
+class PreviewCodec(StrEnum):
+    """The codecs of previews."""
+
     H264 = "h264"  #: plays everywhere, browsers included
     VP9 = "vp9"  #: plays in browsers; royalty-free
     AV1 = "av1"  #: small; plays in browsers of recent years
     PRORES = "prores"  #: ProRes 422 HQ, 10 bit, for editors
-
-
-class PreviewCodec(StrEnum):
-    """The codecs of previews; a subset of :class:`Codec`, with the same names."""
-
-    H264 = "h264"
-    VP9 = "vp9"
-    AV1 = "av1"
-    PRORES = "prores"
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +168,7 @@ class Encoding:
 
 
 ENCODINGS = {
-    Codec.FFV1: Encoding(
+    FFV1: Encoding(
         "ffv1",
         DEPTH_PIXELS,
         (("level", "3"), ("slices", "4"), ("slicecrc", "1"), ("threads", "4")),
@@ -184,7 +177,7 @@ ENCODINGS = {
     # Without B-frames, every player shows frames at their exact times. Colours of depth are smooth:
     # finer motion search and partitions double the time for files of the same size and error. With
     # mbtree, about one video in a hundred is not reproducible to the byte.
-    Codec.H264: Encoding(
+    PreviewCodec.H264: Encoding(
         "libx264",
         "yuv420p",
         (
@@ -192,7 +185,7 @@ ENCODINGS = {
             *(("subq", "1"), ("weightp", "none"), ("partitions", "none"), ("mbtree", "0")),
         ),
     ),
-    Codec.VP9: Encoding(
+    PreviewCodec.VP9: Encoding(
         "libvpx-vp9",
         "yuv420p",
         (
@@ -200,12 +193,12 @@ ENCODINGS = {
             *(("auto-alt-ref", "0"), ("lag-in-frames", "0"), ("threads", "4")),
         ),
     ),
-    Codec.AV1: Encoding(
+    PreviewCodec.AV1: Encoding(
         "libsvtav1",
         "yuv420p",
         (("preset", "9"), ("crf", "26"), ("svtav1-params", "lp=4:pred-struct=1")),
     ),
-    Codec.PRORES: Encoding(
+    PreviewCodec.PRORES: Encoding(
         "prores_ks",
         "yuv422p10le",
         (("profile", "3"), ("vendor", "apl0"), ("threads", "4")),
@@ -213,23 +206,23 @@ ENCODINGS = {
     ),
 }
 PREVIEW_CODECS = {
-    ".mp4": (Codec.H264, Codec.AV1, Codec.VP9),
-    ".webm": (Codec.VP9, Codec.AV1),
-    ".mov": (Codec.PRORES, Codec.H264),
+    ".mp4": (PreviewCodec.H264, PreviewCodec.AV1, PreviewCodec.VP9),
+    ".webm": (PreviewCodec.VP9, PreviewCodec.AV1),
+    ".mov": (PreviewCodec.PRORES, PreviewCodec.H264),
 }  #: codecs of previews by the file's suffix, the default one first
 
 
-def preview_codec(which: VideoFormat, asked: str | None = None) -> Codec:
+def preview_codec(which: VideoFormat, asked: PreviewCodec | None = None) -> PreviewCodec:
     """The codec of a preview: the given one, which the container has to hold, or its default."""
     suffix = PurePath(which.facts.suffix).suffix
     choices = PREVIEW_CODECS[suffix]
     if asked is not None and asked not in choices:
         names = " or ".join(choices)
         raise UsageError(f"a {suffix} file holds no {asked}", f"give {{codec}} {names}")
-    return choices[0] if asked is None else Codec(asked)
+    return asked or choices[0]
 
 
-def check_encoder(codec: Codec) -> None:
+def check_encoder(codec: str) -> None:
     """Check that this build of FFmpeg has an encoder; OutputError if it is not in PyAV's FFmpeg."""
     import av  # noqa: PLC0415 - the command line lists codecs without it
 

@@ -33,7 +33,7 @@ from depthcli.video.formats import (
     CONTAINERS,
     DEPTH_PIXELS,
     ENCODINGS,
-    Codec,
+    FFV1,
     PreviewCodec,
     VideoFormat,
     check_encoder,
@@ -48,7 +48,6 @@ _KEYFRAME_INTERVAL_S = 2
 _MAX_GOP = 250
 _MAX_ASPECT = 1000
 _FRAGMENTS = "+frag_keyframe+empty_moov+default_base_moof"
-_COLOURS = PreviewWriter()
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +103,7 @@ class VideoOutput(ExitStack, ABC):
 class VideoFile(VideoOutput):
     """A video file that is written atomically, or a pipe; frames of one size with their times."""
 
-    _codec: Codec
+    _codec: str
     _container: OutputContainer | None = None
     _stream: VideoStream | None = None
     _ticks = -1
@@ -201,7 +200,7 @@ class VideoFile(VideoOutput):
         self, container: OutputContainer, frame: VideoFrame, pixel_aspect: float
     ) -> VideoStream:
         """Add a video stream for frames of the size of one."""
-        if self._codec is Codec.AV1:
+        if self._codec == PreviewCodec.AV1:
             os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
         encoding, timing = ENCODINGS[self._codec], self._timing
         options = encoding.options_for(frame.width, frame.height)
@@ -236,7 +235,7 @@ class VideoFile(VideoOutput):
                 f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
             )
             raise OutputError(problem, _SEQUENCE_ADVICE) from error
-        if self._codec is Codec.AV1:
+        if self._codec == PreviewCodec.AV1:
             _leave_real_time()
 
     def _check_pipe(self) -> None:
@@ -252,7 +251,7 @@ def _leave_real_time() -> None:
                 os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
 
 
-def _av_frame(pixels: UInt16Array | UInt8Array, codec: Codec) -> VideoFrame:
+def _av_frame(pixels: UInt16Array | UInt8Array, codec: str) -> VideoFrame:
     """A PyAV frame in the pixel format of a codec; thread-safe.
 
     Pixels are (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. For codecs with chroma subsampling,
@@ -276,19 +275,19 @@ def _av_frame(pixels: UInt16Array | UInt8Array, codec: Codec) -> VideoFrame:
 class DepthVideoOutput(VideoFile):
     """Quantized depth as lossless 16-bit gray: 0 = no depth, saturating."""
 
-    _codec = Codec.FFV1
+    _codec = FFV1
 
     def __init__(
         self,
         target: Path | OutputPipe,
         timing: Timing,
-        scale: float,
+        writing: WriterOptions,
         guard: Guard | None,
-        colours: PreviewWriter = _COLOURS,
     ) -> None:
-        """Prepare ``scale`` units per metre; without metres, the ends of ``colours``."""
+        """Prepare the units per metre of 16-bit files; without metres, the ends of previews."""
         super().__init__(target, timing, guard)
-        self._scale, self._colours = scale, colours
+        self._scale = writing.png_scale
+        self._colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
 
@@ -300,7 +299,7 @@ class DepthVideoOutput(VideoFile):
         else:
             low, high = self._colours.range_of(frame.spread)
             steps, saturated = normalized(depth.values, depth.valid, low, high), 0
-        return frame, _av_frame(steps, Codec.FFV1), saturated
+        return frame, _av_frame(steps, FFV1), saturated
 
     def append(self, encoded: tuple[DepthFrame, VideoFrame, int]) -> None:
         """Write a frame; with the first one, metadata: rate, scale, unit and model."""
@@ -349,7 +348,7 @@ class PreviewVideoOutput(VideoFile):
         writer: PreviewWriter | StereoWriter,
         guard: Guard | None,
         *,
-        codec: Codec = Codec.H264,
+        codec: PreviewCodec = PreviewCodec.H264,
         audio: AudioTrack | None = None,
     ) -> None:
         """Prepare a file in ``.mp4``, ``.webm`` or ``.mov``, which supports the codec."""
@@ -383,8 +382,7 @@ def video_file(
     ``codec`` and ``audio`` are for the latter two; None for the usual codec, and for no sound.
     """
     if which.facts.image is None:
-        colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
-        return DepthVideoOutput(target, timing, writing.png_scale, guard, colours)
+        return DepthVideoOutput(target, timing, writing, guard)
     writer = cast("PreviewWriter | StereoWriter", writing.writer(which.facts.image))
     chosen = preview_codec(which, codec)
     return PreviewVideoOutput(target, timing, writer, guard, codec=chosen, audio=audio)

@@ -12,6 +12,7 @@ from av.video.stream import VideoStream
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.table import WriterOptions
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput, PreviewVideoOutput
 
@@ -106,7 +107,7 @@ def write_depth_video(
     kind: DepthKind = DepthKind.METRIC,
 ) -> tuple[str, ...]:
     """Lossless depth; the result are the warnings."""
-    with DepthVideoOutput(path, Timing(rate), scale, None) as output:
+    with DepthVideoOutput(path, Timing(rate), WriterOptions(png_scale=scale), None) as output:
         for i, values in enumerate(maps):
             time_s = float(i / rate) if times_s is None else times_s[i]
             output.append(output.encode(shot(values, time_s, kind)))

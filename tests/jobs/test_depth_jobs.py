@@ -185,7 +185,7 @@ def write_frames(
     noise = np.random.default_rng(0)
     places = list(places)
     timing = Timing(rate, Fraction(1, 30_000), rate, step)
-    with DepthVideoOutput(path, timing, 1000, None) as output:
+    with DepthVideoOutput(path, timing, WriterOptions(), None) as output:
         for count, place in enumerate(places):
             pixels = np.zeros(SIZE, np.uint8)
             time_s = float(place / rate)

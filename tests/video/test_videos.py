@@ -35,7 +35,7 @@ from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import is_own
 from depthcli.video.audio import AudioTrack
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.formats import Codec, VideoFormat, preview_codec
+from depthcli.video.formats import PreviewCodec, VideoFormat, preview_codec
 from depthcli.video.frames import Point, Span, Timing, exact_rate, rate_text
 from depthcli.video.outputs import PreviewVideoOutput
 from depthcli.video.source import VideoSource
@@ -490,14 +490,14 @@ def stream_of(path: Path) -> tuple[str, str | None, Fraction | None]:
 @pytest.mark.parametrize(
     ("suffix", "codec", "pixel_format"),
     [
-        ("mp4", Codec.H264, "yuv420p"),
-        ("mp4", Codec.AV1, "yuv420p"),
-        ("webm", Codec.VP9, "yuv420p"),
-        ("mov", Codec.PRORES, "yuv422p10le"),
+        ("mp4", PreviewCodec.H264, "yuv420p"),
+        ("mp4", PreviewCodec.AV1, "yuv420p"),
+        ("webm", PreviewCodec.VP9, "yuv420p"),
+        ("mov", PreviewCodec.PRORES, "yuv422p10le"),
     ],
 )
 def test_previews_of_every_codec(
-    suffix: str, codec: Codec, pixel_format: str, tmp_path: Path, capfd: Any
+    suffix: str, codec: PreviewCodec, pixel_format: str, tmp_path: Path, capfd: Any
 ) -> None:
     values = np.linspace(1, 5, 64, dtype=np.float32)[None].repeat(49, 0)
     for name in "ab":
