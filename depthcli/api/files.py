@@ -42,7 +42,8 @@ class VideoSource(video_frames.VideoSource):
         options: ReadOptions = AS_STATED,
     ) -> None:
         """As below, with a warning if colours or times are doubtful."""
-        super().__init__(source, max_pixels=max_pixels, stream=stream, eye=eye, options=options)
+        options = options if eye is None else options._replace(eye=eye)
+        super().__init__(source, max_pixels=max_pixels, stream=stream, options=options)
         for text in self.warnings:
             warnings.warn(f"{source}: {text}", DepthcliWarning, stacklevel=2)
 

@@ -210,7 +210,8 @@ class ReadOptions(NamedTuple):
     projection: Projection | None = None  #: None for a pinhole camera
     ignore_alpha: bool = False  #: whether transparent pixels are as good as others
     black_level: int = 0  #: value of black in 16-bit integers
-    eye: Eye | None = None  #: of a stereo JPEG; None for its first image
+    #: view of a stereo JPEG or video; None for the first image, and for whole frames
+    eye: Eye | None = None
 
 
 AS_STATED = ReadOptions()  #: what the files state, or the default

@@ -9,25 +9,15 @@ from fractions import Fraction
 import av
 from av.container import InputContainer
 from av.video.frame import VideoFrame
-from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 
-from depthcli.core.options import (
-    AS_STATED,
-    MAX_PIXELS,
-    Eye,
-    Projection,
-    ReadOptions,
-    check_pixel_count,
-)
-from depthcli.core.types import Frame, pixel_aspect_of
+from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
+from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.io.images.pixels import full_range, upright
 from depthcli.video.container import STREAMED_FORMATS, LiveStream, video_streams
 from depthcli.video.decoder import FrameDecoder
-from depthcli.video.facts import camera_warnings, view_of
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
-from depthcli.video.source import TRANSPOSED, orientation_of, rgb_pixels
+from depthcli.video.source import FrameConverter
 
 MOST_ATTEMPTS = 10  #: to open a lost stream again, before it is given up
 _LONGEST_PAUSE_S = 30.0
@@ -207,7 +197,6 @@ class LiveSource(FrameSource):
         *,
         max_pixels: int = MAX_PIXELS,
         number: int | None = None,
-        eye: Eye | None = None,
         options: ReadOptions = AS_STATED,
     ) -> None:
         """Open a stream, and wait for its first frame.
@@ -215,18 +204,16 @@ class LiveSource(FrameSource):
         Args as of :class:`depthcli.video.source.VideoSource`. InputError if it cannot be opened,
         has no frame, or is too large.
         """
-        self._stream, self._options = stream, options
-        self._reader, self._reformatter = LiveReader(stream, number), VideoReformatter()
+        self._stream, self._reader = stream, LiveReader(stream, number)
         self.paths, self.frames_stated, self.tick_s = (), None, _TICK_S
         first = self._reader.next()
         if first is None:
             raise InputError(f"{stream} ended before its first frame")
         picture = first.picture
         check_pixel_count(str(stream), picture.width, picture.height, max_pixels)
-        self._size = picture.width, picture.height
         self._first, self.rate = first, self._reader.rate
-        self._orientation, self._view = orientation_of(picture), view_of(picture, eye)
-        self.warnings += tuple(camera_warnings(picture, eye, options.projection))
+        self._converter = FrameConverter(picture, self._reader.pixel_aspect, options)
+        self.warnings = self._converter.warnings
 
     @property
     def counts(self) -> LiveCounts:
@@ -236,38 +223,27 @@ class LiveSource(FrameSource):
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Convert the newest frame whenever one is asked for; as of :class:`FrameSource`."""
         for wanted in span.selected(self._numbers_and_times(), is_live=True):
-            if wanted:
-                yield self._converted()
+            if not wanted:
+                continue
+            number, picture = self._current.number, self._current.picture
+            try:
+                frame = self._converter.image(picture, number, self._time_s)
+            except InputError as error:
+                self.problem = str(error)
+                break
+            self.warnings += frame.warnings
+            yield frame
         self._stream.stop.set()
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
         frame: LiveFrame | None = self._first
         ticks = -1
         while frame is not None:
-            if (frame.picture.width, frame.picture.height) != self._size:
-                self.problem = "the frames change their size; those before are done"
-                return
             ticks = max(ticks + 1, round((frame.time_s - self._first.time_s) / float(_TICK_S)))
             self._current, self._time_s = frame, ticks * _TICK_S
             yield frame.number, self._time_s
             frame = self._reader.next()
         self.problem = self._reader.problem
-
-    def _converted(self) -> Frame:
-        options = self._options
-        pixels = rgb_pixels(self._current.picture, self._reformatter)
-        pixels = upright(pixels[self._view], self._orientation)
-        rgb, _ = full_range(pixels, None, options.white_level, options.black_level)
-        is_turned = self._orientation >= TRANSPOSED
-        return Frame(
-            rgb if rgb.flags.c_contiguous else rgb.copy(),
-            None,
-            self._current.number,
-            float(self._time_s),
-            orientation=self._orientation,
-            pixel_aspect=pixel_aspect_of(self._reader.pixel_aspect, is_turned=is_turned),
-            projection=options.projection or Projection.PINHOLE,
-        )
 
     def close(self) -> None:
         """Stop the stream."""

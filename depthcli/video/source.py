@@ -15,20 +15,13 @@ from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoRef
 from av.video.stream import VideoStream
 
 from depthcli.core.arrays import UInt8Array, UInt16Array
-from depthcli.core.options import (
-    AS_STATED,
-    MAX_PIXELS,
-    Eye,
-    Projection,
-    ReadOptions,
-    check_pixel_count,
-)
+from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.pixels import full_range, upright
 from depthcli.video import frames as clock
-from depthcli.video.container import InputPipe, open_video, pipe_advice, video_streams
+from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
 from depthcli.video.facts import camera_warnings, focal_lengths, side_data, view_of
 from depthcli.video.numbering import is_sequence
@@ -107,7 +100,69 @@ def orientation_of(frame: VideoFrame) -> int:
 
 _MISSING_SHARE = 200
 _RGB = 3
-TRANSPOSED = 5  #: the first EXIF orientation that swaps rows and columns
+_TRANSPOSED = 5  # the first EXIF orientation that swaps rows and columns
+
+
+class FrameConverter:
+    """Makes upright images of decoded frames, which all have the facts of the first one.
+
+    Attributes:
+        width: columns of an upright frame.
+        height: rows of an upright frame.
+        warnings: one line each about the first frame, but not about its pixels.
+    """
+
+    def __init__(
+        self, first: VideoFrame, pixel_aspect: Fraction | None, options: ReadOptions
+    ) -> None:
+        """Read what only a decoded frame states."""
+        self._options, self._reformatter = options, VideoReformatter()
+        self._orientation = orientation_of(first)
+        self._view = rows, columns = view_of(first, options.eye)
+        size = len(range(first.width)[columns]), len(range(first.height)[rows])
+        is_turned = self._orientation >= _TRANSPOSED
+        self.width, self.height = size[::-1] if is_turned else size
+        self._pixel_aspect = pixel_aspect_of(pixel_aspect, is_turned=is_turned)
+        self._is_begun = False
+        self.warnings = tuple(camera_warnings(first, options.eye, options.projection))
+
+    def image(self, decoded: VideoFrame, index: int, time_s: Fraction) -> Frame:
+        """A frame, upright; where it is transparent, with the colours around that.
+
+        The first one has the warnings about its pixels. InputError if it cannot be converted, or
+        has another size than the first one.
+        """
+        options, components = self._options, decoded.format.components
+        has_alpha = any(one.is_alpha for one in components) and not options.ignore_alpha
+        try:
+            pixels = rgb_pixels(decoded, self._reformatter, has_alpha=has_alpha)
+        except av.FFmpegError as error:
+            told = "a frame cannot be converted; the frames before it are done"
+            raise InputError(told) from error
+        pixels = upright(pixels[self._view], self._orientation)
+        rgb, warnings = pixels[..., :_RGB], tuple[str, ...]()
+        if rgb.shape[:2] != (self.height, self.width):
+            raise InputError("the frames change their size; those before are done")
+        is_first, self._is_begun = not self._is_begun, True
+        if is_first or options.white_level is not None or options.black_level:
+            rgb, warnings = full_range(rgb, None, options.white_level, options.black_level)
+        frame = Frame(
+            rgb if rgb.flags.c_contiguous else rgb.copy(),
+            index=index,
+            timestamp_s=float(time_s),
+            orientation=self._orientation,
+            warnings=warnings,
+            pixel_aspect=self._pixel_aspect,
+            projection=options.projection or Projection.PINHOLE,
+        )
+        if has_alpha:
+            from depthcli.io.images.read import masked  # noqa: PLC0415 - few videos need it
+
+            try:
+                frame = masked(frame, pixels[..., _RGB])
+            except InputError:  # nothing is seen, as before a fade
+                frame = replace(frame, transparent=np.ones(rgb.shape[:2], np.bool_))
+        return frame if is_first else replace(frame, warnings=())
 
 
 class VideoSource(clock.FrameSource):
@@ -124,7 +179,6 @@ class VideoSource(clock.FrameSource):
         *,
         max_pixels: int = MAX_PIXELS,
         stream: int | None = None,
-        eye: Eye | None = None,
         options: ReadOptions = AS_STATED,
     ) -> None:
         """Open any video that FFmpeg reads, except playlists.
@@ -133,8 +187,8 @@ class VideoSource(clock.FrameSource):
             source: the video.
             max_pixels: larger frames are refused.
             stream: number of the video stream, from 0; None for the one with most frames.
-            eye: the view of a stereo video; None for whole frames.
-            options: levels of 16-bit pixels, projection, and whether transparent pixels count.
+            options: view of a stereo video, levels of 16-bit pixels, projection, and whether
+                transparent pixels count.
 
         Raises:
             InputError: missing, empty, no video, no frame in it, or too large.
@@ -144,7 +198,7 @@ class VideoSource(clock.FrameSource):
         self._path = self._source if isinstance(self._source, Path) else None
         self.paths = () if self._path is None else (self._path,)
         self._container, chosen = open_video(self._source, stream)
-        self._options, self._is_closed = options, False
+        self._is_closed = False
         self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in self._container.metadata)
         check_pixel_count(str(source), chosen.width, chosen.height, max_pixels)
         rate = _stated_rate(self._container, chosen)
@@ -163,14 +217,15 @@ class VideoSource(clock.FrameSource):
         self._focal_mm = focal_lengths(self._path, self._container)
         self._time_code = clock.header_time_code(self._container, chosen, self.rate)
         self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
-        self._reformatter = VideoReformatter()
         first = self._decoder.next()
         self._check_pipe()
         if first is None:
             problem = f"{source} holds no frame that can be decoded: it is damaged"
             raise InputError(problem, pipe_advice(self._source))
-        self._current, self._is_read, self._is_begun = first, False, False
-        self._inspect(first, chosen, max_pixels, eye)
+        self._current, self._is_read = first, False
+        self._converter = FrameConverter(first, chosen.sample_aspect_ratio, options)
+        self.width, self.height = self._converter.width, self._converter.height
+        self.warnings += self._converter.warnings
         self._begin(first, chosen)
 
     def _begin(self, first: VideoFrame, stream: VideoStream) -> None:
@@ -210,68 +265,26 @@ class VideoSource(clock.FrameSource):
         for wanted in span.selected(self._numbers_and_times()):
             if not wanted:
                 continue
+            place, code = self._timeline, self._time_code
+            since_first = round(place.time_s * self.rate)
             try:
-                frame = self._converted()
-            except av.FFmpegError:
-                self.problem = "a frame cannot be converted; the frames before it are done"
+                frame = self._converter.image(self._current, place.index, place.time_s)
+            except InputError as error:
+                self.problem = str(error)
                 return
-            if (frame.width, frame.height) != (self.width, self.height):
-                self.problem = "the frames change their size; those before are done"
-                return
-            yield frame
-
-    def _converted(self) -> Frame:
-        """The current frame, upright; where it is transparent, with the colours around that."""
-        options, components = self._options, self._current.format.components
-        has_alpha = any(one.is_alpha for one in components) and not options.ignore_alpha
-        pixels = rgb_pixels(self._current, self._reformatter, has_alpha=has_alpha)
-        pixels = upright(pixels[self._view], self._orientation)
-        rgb, warnings = pixels[..., :_RGB], tuple[str, ...]()
-        is_first, self._is_begun = not self._is_begun, True
-        if is_first or options.white_level is not None or options.black_level:
-            rgb, warnings = full_range(rgb, None, options.white_level, options.black_level)
-        code, since_first = self._time_code, round(self._timeline.time_s * self.rate)
-        frame = Frame(
-            rgb if rgb.flags.c_contiguous else rgb.copy(),
-            self._path,
-            self._timeline.index,
-            float(self._timeline.time_s),
-            orientation=self._orientation,
-            focal_35mm=self._focal_mm[0],
-            focal_mm=self._focal_mm[1],
-            warnings=warnings,
-            pixel_aspect=self._pixel_aspect,
-            projection=options.projection or Projection.PINHOLE,
-            time_code=clock.time_code_after(code, since_first, self.rate) if code else None,
-        )
-        if has_alpha:
-            from depthcli.io.images.read import masked  # noqa: PLC0415 - few videos need it
-
-            try:
-                frame = masked(frame, pixels[..., _RGB])
-            except InputError:  # nothing is seen, as before a fade
-                frame = replace(frame, transparent=np.ones(rgb.shape[:2], np.bool_))
-        if is_first:
             self.warnings += frame.warnings
-        return frame
+            yield replace(
+                frame,
+                path=self._path,
+                focal_35mm=self._focal_mm[0],
+                focal_mm=self._focal_mm[1],
+                time_code=clock.time_code_after(code, since_first, self.rate) if code else None,
+            )
 
     def close(self) -> None:
         """Close the file."""
         self._is_closed = True
         self._container.close()
-
-    def _inspect(
-        self, first: VideoFrame, stream: VideoStream, max_pixels: int, eye: Eye | None
-    ) -> None:
-        """Read the properties that only a decoded frame has."""
-        check_pixel_count(str(self._source), first.width, first.height, max_pixels)
-        self._orientation = orientation_of(first)
-        self._view = rows, columns = view_of(first, eye)
-        size = len(range(first.width)[columns]), len(range(first.height)[rows])
-        is_turned = self._orientation >= TRANSPOSED
-        self.width, self.height = size[::-1] if is_turned else size
-        self._pixel_aspect = pixel_aspect_of(stream.sample_aspect_ratio, is_turned=is_turned)
-        self.warnings += tuple(camera_warnings(first, eye, self._options.projection))
 
     def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
         """Number and time of each frame, while it is the current one."""
@@ -329,24 +342,27 @@ class VideoSource(clock.FrameSource):
 
 
 def open_frames(
-    source: Path | InputPipe,
+    source: Path | InputPipe | LiveStream,
     *,
     rate: Fraction | None = None,
     max_pixels: int = MAX_PIXELS,
     options: ReadOptions = AS_STATED,
     stream: int | None = None,
-    eye: Eye | None = None,
 ) -> clock.FrameSource:
-    """Open a video, or a sequence: a folder, or a pattern such as ``plate.%04d.exr``.
+    """Open a video, a live stream, or a sequence: a folder, or a pattern (``plate.%04d.exr``).
 
     ``rate`` is frames a second of a sequence; None for what it states. InputError if it cannot be
     read, or is depth that depthcli wrote; UsageError if a folder holds several sequences.
     """
+    if isinstance(source, LiveStream):
+        from depthcli.video.live_source import LiveSource  # noqa: PLC0415 - a file needs none
+
+        return LiveSource(source, max_pixels=max_pixels, number=stream, options=options)
     if isinstance(source, Path) and is_sequence(source):
         from depthcli.video.sequence import ImageSequence  # noqa: PLC0415 - a video needs none
 
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
-    video = VideoSource(source, max_pixels=max_pixels, stream=stream, eye=eye, options=options)
+    video = VideoSource(source, max_pixels=max_pixels, stream=stream, options=options)
     if video.is_own_depth:
         video.close()
         problem = f"{source} is depth that depthcli wrote"

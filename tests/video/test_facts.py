@@ -109,7 +109,7 @@ def test_one_view_of_a_stereo_video_is_read(
     packing: int | None, eye: Eye, level: int, tmp_path: Path, *, is_stacked: bool
 ) -> None:
     path = stereo(tmp_path / "a.mkv", packing, is_stacked=is_stacked)
-    source, frames = read(path, eye=eye)
+    source, frames = read(path, options=ReadOptions(eye=eye))
     assert (source.width, source.height, frames[0].pixels.shape) == (64, 64, (64, 64, 3))
     assert abs(frames[0].pixels.astype(int) - level).max() < 4
     assert len(source.warnings) == (packing is None)
@@ -121,7 +121,7 @@ def test_two_views_in_a_frame_give_a_warning(tmp_path: Path) -> None:
     (warning,) = source.warnings
     assert "eye" in warning
     with pytest.raises(UsageError):
-        read(stereo(tmp_path / "b.mkv", 5), eye=Eye.LEFT)  # one frame after the other
+        read(stereo(tmp_path / "b.mkv", 5), options=ReadOptions(eye=Eye.LEFT))  # in turn
 
 
 @pytest.mark.parametrize("size", [(48, 64), (480, 640)])

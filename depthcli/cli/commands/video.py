@@ -198,14 +198,13 @@ def video(
     if look_ahead is None:
         look_ahead = LOOK_AHEAD if stream is None else 0  # a stream is shown as it comes
     settings = VideoSettings(
-        **parse.map_options(camera, anchors, read, detail, writing, is_folder=None),
+        **parse.map_options(camera, anchors, read, detail, writing, is_folder=None, eye=frames.eye),
         span=parse_span(frames.start, frames.end, frames.every),
         smooth_s=detail.smooth,
         look_ahead=look_ahead,
         lock_s=preview.lock,
         anchors_within_s=anchors.anchors_within,
         stream=frames.stream,
-        eye=frames.eye,
         fps=None if frames.fps is None else parse.fps(frames.fps),
         segment_s=None if output.segment is None else parse_segment(output.segment),
         start_number=output.start_number,

@@ -11,7 +11,6 @@ from fractions import Fraction
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, BinaryIO
 
-from depthcli.core.options import Eye
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, format_of
@@ -46,7 +45,6 @@ class VideoSettings(MapOptions):
     #: largest distance of known depth from its frame in seconds; None for half a frame
     anchors_within_s: float | None = None
     stream: int | None = None  #: number of the video stream; None for the one with most frames
-    eye: Eye | None = None  #: view of a stereo video; None for whole frames
     fps: Fraction | None = None  #: frames per second of an image sequence; None for what it states
     segment_s: float | None = None  #: length of a file in seconds; None for one file
     start_number: int | None = None  #: of the first frame in file names; None for the input's

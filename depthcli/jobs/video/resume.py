@@ -166,6 +166,6 @@ def _origin(
         pipeline.session.identity(knows_depth=settings.takes_known_depth),
         pipeline.detail,
         (settings.writing, settings.camera, settings.reading, settings.span),
-        (settings.fps, settings.stream, settings.eye, settings.start_number),
+        (settings.fps, settings.stream, settings.start_number),
         anchors and anchors.states(),
     )

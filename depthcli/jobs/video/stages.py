@@ -64,7 +64,14 @@ def write_video(
         with os_errors_as(OutputError, f"cannot write {path}", advice):  # the name is too long
             if path.is_dir():
                 raise OutputError(f"{path} is a folder", advice)
-    with _open_source(plan, settings) as source, ExitStack() as stack:
+    source = open_frames(
+        plan.source,
+        rate=settings.fps,
+        max_pixels=settings.max_pixels,
+        options=settings.reading,
+        stream=settings.stream,
+    )
+    with source, ExitStack() as stack:
         stated = settings.anchors
         anchors = None
         if stated:
@@ -99,19 +106,6 @@ def write_video(
             is_numbered = not set(SEQUENCES).isdisjoint(plan.names)
             sidecar.write_text(done.sidecar(has_times=is_numbered), "utf-8")
     return dataclasses.replace(done, seconds=time.perf_counter() - start_s)
-
-
-def _open_source(plan: VideoPlan, settings: VideoSettings) -> FrameSource:
-    shared: dict[str, Any] = {
-        "max_pixels": settings.max_pixels,
-        "eye": settings.eye,
-        "options": settings.reading,
-    }
-    if isinstance(plan.source, LiveStream):
-        from depthcli.video.live_source import LiveSource  # noqa: PLC0415 - a file needs none
-
-        return LiveSource(plan.source, number=settings.stream, **shared)
-    return open_frames(plan.source, rate=settings.fps, stream=settings.stream, **shared)
 
 
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
