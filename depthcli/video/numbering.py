@@ -214,25 +214,14 @@ def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
     )
 
 
-SEGMENT_NUMBER = "%04d"  #: placeholder of a segment's number in the name of a video
-
-
-def segments_name(name: str) -> str:
-    """The name of a video's segments: ``a.%04d.mkv`` for ``a.mkv``."""
+def segments_pattern(name: str) -> str:
+    """A pattern for the names of a video's segments: ``a.%04d.mkv`` for ``a.mkv``."""
     path = PurePath(name)
-    return f"{path.stem}.{SEGMENT_NUMBER}{path.suffix}"
+    return f"{path.stem}.%04d{path.suffix}"
 
 
-def segment_name(name: str, number: int) -> str:
-    """The name of one segment."""
-    before, _, after = name.rpartition(SEGMENT_NUMBER)
-    return f"{before}{number:04d}{after}"
-
-
-def next_segment(folder: Path, names: Iterable[str]) -> int:
-    """The number after the last segment of any of these names in a folder; 0 if there is none."""
-    parts = [map(re.escape, name.rpartition(SEGMENT_NUMBER)[::2]) for name in names]
-    pattern = re.compile("|".join(r"([0-9]+)".join(pair) for pair in parts))
-    files = (path.name for path in folder.iterdir()) if folder.is_dir() else ()
-    found = filter(None, map(pattern.fullmatch, files))
-    return max((int(match[match.lastindex or 0]) + 1 for match in found), default=0)
+def next_segment(folder: Path, patterns: Iterable[str]) -> int:
+    """The number after the last segment of any of these patterns in a folder; 0 if none."""
+    files = os.listdir(folder) if folder.is_dir() else []  # noqa: PTH208 - names
+    found = (number_in(pattern, file) for pattern in patterns for file in files)
+    return max((number + 1 for number in found if number is not None), default=0)

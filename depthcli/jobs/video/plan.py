@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, BinaryIO
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, format_of
-from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.storage import atomic, paths
-from depthcli.jobs.output_names import comparable, names_near, output_bases
+from depthcli.jobs.output_names import output_bases
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, MapOptions
 from depthcli.video import container, formats, numbering
 from depthcli.video.container import LiveStream
@@ -129,7 +128,7 @@ class VideoPlan:
     def path(self, which: VideoFormat, segment: int | None = None) -> Path:
         """The output path of a format, or of one of its segments."""
         name = self.names[which]
-        return self.folder / (name if segment is None else numbering.segment_name(name, segment))
+        return self.folder / (name if segment is None else numbering.numbered_name(name, segment))
 
     def target(self, which: VideoFormat, segment: int | None = None) -> Path | container.OutputPipe:
         """The output path of a format, or of one of its segments, or standard output."""
@@ -237,49 +236,21 @@ def video_base(source: Path | None) -> str:
     ``plate`` of such images. As of any file, its suffix is kept if another input of its folder has
     its stem.
     """
-    if source is None:
-        return output_bases([None])[0]
-    source, name = _as_one_file(source)
-    (base,) = output_bases([source.with_name(name)])
-    return name if base == PurePath(name).stem and _is_beside_sequence(source, name) else base
+    if source is not None and numbering.is_sequence(source):
+        source = _as_one_file(source)
+    return output_bases([source])[0]
 
 
-def _as_one_file(source: Path) -> tuple[Path, str]:
-    """The input, and the name of the one file that it counts as."""
-    if not numbering.is_sequence(source):
-        return source, source.name
-    if source.is_dir():
-        source = source.resolve()  # "." has no name
-        with suppress(OSError):  # which reading it reports
-            return source, source.name + _image_suffix(source)
-    return source, numbering.sequence_name(source.name)
-
-
-def _is_beside_sequence(source: Path, name: str) -> bool:
-    """Whether another sequence in the folder of an input counts as a file with the stem of a name.
-
-    What cannot be listed has no sequence that can be read.
-    """
-    folder, stem = source.parent, PurePath(name).stem
-    firsts: dict[str, str] = {}
-    with suppress(OSError):
-        for one in sorted(filter(numbering.is_sequence_image, names_near(folder, [name]))):
-            pattern = numbering.pattern_of(PurePath(one).stem)
-            if pattern is not None and numbering.number_in(source.name, one) is None:
-                other = PurePath(numbering.sequence_name(pattern + PurePath(one).suffix)).stem
-                firsts.setdefault(comparable(other), one)
-        first = firsts.get(comparable(stem))
-        if first is not None and not is_own_picture(folder / first):
-            return True
-        return source.name != stem and bool(_image_suffix(folder / stem))
-    return False
-
-
-def _image_suffix(folder: Path) -> str:
-    """The suffix of the first image in a folder; empty without one, or if depthcli wrote it."""
-    names = numbering.listed_names(folder) if folder.is_dir() else ()
-    first = next(filter(numbering.is_sequence_image, names), None)
-    return "" if first is None or is_own_picture(folder / first) else PurePath(first).suffix
+def _as_one_file(sequence: Path) -> Path:
+    """The file that an image sequence counts as."""
+    if not sequence.is_dir():
+        return sequence.with_name(numbering.sequence_name(sequence.name))
+    sequence = sequence.resolve()  # "." has no name
+    with suppress(OSError):  # which reading it reports
+        names = numbering.listed_names(sequence)
+        first = next(filter(numbering.is_sequence_image, names), "")
+        return sequence.with_name(sequence.name + PurePath(first).suffix)
+    return sequence
 
 
 def plan_video(request: VideoRequest) -> VideoPlan:
@@ -340,7 +311,7 @@ def _segments(
         problem = "only video files in a local folder have a limited length"
         raise UsageError(problem, "choose another {out}", option="segment")
     named = {
-        which: numbering.segments_name(name) if which in videos else name
+        which: numbering.segments_pattern(name) if which in videos else name
         for which, name in names.items()
     }
     if request.live is None:
