@@ -17,6 +17,7 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
+from depthcli.errors import InputError
 from depthcli.video.container import open_video
 
 _CHECKED_CODEC = "ffv1"
@@ -188,7 +189,7 @@ def is_incomplete_matroska(path: Path, container: InputContainer) -> bool:
     """Whether a Matroska or WebM file is truncated or has a gap; False for other containers.
 
     FFmpeg's demuxer skips such places without an error, and only logs them. The file is read once
-    more, without decoding; InputError if it is no video any more.
+    more, without decoding.
     """
     if container.format.name != _MATROSKA:
         return False
@@ -201,7 +202,7 @@ def is_incomplete_matroska(path: Path, container: InputContainer) -> bool:
             with again:
                 for _ in again.demux(stream):
                     pass
-    except av.FFmpegError:
+    except (av.FFmpegError, InputError):  # or it was removed meanwhile
         return True
     finally:
         av_logging.set_level(level)

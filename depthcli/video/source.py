@@ -210,7 +210,6 @@ class VideoSource(clock.FrameSource):
         if self.paths:  # in a pipe it is a guess
             self.frames_stated = _stated_frames(self._container, chosen, self.rate)
         streams = video_streams(self._container)
-        self._streams = len(streams)
         if stream is None and len(streams) > 1:
             problem = f"of its {len(streams)} video streams, number {streams.index(chosen)} is read"
             self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
@@ -314,19 +313,13 @@ class VideoSource(clock.FrameSource):
 
     def _check_end(self) -> None:
         """Compare the decoded frames with what the file states."""
-        if len(video_streams(self._container)) > self._streams:
-            self.warnings += ("another video stream begins later, and is left out",)
         self._timeline.end(self._decoder.pop_failed())
         self._report_lost()
         read = self._timeline.index + 1
         stated, self.frames_stated = self.frames_stated, read
-        try:
-            is_incomplete = self._decoder.ended_early or (
-                self._path is not None and is_incomplete_matroska(self._path, self._container)
-            )
-        except InputError as error:
-            self.problem = f"it was changed while it was read: {error}"
-            return
+        is_incomplete = self._decoder.ended_early or (
+            self._path is not None and is_incomplete_matroska(self._path, self._container)
+        )
         # In MP4, an edit list may hide frames, and its demuxer reports a missing end.
         stated = stated if self._container.format.name == _AVI else None
         # By the time of the last frame: the stated number includes dropped frames, without data.
