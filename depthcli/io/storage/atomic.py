@@ -81,12 +81,12 @@ def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
 
     Raises:
         OutputError: the folder cannot be created, the file cannot be written, or the path is an
-            input, a file that the guard protects, a device or a pipe. Nothing is left behind.
+            input, a file that the guard protects, or no file. Nothing is left behind.
     """
     if guard is not None:
         guard.check(path)
     if is_special(path):
-        raise OutputError(f"{path} is a device or a pipe and is not replaced", _ADVICE)
+        raise OutputError(f"{path} is no file and is not replaced", _ADVICE)
     with os_errors_as(OutputError, f"cannot write {path}", _ADVICE):
         if isinstance(path, RemotePath):
             from depthcli.io.storage.paths import uploaded  # noqa: PLC0415 - slow, seldom used
@@ -95,6 +95,8 @@ def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
                 yield temporary
             return
         path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            path.lstat()  # a name that is too long fails before the work
         with temporary_beside(path) as temporary:
             yield temporary
             os.replace(temporary, path)  # noqa: PTH105 - names with bytes that are not UTF-8 pass
@@ -129,7 +131,7 @@ _OPEN_STREAM = re.compile(r"/dev/(stdin|stdout|stderr|fd/\d+)|/proc/(self|\d+)/f
 
 
 def is_special(path: Path) -> bool:
-    """Whether a path is an open stream, or exists and is neither a file nor a folder."""
+    """Whether a path is an open stream, or exists and is no file, such as a folder."""
     if isinstance(path, RemotePath):
         return False
     if _OPEN_STREAM.fullmatch(os.path.abspath(path)):  # noqa: PTH100 - links stay as named
@@ -138,7 +140,7 @@ def is_special(path: Path) -> bool:
         mode = path.stat().st_mode
     except (OSError, ValueError):
         return False  # writing says what is wrong
-    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+    return not stat.S_ISREG(mode)
 
 
 _WORK = ".depthcli-work"

@@ -20,7 +20,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError, Message, OutputError, about, os_errors_as
+from depthcli.errors import InputError, Message, about
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.io.depth.metadata import dequantized, quantized
@@ -59,11 +59,6 @@ def write_video(
     ``workers`` is the number of threads besides the one that decodes and writes.
     """
     start_s = time.perf_counter()
-    advice = "choose another {out}"
-    for path in map(plan.path, plan.names):
-        with os_errors_as(OutputError, f"cannot write {path}", advice):  # the name is too long
-            if path.is_dir():
-                raise OutputError(f"{path} is a folder", advice)
     source = open_frames(
         plan.source,
         rate=settings.fps,
