@@ -25,7 +25,9 @@ from depthcli.core.options import UpsamplingOptions
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.jobs.video.plan import VideoRequest, VideoSettings, plan_video, video_destination
+from depthcli.io.storage.atomic import Guard
+from depthcli.jobs.video.plan import VideoRequest, plan_video, video_destination
+from depthcli.jobs.video.resume import FrameJournal
 from depthcli.jobs.video.stages import FrameStages, open_output
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource
@@ -62,14 +64,11 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     """CPU seconds of all stages of a frame, each in its turn, the mean over a few frames."""
     cv2.setNumThreads(1)
     pipeline = Pipeline(SessionLoader(threads=1).load(), UpsamplingOptions())
-    settings = VideoSettings()
-    work, stages = FrameStages(pipeline, settings), Stages()
     plan = plan_video(VideoRequest(str(video), video_destination(f"{folder}/", FORMATS)))
+    work, stages = FrameStages(plan, pipeline, FrameJournal(), None), Stages()
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
-            which: stack.enter_context(
-                open_output(which, plan, settings.writing, source, source.rate, None)
-            )
+            which: stack.enter_context(open_output(which, plan, source, Guard.of([video])))
             for which in FORMATS
         }
         taken = source.frames()

@@ -219,18 +219,10 @@ class VideoWorker:
     def _write_video(self, task: BatchTask, source: Path, sha256: str) -> dict[str, Any]:
         """Write the outputs of a video; returns fields of its row."""
         # PyAV takes 60 ms to load, which a batch of images does not need.
-        from depthcli.jobs.video.plan import VideoPlan, VideoSettings  # noqa: PLC0415
+        from depthcli.jobs.video.plan import VideoPlan, VideoRequest, VideoSettings  # noqa: PLC0415
         from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
 
         options, out, name = self.images.options, self.images.out, task.input.name
-        plan = VideoPlan(
-            name,
-            source,
-            (out / name).parent,
-            {which: path.name for which, path in task.outputs.items()},
-            overwrite=options.overwrite or task.is_listed,
-            sha256=sha256,
-        )
         settings = VideoSettings(
             writing=options.writing,
             camera=options.camera.of_image(task.intrinsics),
@@ -238,7 +230,16 @@ class VideoWorker:
             detail=options.detail,
             max_pixels=options.max_pixels,
         )
-        done = write_video(plan, self.images.pipeline, settings, self.workers, self.progress)
+        overwrite = options.overwrite or task.is_listed
+        plan = VideoPlan(
+            name,
+            source,
+            (out / name).parent,
+            {which: path.name for which, path in task.outputs.items()},
+            VideoRequest(name, settings=settings, overwrite=overwrite),
+            sha256=sha256,
+        )
+        done = write_video(plan, self.images.pipeline, self.workers, self.progress)
         files = _output_files(task.outputs, done.numbers)
         return {
             "outputs": tuple(output_entry(out, path) for path in files),

@@ -117,13 +117,14 @@ class VideoPlan:
     source: Path | container.InputPipe | LiveStream  #: the file, standard input, or a live stream
     folder: Path  #: folder of the outputs
     names: Mapping[VideoFormat, str]  #: file name of each; ``%06d`` of a sequence, ``-`` for stdout
-    codec: PreviewCodec | None = None  #: of the previews; None for the usual one of each container
-    has_audio: bool = True  #: whether previews include the audio
-    stdout: BinaryIO | None = None  #: the stream for ``-``
-    overwrite: bool = False  #: whether outputs may replace files of other programs
-    page: PreviewPage | None = None  #: shows the newest preview
+    request: VideoRequest  #: how to process it
     first_segment: int = 0  #: number of the first file, if they are of a limited length
     sha256: str | None = None  #: of a source that is a temporary copy, which no path identifies
+
+    @property
+    def settings(self) -> VideoSettings:
+        """Options that affect the outputs."""
+        return self.request.settings
 
     def path(self, which: VideoFormat, segment: int | None = None) -> Path:
         """The output path of a format, or of one of its segments."""
@@ -132,9 +133,10 @@ class VideoPlan:
 
     def target(self, which: VideoFormat, segment: int | None = None) -> Path | container.OutputPipe:
         """The output path of a format, or of one of its segments, or standard output."""
-        if self.stdout is None:
+        if self.request.destination.kind is not Kind.STDOUT:
             return self.path(which, segment)
-        return container.OutputPipe(self.stdout, PurePath(which.facts.suffix).suffix)
+        stream = self.request.stdout or sys.stdout.buffer
+        return container.OutputPipe(stream, PurePath(which.facts.suffix).suffix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,6 @@ class VideoResult:
     """The result of a video whose outputs are all written."""
 
     plan: VideoPlan  #: the video, and the files written
-    settings: VideoSettings  #: options that affected them
     numbers: Sequence[int]  #: numbers of the frames written; the first of the file has 0
     times_s: Sequence[float]  #: time of each of them, from the first frame of the video
     rate: Fraction  #: frames per second of the outputs, exact
@@ -184,7 +185,8 @@ class VideoResult:
         from depthcli.io.depth.metadata import anchor_fields, origin_fields  # noqa: PLC0415 - is loaded by now
 
         depth = self.depth
-        time_code, writing = self.first.time_code, self.settings.writing
+        time_code, settings = self.first.time_code, self.plan.settings
+        writing = settings.writing
         is_stretched = writing.is_normalized and VideoFormat.PNG16 in self.plan.names
         of_png16: dict[str, object] = {}
         if is_stretched and writing.vmin is not None and writing.vmax is not None:
@@ -209,9 +211,9 @@ class VideoResult:
             "scenes": self.scenes,
             "flicker": self.flicker,
             "flicker_unsmoothed": self.flicker_unsmoothed,
-            "smooth_s": self.settings.smooth_s,
-            "look_ahead": self.settings.look_ahead,
-            "lock_s": self.settings.lock_s,
+            "smooth_s": settings.smooth_s,
+            "look_ahead": settings.look_ahead,
+            "lock_s": settings.lock_s,
             **origin_fields(depth),
             **anchor_fields(depth),
         }
@@ -286,11 +288,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         or container.InputPipe(request.stdin or sys.stdin.buffer, request.raw),
         folder=folder,
         names=names,
-        codec=request.codec,
-        has_audio=request.has_audio,
-        stdout=(request.stdout or sys.stdout.buffer) if destination.kind is Kind.STDOUT else None,
-        overwrite=request.overwrite,
-        page=request.page,
+        request=request,
         first_segment=first_segment,
     )
     for path in map(plan.path, names):

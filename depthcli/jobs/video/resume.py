@@ -16,7 +16,7 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.video.known_depth import FrameAnchors
-from depthcli.jobs.video.plan import VideoPlan, VideoSettings
+from depthcli.jobs.video.plan import VideoPlan
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource
 from depthcli.video.numbering import base_name, numbered_name
@@ -100,14 +100,14 @@ def _finished(path: Path, fingerprint: str) -> frozenset[int] | None:
     return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
 
 
-def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings) -> float | None:
+def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
     """Units per metre to which depth is rounded before it is used; None for no rounding.
 
     Depth is rounded if all depth outputs are 16-bit, so that previews and figures are computed from
     the values that are written, and are the same whether or not the run was resumed. Normals of
     rounded depth would be those of its steps.
     """
-    writing = settings.writing
+    settings, writing = plan.settings, plan.settings.writing
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
     is_finer = any(which.facts.is_exact or which in _NORMALS for which in plan.names)
     is_metric = bool(settings.anchors) or pipeline.card.output.kind is DepthKind.METRIC
@@ -118,11 +118,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline, settings: VideoSettings)
 
 
 def open_journal(
-    plan: VideoPlan,
-    source: FrameSource,
-    pipeline: Pipeline,
-    settings: VideoSettings,
-    anchors: FrameAnchors | None = None,
+    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: FrameAnchors | None
 ) -> FrameJournal:
     """The record of this run, and of an earlier one if it can be resumed.
 
@@ -134,29 +130,25 @@ def open_journal(
     if not numbered or isinstance(plan.folder, RemotePath):
         return FrameJournal()
     path = plan.folder / f".{base_name(plan.names[numbered[0]])}.depthcli-frames"
-    is_whole = rounding_scale(plan, pipeline, settings) is not None or any(
-        which.facts.is_exact and not (settings.writing.half and "half" in which.facts.options)
+    is_whole = rounding_scale(plan, pipeline) is not None or any(
+        which.facts.is_exact and not (plan.settings.writing.half and "half" in which.facts.options)
         for which in numbered
     )
     is_alone = set(plan.names) <= set(SEQUENCES)
     is_readable = any(w.facts.image and w.facts.image.facts.is_readable for w in numbered)
-    can_resume = not settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
+    can_resume = not plan.settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     can_resume &= is_readable
     with os_errors_as(OutputError, f"cannot write into {plan.folder}", "choose another {out}"):
         if can_resume:
-            origin = _origin(plan, source, pipeline, settings, anchors)
-            return FrameJournal(path, origin, plan)
+            return FrameJournal(path, _origin(plan, source, pipeline, anchors), plan)
         path.unlink(missing_ok=True)
     return FrameJournal()
 
 
 def _origin(
-    plan: VideoPlan,
-    source: FrameSource,
-    pipeline: Pipeline,
-    settings: VideoSettings,
-    anchors: FrameAnchors | None,
+    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: FrameAnchors | None
 ) -> str:
+    settings = plan.settings
     # A broken link in a sequence costs no other image.
     states = [(path, path.stat() if path.exists() else path.lstat()) for path in source.paths]
     return fingerprint(

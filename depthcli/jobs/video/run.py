@@ -38,7 +38,7 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResul
 
     pipeline = Pipeline(loading.result(), request.settings.detail)
     with _local_plan(plan, progress) as here:
-        return write_video(here, pipeline, request.settings, workers, progress)
+        return write_video(here, pipeline, workers, progress)
 
 
 @contextmanager

@@ -30,7 +30,7 @@ from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.read import undistorted
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.video.known_depth import FrameAnchors
-from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
+from depthcli.jobs.video.plan import VideoPlan, VideoResult
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
@@ -48,17 +48,13 @@ from depthcli.video.source import open_frames
 
 
 def write_video(
-    plan: VideoPlan,
-    pipeline: Pipeline,
-    settings: VideoSettings,
-    workers: int,
-    progress: Progress = NO_PROGRESS,
+    plan: VideoPlan, pipeline: Pipeline, workers: int, progress: Progress = NO_PROGRESS
 ) -> VideoResult:
     """Do as :func:`depthcli.jobs.video.run.video`, with named outputs and a loaded model.
 
     ``workers`` is the number of threads besides the one that decodes and writes.
     """
-    start_s = time.perf_counter()
+    start_s, settings = time.perf_counter(), plan.settings
     source = open_frames(
         plan.source,
         rate=settings.fps,
@@ -71,16 +67,15 @@ def write_video(
         anchors = None
         if stated:
             anchors = FrameAnchors(stated, settings.anchors_fit, settings.anchors_within_s)
-        journal = stack.enter_context(open_journal(plan, source, pipeline, settings, anchors))
+        journal = stack.enter_context(open_journal(plan, source, pipeline, anchors))
         known = anchors.paths if anchors else []
-        inputs, overwrite = [*source.paths, *known], plan.overwrite or journal.is_resumed
+        inputs, overwrite = [*source.paths, *known], plan.request.overwrite or journal.is_resumed
         guard = Guard.of(inputs, overwrite=overwrite)
-        outputs = [*map(stack.enter_context, _outputs(plan, settings, source, guard))]
+        outputs = [*map(stack.enter_context, _outputs(plan, source, guard))]
         sidecar = None
         if VideoFormat.JSON in plan.names:
             sidecar = stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
-        scale = rounding_scale(plan, pipeline, settings)
-        stages = FrameStages(pipeline, settings, journal, scale, anchors)
+        stages = FrameStages(plan, pipeline, journal, anchors)
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
         frames = stages.renumbered(source)
         ahead = workers if isinstance(plan.source, LiveStream) else None
@@ -96,7 +91,7 @@ def write_video(
         if stages.unfitted and len(stages.unfitted) == len(stages.numbers):
             raise InputError(stages.unfitted[0])
         warnings = [warning for output in outputs for warning in output.finish()]
-        done = _result(plan, settings, source, stages, warnings)
+        done = _result(plan, source, stages, warnings)
         if sidecar is not None:
             is_numbered = not set(SEQUENCES).isdisjoint(plan.names)
             sidecar.write_text(done.sidecar(has_times=is_numbered), "utf-8")
@@ -141,40 +136,38 @@ def _process_frames(
             yield stages.numbers[index]
 
 
-def _outputs(
-    plan: VideoPlan, settings: VideoSettings, source: FrameSource, guard: Guard
-) -> Iterator[VideoOutput]:
+def _outputs(plan: VideoPlan, source: FrameSource, guard: Guard) -> Iterator[VideoOutput]:
     """The outputs of all formats but JSON, each in one file or in segments, and the page."""
     for which in plan.names:
         if which is not VideoFormat.JSON:
-            opened = partial(_output, which, plan, settings, source, guard)
-            length_s = None if which in SEQUENCES else settings.segment_s
+            opened = partial(open_output, which, plan, source, guard)
+            length_s = None if which in SEQUENCES else plan.settings.segment_s
             yield SegmentedOutput(opened, length_s, plan.first_segment) if length_s else opened()
-    if plan.page is not None:
-        yield plan.page
+    if plan.request.page is not None:
+        yield plan.request.page
 
 
-def _output(
+def open_output(
     which: VideoFormat,
     plan: VideoPlan,
-    settings: VideoSettings,
     source: FrameSource,
     guard: Guard,
     segment: int | None = None,
 ) -> VideoOutput:
     """The output of one format, or of one of its segments, to be entered."""
-    target, writing = plan.target(which, segment), settings.writing
+    request, writing = plan.request, plan.settings.writing
     if which in SEQUENCES and which.facts.image is not None:
         return SequenceOutput(which.facts.image, plan.folder, plan.names[which], writing, guard)
-    rate = settings.span.rate(source.rate)
+    rate = plan.settings.span.rate(source.rate)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
-    starts_s = source.start_s if plan.has_audio else None
+    starts_s = source.start_s if request.has_audio else None
     audio = None
     if starts_s is not None and not isinstance(plan.source, LiveStream):
         audio = AudioTrack(plan.source, starts_s)
-    return video_file(which, target, timing, guard, writing, plan.codec, audio)
+    target = plan.target(which, segment)
+    return video_file(which, target, timing, guard, writing, request.codec, audio)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,24 +188,20 @@ class FrameStages:
 
     def __init__(
         self,
+        plan: VideoPlan,
         pipeline: Pipeline,
-        settings: VideoSettings,
-        journal: FrameJournal | None = None,
-        scale: float | None = None,
-        anchors: FrameAnchors | None = None,
+        journal: FrameJournal,
+        anchors: FrameAnchors | None,
     ) -> None:
-        """Begin before the first frame; ``scale`` is the units per metre that depth is rounded to.
-
-        The journal has frames that an earlier run wrote.
-        """
-        self._journal, self._scale = journal or FrameJournal(), scale
-        self.pipeline, self._settings, self._anchors = pipeline, settings, anchors
+        """Begin before the first frame; the journal has frames that an earlier run wrote."""
+        self._journal, self._scale = journal, rounding_scale(plan, pipeline)
+        self.pipeline, self._settings, self._anchors = pipeline, plan.settings, anchors
         self._shift, self._source_rate = 0, 1.0  # of numbers; frames a second
         self._first_number: int | None = None
         self._name_numbers: Sequence[int] = ()
         self._changes = temporal.ChangeDetector()
         self._lock = temporal.RangeLock()
-        self._deflicker = temporal.Deflicker(settings.look_ahead)
+        self._deflicker = temporal.Deflicker(plan.settings.look_ahead)
         self._smoother = temporal.Smoother()
         self._kind = kind = DepthKind.METRIC if anchors else pipeline.card.output.kind
         self.unfitted: list[str] = []
@@ -348,15 +337,12 @@ def _in_windows(
 
 
 def _result(
-    plan: VideoPlan,
-    settings: VideoSettings,
-    source: FrameSource,
-    stages: FrameStages,
-    warnings: Sequence[str],
+    plan: VideoPlan, source: FrameSource, stages: FrameStages, warnings: Sequence[str]
 ) -> VideoResult:
     if stages.first is None:
         raise TypeError(stages)
-    pipeline, smooths = stages.pipeline, settings.smooth_s > 0
+    pipeline, settings = stages.pipeline, plan.settings
+    smooths = settings.smooth_s > 0
     camera_warnings = () if settings.anchors else focal_warnings(pipeline.card, settings.camera)
     of_input = (*source.warnings, *stages.warnings, *pipeline.session.warnings, *camera_warnings)
     of_input += _range_warnings(plan, settings.writing)
@@ -365,7 +351,6 @@ def _result(
         of_input += (about(told, stages.unfitted[0]),)
     return VideoResult(
         plan=plan,
-        settings=settings,
         numbers=stages.numbers,
         times_s=stages.times_s,
         rate=settings.span.rate(source.rate),
