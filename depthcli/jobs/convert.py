@@ -113,14 +113,11 @@ def _write_converted(
             f"depth is of one eye ({stored.frame.view}) and {request.picture} of the other",
             "choose with {from_layer} and {layer}",
         )
-    picture = given
+    depth, picture = shown, given
     if wanted.facts.has_overscan:
         depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
-    else:
-        depth = shown
-    if not (
-        inspect.is_depth_video(paths.path_of(request.source)) or depth.valid.any()
-    ):  # of a video, it may be
+    is_frame = inspect.is_depth_video(paths.path_of(request.source))  # may have no depth
+    if not is_frame and not depth.valid.any():
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
     inputs = [paths.path_of(name) for name in (request.source, request.picture) if name is not None]
     guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
@@ -288,27 +285,24 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
     _check_sequence(request)
     destination = target_destination(request.target, request.format)
     pattern = destination.path or paths.path_of(request.target)
-    problem: InputError | None = None
 
-    def readable(video: DepthVideo) -> Generator[StoredDepth, None, None]:
-        # Raised at the end, so that all frames before it are written.
-        nonlocal problem
+    def frames(video: DepthVideo) -> Generator[StoredDepth | InputError, None, None]:
         try:
             yield from video.frames(paths.safe_name(request.source))
         except InputError as error:
-            problem = error
+            yield error
 
-    def convert_frame(stored: StoredDepth) -> ConvertResult:
+    def convert_frame(stored: StoredDepth | InputError) -> ConvertResult:
+        if isinstance(stored, InputError):  # at its turn, so that all frames before are written
+            raise stored
         name = numbering.numbered_name(pattern.name, stored.frame.index)
         found = replace(destination, path=pattern.with_name(name))
         return _write_converted(stored, request, found)
 
     with paths.local_copy(paths.path_of(request.source)) as path, parallel.one_thread_each(workers):
-        frames = readable(inspect.open_depth_video(path, request.stated))
-        with closing(parallel.ordered_map(convert_frame, frames, workers=workers)) as results:
+        found = frames(inspect.open_depth_video(path, request.stated))
+        with closing(parallel.ordered_map(convert_frame, found, workers=workers)) as results:
             yield from results
-    if problem is not None:
-        raise problem
 
 
 def convert_to_video(
