@@ -61,8 +61,6 @@ CASES = [
     if name in SIGNATURES or name.startswith("depth-anything-v2")  # others: test_kept_cards.py
     for signature in SIGNATURES.get(name, [ANYTHING, ANYTHING_FIXED, HUB])
 ]
-INPUTS = {(signature, ready_card(name).input): (name, signature) for name, signature in CASES}
-"""One of the cases for all that give networks of one signature the same input."""
 
 
 def write_network(path: Path, signature: Signature, mean: float = 0.0) -> Path:
@@ -114,15 +112,6 @@ def test_a_network_of_its_signature_runs(tmp_path: Path, name: str, signature: S
     assert all(m.kind is model.card.output.kind for m in maps)
     left, right = maps[0].values[:, 8].mean(), maps[0].values[:, -8].mean()
     assert left < right
-
-
-@pytest.mark.parametrize(("name", "signature"), INPUTS.values())
-def test_several_pictures_at_once_agree(tmp_path: Path, name: str, signature: Signature) -> None:
-    session = Session(add_model(write_network(tmp_path / "m.onnx", signature), name))
-    spec = session.model.card.input
-    batches = [prepare(spec, Frame(ramp(30, 40) // part))[0] for part in (1, 2, 4)]
-    together = session.run(np.concatenate(batches))
-    np.testing.assert_array_equal(together, np.concatenate([session.run(b) for b in batches]))
 
 
 @pytest.mark.parametrize("name", dict(CASES))
@@ -199,44 +188,6 @@ def test_a_graph_that_runs_in_one_size_only_gets_that_size(tmp_path: Path) -> No
 def test_an_unknown_card_is_refused() -> None:
     with pytest.raises(UsageError):
         ready_card("midas")
-
-
-def reference_size(
-    width: int, height: int, target: int, step: int, *, lower: bool
-) -> tuple[int, int]:
-    """(width, height) of MiDaS's and Depth Anything's resize, in NumPy's own rounding."""
-    scale = max(target / width, target / height) if lower else min(target / width, target / height)
-
-    def constrained(length: float) -> int:
-        rounded = int(np.round(length / step) * step)
-        if lower and rounded < target:
-            return int(np.ceil(length / step) * step)
-        if not lower and rounded > target:
-            return int(np.floor(length / step) * step)
-        return rounded
-
-    return constrained(scale * width), constrained(scale * height)
-
-
-SIZES = [(640, 480), (480, 640), (1920, 1080), (1241, 376), (518, 518), (100, 100), (333, 999)]
-
-
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize(
-    ("name", "lower"), [("depth-anything-v2-small", True), ("midas-small-torch", False)]
-)
-def test_preprocessing_is_the_original_s(name: str, lower: bool, size: tuple[int, int]) -> None:
-    spec = ready_card(name).input
-    pixels = np.random.default_rng(3).integers(0, 256, (size[1], size[0], 3), np.uint8)
-    expected = cv2.resize(
-        pixels / 255.0,  # double, as the original has it
-        reference_size(*size, spec.width, spec.multiple_of, lower=lower),
-        interpolation=cv2.INTER_CUBIC,
-    )
-    expected = (expected - IMAGENET[0]) / IMAGENET[1]
-    batch, place = prepare(spec, Frame(pixels))
-    assert not place.is_padded
-    np.testing.assert_allclose(batch[0].transpose(1, 2, 0), expected, atol=5e-4)
 
 
 def test_the_midas_release_gets_plain_colours() -> None:

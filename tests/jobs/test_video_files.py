@@ -1,8 +1,6 @@
 """Names of a video's outputs, files they replace, and runs that were stopped."""
 
 import json
-import resource
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,23 +10,18 @@ from helpers.batches import request
 from helpers.requests import video_request
 from helpers.tiny import write_model
 from helpers.videos import flat_frames, write_mp4, write_video
-from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.parallel import Background
 from depthcli.errors import OutputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.session import Session
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.video.plan import (
     VideoRequest,
     VideoSettings,
-    plan_video,
     video_base,
     video_destination,
 )
-from depthcli.jobs.video.resume import FrameJournal
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
@@ -55,13 +48,6 @@ def write_names(folder: Path, names: str) -> None:
 def test_shared_stems_keep_the_suffix(names: str, bases: dict[str, str], tmp_path: Path) -> None:
     write_names(tmp_path, names)
     assert {name: video_base(tmp_path / name) for name in bases} == bases
-
-
-def test_every_output_has_the_name(tmp_path: Path) -> None:
-    write_names(tmp_path, "p.1001.exr p.mov")
-    formats = (VideoFormat.MKV, VideoFormat.PNG16)
-    plan = plan_video(video_request(tmp_path / "p.####.exr", "out/", formats))
-    assert list(plan.names.values()) == ["p.exr.depth.mkv", "p.exr.depth.%06d.png"]
 
 
 BOTH = (VideoFormat.MKV, VideoFormat.MP4)
@@ -140,29 +126,6 @@ def clip(tmp_path: Path) -> Path:
     return write_mp4(tmp_path / "clip.mp4", flat_frames(range(0, 96, 4)))
 
 
-class Configured(SessionLoader):
-    """Sessions of the CPU, which has no options, that state some."""
-
-    def start(self) -> Background[Session]:
-        """Load one, and state the options."""
-        session = SessionLoader(self.model, self.provider, self.threads).load()
-        session.provider_options = dict(self.provider_options)
-        return Background(lambda: session)
-
-
-@pytest.mark.parametrize("precision", ["FP32", "FP16"])
-def test_a_run_with_other_provider_options_is_not_resumed(
-    precision: str, clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
-    frame, written_ns = tmp_path / "out" / "clip.depth.000001.png", []
-    for options in ({"precision": "FP32"}, {"precision": precision}):
-        model = Configured(loader.model, "cpu", threads=1, provider_options=options)
-        with pytest.raises(KeyboardInterrupt):
-            video(video_request(clip, f"{tmp_path}/out/", (PNG16,), model=model), Watched(9))
-        written_ns.append(frame.stat().st_mtime_ns)
-    assert (written_ns[0] == written_ns[1]) == (precision == "FP32")
-
-
 @pytest.mark.parametrize("sidecar", [False, True])
 def test_the_sidecar_of_an_earlier_run_does_not_describe_new_arrays(
     clip: Path, tmp_path: Path, loader: SessionLoader, sidecar: bool
@@ -205,15 +168,3 @@ def test_the_ends_of_a_normalized_video_are_those_that_were_asked_for(
     slope, start = np.polyfit(values[free], steps[free], 1)
     low, high = (1 - start) / slope, (65535 - start) / slope
     assert (low, high) == (pytest.approx(vmin, abs=0.01), pytest.approx(vmax, abs=0.01))
-
-
-def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    journal = FrameJournal(tmp_path / ".a.depthcli-frames", "origin")
-    try:
-        with journal, suppress(OSError):
-            journal.add(1)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (1, before[1]))  # the disk is full
-            journal.add(2)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)

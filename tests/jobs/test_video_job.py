@@ -15,7 +15,7 @@ import pytest
 from helpers.file_trees import contents
 from helpers.requests import video_request
 from helpers.tiny import load, write_model, write_picture
-from helpers.videos import NTSC, encode, flat_frames, with_track_tag, write_mp4, write_video
+from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
 from helpers.watched import Watched
 
 import depthcli
@@ -36,7 +36,7 @@ from depthcli.jobs.video.plan import (
 )
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
-from depthcli.video.formats import SEQUENCES, PreviewCodec, VideoFormat
+from depthcli.video.formats import SEQUENCES, VIDEOS, PreviewCodec, VideoFormat
 from depthcli.video.frames import Point, Span
 from depthcli.video.numbering import numbered_name
 from depthcli.video.source import VideoSource
@@ -184,16 +184,12 @@ def test_outputs_of_stdin_are_named_so(clip: Path, tmp_path: Path, loader: Sessi
     assert files(tmp_path / "out") == {f"stdin.{suffix}" for suffix in suffixes}
 
 
-@pytest.mark.parametrize("which", sorted({*VideoFormat} - {VideoFormat.JSON, VideoFormat.STEREO}))
+@pytest.mark.parametrize("which", VIDEOS)
 def test_standard_output_takes_the_frames_of_a_file(
     clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat
 ) -> None:
     stream = Stream()
     request = video_request(clip, "-", (which,), model=loader, stdout=stream)
-    if which in SEQUENCES:
-        with pytest.raises(UsageError):
-            video(request)
-        return
     assert video(request).outputs == ("-",)
     piped, whole = (tmp_path / f"{name}{which.facts.suffix}" for name in "ab")
     piped.write_bytes(stream.getvalue())
@@ -256,31 +252,6 @@ def test_empty_names_are_not_the_working_directory(
     assert files(tmp_path / "shot") == {"0000.png", "0001.png", "0002.png"}
 
 
-def test_numbered_files_of_a_run_that_was_stopped_are_kept(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
-    request = video_request(
-        clip, f"{tmp_path}/out/", (VideoFormat.PNG16,), sidecar=True, model=loader
-    )
-    with pytest.raises(KeyboardInterrupt):
-        video(request, Watched(last=9))
-    out = tmp_path / "out"
-    assert not (out / "clip.depth.json").exists()
-    written_ns = {path.name: path.stat().st_mtime_ns for path in sorted(out.glob("*.png"))[6:9]}
-    (out / "clip.depth.000002.png").write_bytes(b"damaged")
-    (out / "clip.depth.000003.png").unlink()
-    watch = Watched()
-    assert (video(request, watch).frames, watch.done) == (24, 24)
-    for name, at_ns in written_ns.items():
-        assert (out / name).stat().st_mtime_ns == at_ns
-    whole = video_destination(f"{tmp_path}/whole/", (VideoFormat.PNG16,), sidecar=True)
-    other = dataclasses.replace(request, destination=whole)
-    video(other)
-    assert files(out) == files(tmp_path / "whole")
-    for path in (tmp_path / "whole").glob("*.png"):
-        assert (out / path.name).read_bytes() == path.read_bytes()
-
-
 RESUMED = [
     (VideoFormat.MKV, VideoFormat.MOV, VideoFormat.PNG16),
     (VideoFormat.MP4, VideoFormat.NPY),
@@ -300,9 +271,15 @@ def test_a_video_that_was_stopped_twice_goes_on_to_the_same_bytes(
     for last in (15, 6):
         with pytest.raises(KeyboardInterrupt):
             video(request, Watched(last=last))
-    assert not list((tmp_path / "out").glob("clip.*.m*"))
-    assert len(hidden(tmp_path / "out")) == 1
+    out = tmp_path / "out"
+    assert not [*out.glob("clip.*.m*"), *out.glob("*.json")]
+    assert len(hidden(out)) == 1
+    frames = sorted(out.glob("clip.*"))
+    frames[2].write_bytes(b"damaged")
+    frames[3].unlink()
+    written_ns = [path.stat().st_mtime_ns for path in frames[6:9]]
     done = video(request)
+    assert [path.stat().st_mtime_ns for path in frames[6:9]] == written_ns
     there = video_destination(f"{tmp_path}/whole/", formats, sidecar=True)
     whole = video(dataclasses.replace(request, destination=there))
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
@@ -611,23 +588,6 @@ def test_the_lock_holds_colours_and_lets_go_at_a_cut(tmp_path: Path, loader: Ses
     assert jump[0] > 40  # without it the change of one part repaints the rest
     assert jump[1] < 15
     assert abs(free[-1] - held[-1]).max() < 20
-
-
-def test_depth_follows_the_focal_length_of_the_file(clip: Path, tmp_path: Path) -> None:
-    write_model(tmp_path / "learned", camera={"hfov_deg": 60.0})
-    loader = SessionLoader(str(tmp_path / "learned"))
-    plain = run(clip, tmp_path / "plain.mkv", loader)
-    phone = clip.with_name("phone.mp4")
-    name = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
-    phone.write_bytes(with_track_tag(clip.read_bytes(), name, 21, (13).to_bytes(4)))
-    done = run(phone, tmp_path / "phone.mkv", loader)
-    assert plain.depth.provenance is not None
-    assert done.depth.provenance is not None
-    focal_px = 13 * math.hypot(64, 48) / math.hypot(36, 24)
-    assert done.metadata()["focal_px"] == pytest.approx(focal_px)
-    assert done.metadata()["camera_source"] == "exif"
-    ratio = focal_px / (32 / math.tan(math.radians(30)))
-    np.testing.assert_allclose(done.depth.values, plain.depth.values * ratio, atol=0.002)
 
 
 def test_a_name_that_is_too_long_ends_before_any_frame(clip: Path, loader: SessionLoader) -> None:
