@@ -43,12 +43,6 @@ class SessionLoader:
         from depthcli.inference.session import Session  # noqa: PLC0415
 
         def session() -> Session:
-            loaded = chosen_session()
-            if self.model is None:  # an int8 network, which not all providers run well
-                loaded.load_known_depth = SessionLoader(KNOWN_DEPTH_MODEL, CPU, self.threads).load
-            return loaded
-
-        def chosen_session() -> Session:
             model = checking.result()
             chosen, other = model, model.card.float_model
             # GPUs run int8 networks slowly; OpenVINO does not gain speed, and rounds differently.
@@ -58,10 +52,12 @@ class SessionLoader:
             loaded = Session(
                 chosen, provider=self.provider, threads=self.threads, provider_options=options
             )
-            if chosen is model or loaded.provider != CPU:
-                return loaded
-            on_cpu = Session(model, provider=CPU, threads=self.threads)  # no GPU works
-            on_cpu.warnings = loaded.warnings
-            return on_cpu
+            if chosen is not model and loaded.provider == CPU:  # no GPU works
+                warnings = loaded.warnings
+                loaded = Session(model, provider=CPU, threads=self.threads)
+                loaded.warnings = warnings
+            if self.model is None:  # an int8 network, which not all providers run well
+                loaded.load_known_depth = SessionLoader(KNOWN_DEPTH_MODEL, CPU, self.threads).load
+            return loaded
 
         return Background(session)

@@ -42,19 +42,19 @@ def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) ->
     side = min(_MAX_VIEW_PX, max(8, round(frame.width / math.pi * half)))
     width = min(frame.width, round(side * math.pi / half))
     small = resize_area(frame.pixels, width, max(1, width // 2))  # type: ignore[arg-type]
-    turns = [_rotation(*view) for view in _VIEWS_DEG]
-    logs = []
-    for turn in turns:
+    turns, logs, are_level = list[Float64Array](), list[Float32Array](), list[bool]()
+    for yaw_deg, pitch_deg in _VIEWS_DEG:
+        turn = _rotation(yaw_deg, pitch_deg)
         view = np.ascontiguousarray(_view(small, turn, side))
-        logs.append(np.log(predict(Frame(view)) * np.linalg.norm(_view_rays(side), axis=-1)))
-    known = [np.isfinite(log).all() for log in logs]
-    if not any(known):
+        log = np.log(predict(Frame(view)) * np.linalg.norm(_view_rays(side), axis=-1))
+        if np.isfinite(log).all():
+            turns.append(turn)
+            logs.append(log)
+            are_level.append(pitch_deg == 0)
+    if not logs:
         raise InputError("no view of the panorama has depth everywhere")
-    logs = [log for log, one in zip(logs, known, strict=True) if one]
-    turns = [turn for turn, one in zip(turns, known, strict=True) if one]
     samples = [*_samples(panorama_rays(*_GRID_PX), turns, logs)]
-    views = [view for view, one in zip(_VIEWS_DEG, known, strict=True) if one]
-    offsets = _offsets(samples, np.array([pitch == 0 for _, pitch in views]))
+    offsets = _offsets(samples, np.array(are_level))
     found = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
         rays = panorama_rays(frame.width, frame.height, rows)
@@ -69,10 +69,9 @@ def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) ->
 
 def _rotation(yaw_deg: float, pitch_deg: float) -> Float64Array:
     """From directions of a view to those of the panorama; x right, y down, z ahead."""
-    yaw, pitch = math.radians(yaw_deg), math.radians(pitch_deg)
-    up = [[1, 0, 0], [0, math.cos(pitch), -math.sin(pitch)], [0, math.sin(pitch), math.cos(pitch)]]
-    right = [[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]]
-    return np.asarray(np.array(right) @ np.array(up), np.float64)
+    up, _ = cv2.Rodrigues(np.radians([pitch_deg, 0, 0]))
+    right, _ = cv2.Rodrigues(np.radians([0, yaw_deg, 0]))
+    return np.asarray(right @ up, np.float64)
 
 
 def _view_rays(side: int) -> Float32Array:
