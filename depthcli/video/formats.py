@@ -132,7 +132,6 @@ def video_stem_of(path: str | PurePath) -> str:
 
 
 DEPTH_PIXELS = "gray16le"  #: FFmpeg's name of the pixels of depth
-_MIN_SLICED_PX = 16
 CONTAINERS = {".mkv": "matroska", ".mp4": "mp4", ".webm": "webm", ".mov": "mov"}
 """FFmpeg's names of containers, by the file's suffix."""
 
@@ -158,13 +157,6 @@ class Encoding:
     #: of the encoder. The number of threads is fixed, because it can change the bytes
     options: tuple[tuple[str, str], ...]
     is_intra_only: bool = False  #: whether each frame is a keyframe
-
-    def options_for(self, width: int, height: int) -> dict[str, str]:
-        """The encoder's options for frames of a size."""
-        options = dict(self.options) | {"flags": "+bitexact"}
-        if min(width, height) < _MIN_SLICED_PX and "slices" in options:
-            options["slices"] = "1"
-        return options
 
 
 ENCODINGS = {

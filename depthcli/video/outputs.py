@@ -203,7 +203,7 @@ class VideoFile(VideoOutput):
         if self._codec == PreviewCodec.AV1:
             os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
         encoding, timing = ENCODINGS[self._codec], self._timing
-        options = encoding.options_for(frame.width, frame.height)
+        options = dict(encoding.options) | {"flags": "+bitexact"}
         added = container.add_stream(encoding.encoder, rate=timing.rate, options=options)
         stream = cast("VideoStream", added)
         stream.width, stream.height = frame.width, frame.height
@@ -230,7 +230,12 @@ class VideoFile(VideoOutput):
                 options["movflags"] += "+delay_moov"
         try:
             container.start_encoding()
-        except (av.ArgumentError, av.ExternalError, av.UndefinedError) as error:
+        except (
+            av.ArgumentError,
+            av.ExternalError,
+            av.UndefinedError,
+            NotImplementedError,
+        ) as error:
             problem = (
                 f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
             )
