@@ -112,8 +112,6 @@ class Pipeline:
         if self.session.load_known_depth and any(map(_is_for_network, anchors)):
             tasks = zip(frames, cameras, anchors, strict=True)
             return [self._of_known_depth(*task) for task in tasks]
-        for frame in frames:
-            tile_width_px(self.card.input, frame, self.detail)
         own = [lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
         frames = [
             frame

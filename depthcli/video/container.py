@@ -35,11 +35,12 @@ _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 class _Pipe:
     """A stream that FFmpeg uses by callbacks, in which it would ignore a ``KeyboardInterrupt``."""
 
-    _error: type[DepthcliError] = InputError
-
-    def __init__(self, stream: BinaryIO) -> None:
-        self._stream = stream
+    def __init__(self, stream: BinaryIO, name: str, error: type[DepthcliError]) -> None:
+        self._stream, self._name, self._error = stream, name, error
         self._stopped: BaseException | None = None
+
+    def __str__(self) -> str:
+        return self._name
 
     def check(self) -> None:
         """Raise the error of an earlier callback, if there was one; the stream is stopped then."""
@@ -81,14 +82,11 @@ class InputPipe(_Pipe):
 
     def __init__(self, stream: BinaryIO, raw: RawVideo | None = None) -> None:
         """Wrap a stream, of a container or of frames as ``raw`` states."""
-        super().__init__(stream)
+        super().__init__(stream, "standard input", InputError)
         self.raw = raw
         # Read what is available, so that live video is not delayed.
         self._read = getattr(stream, "read1", stream.read)
         self.seekable, self.seek, self.tell = stream.seekable, stream.seek, stream.tell
-
-    def __str__(self) -> str:
-        return "standard input"
 
     def read(self, size: int) -> bytes:
         """Up to ``size`` bytes; none at the end."""
@@ -102,14 +100,9 @@ class InputPipe(_Pipe):
 class OutputPipe(_Pipe):
     """A stream that FFmpeg writes; its suffix chooses the container, such as ``.mkv``."""
 
-    _error = OutputError
-
     def __init__(self, stream: BinaryIO, suffix: str) -> None:
-        super().__init__(stream)
+        super().__init__(stream, "standard output", OutputError)
         self.suffix = suffix
-
-    def __str__(self) -> str:
-        return "standard output"
 
     def write(self, data: bytes) -> int:
         """Write and flush all data."""

@@ -1,29 +1,27 @@
 """Facts that a video states about its camera: focal length, stereo layout and projection."""
 
-from __future__ import annotations
-
 import mmap
 import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from av.container import InputContainer
+from av.sidedata.sidedata import Type
+from av.video.frame import VideoFrame
+
+from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import Eye, Projection
 from depthcli.errors import Message, UsageError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from av.container import InputContainer
-    from av.video.frame import VideoFrame
+from depthcli.io.images.pixels import PANORAMA
 
 _FOCAL_35MM = "camera.focal_length.35mm_equivalent"
 _LENS = re.compile(r"focal|lens", re.IGNORECASE)
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?(?:mm)?", re.ASCII)
 _LENS_LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?mm", re.ASCII)  # as in "back camera 6.765mm f/1.78"
 _TEXT, _FLOAT32, _FLOAT64 = 1, 23, 24  # well-known types of QuickTime's metadata
-
 
 _SIDE_BY_SIDE, _TOP_BOTTOM = 1, 2
 _PACKED = {_SIDE_BY_SIDE: "side by side", _TOP_BOTTOM: "one above the other"}
@@ -106,11 +104,6 @@ def camera_warnings(
     frame: VideoFrame, eye: Eye | None, projection: Projection | None
 ) -> Iterator[str]:
     """Warnings by the first frame, but not about a view or a projection that is given."""
-    from av.sidedata.sidedata import Type  # noqa: PLC0415 - loads FFmpeg
-
-    from depthcli.core.imageops import transfer_warning  # noqa: PLC0415 - loads NumPy
-    from depthcli.io.images.pixels import PANORAMA  # noqa: PLC0415
-
     if warning := transfer_warning(frame.color_trc, "video", "BT.709"):
         yield warning
     if frame.interlaced_frame:
@@ -150,8 +143,6 @@ def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
 
 def _stereo(frame: VideoFrame) -> tuple[int, bool] | None:
     """FFmpeg's number of the stereo layout, and whether right is first; None for one view."""
-    from av.sidedata.sidedata import Type  # noqa: PLC0415
-
     data = side_data(frame, Type.STEREO3D)
     kind, flags = struct.unpack_from("<2i", data) if data else (0, 0)
     return (kind, bool(flags & 1)) if kind in {*_PACKED, *_INTERLEAVED} else None

@@ -20,6 +20,7 @@ from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
 from depthcli.io.images.pixels import full_range, upright
+from depthcli.io.images.read import masked
 from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
@@ -156,8 +157,6 @@ class FrameConverter:
             projection=options.projection or Projection.PINHOLE,
         )
         if has_alpha:
-            from depthcli.io.images.read import masked  # noqa: PLC0415 - few videos need it
-
             try:
                 frame = masked(frame, pixels[..., _RGB])
             except InputError:  # nothing is seen, as before a fade

@@ -19,7 +19,7 @@ from depthcli.errors import InputError
 from depthcli.io.depth.anchors import COLUMNS, SUFFIXES, AnchorFiles, numbers_of, read_known_depth
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
-from depthcli.video.numbering import times_ns
+from depthcli.video.numbering import stamps_a_second, times_ns
 
 _LAST_NUMBER = re.compile(r"(\d+)\D*$", re.ASCII)
 _OUTPUT = ".depth"  # end of the stems of the outputs of ``convert``
@@ -73,12 +73,10 @@ class FrameAnchors:
         if stated.extrinsics:
             self.paths.append(stated.extrinsics)
 
-    def of_frame(
-        self, number: int, time_s: float, rate: float, numbers_a_second: float | None = None
-    ) -> AnchorPoints | None:
+    def of_frame(self, number: int, time_s: float, rate: float) -> AnchorPoints | None:
         """The points of a frame of a video of ``rate`` frames a second; None if it has none.
 
-        ``numbers_a_second`` is of images that are numbered by their times.
+        ``number`` may be a time stamp in the name of an image.
         """
         found: _Points | None = self._of_all
         if self._each:
@@ -86,7 +84,7 @@ class FrameAnchors:
             after = bisect_left(keys, at)
             nearest = min(keys[max(0, after - 1) : after + 1], key=lambda key: abs(key - at))
             within_s = 0.5 / rate if self._within_s is None else self._within_s
-            within = within_s if self._is_timed else within_s * (numbers_a_second or rate)
+            within = within_s if self._is_timed else within_s * (stamps_a_second(number) or rate)
             found = self._each[nearest] if abs(nearest - at) <= within else None
         if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
             with self._reading:  # once for all frames near a scan
