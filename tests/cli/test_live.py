@@ -208,13 +208,6 @@ def test_a_page_shows_the_newest_preview_until_the_video_ends(cli: Cli) -> None:
     assert (process.returncode, b"no effect" in said) == (0, False)
 
 
-def test_a_page_that_nobody_looks_at_changes_no_byte(cli: Cli) -> None:
-    write_video(cli.folder / "clip.avi", flat_frames(range(0, 250, 10)))
-    for name, words in (("a", ()), ("b", ("--show", str(free_port())))):
-        cli("video", "clip.avi", "-o", f"{name}.mkv", "--smooth", "0.2", *words, code=0)
-    assert (cli.folder / "a.mkv").read_bytes() == (cli.folder / "b.mkv").read_bytes()
-
-
 def test_segments_of_a_video_hold_all_of_its_frames(cli: Cli) -> None:
     write_video(cli.folder / "clip.avi", flat_frames(range(0, 250, 10)))
     assert cli("video", "clip.avi", "-o", "whole.mkv").returncode == 0

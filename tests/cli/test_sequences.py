@@ -15,7 +15,6 @@ import pytest
 from helpers.command_line import Cli
 from helpers.plates import OVERSCAN, write_plate
 
-from depthcli.cli import parse
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
@@ -80,14 +79,6 @@ def test_a_percent_sign_in_the_name_of_a_file_is_no_pattern(tmp_path: Path) -> N
     (tmp_path / "take##2.mp4").touch()
     assert not is_sequence(tmp_path / "take##2.mp4")
     assert not is_sequence(tmp_path / "take#3.mp4")
-
-
-@pytest.mark.parametrize(
-    ("word", "rate"),
-    [("24", Fraction(24)), ("23.976", FILM), ("24000/1001", FILM), ("12.5", Fraction(25, 2))],
-)
-def test_frame_rates_of_sequences(word: str, rate: Fraction) -> None:
-    assert parse.fps(word) == rate
 
 
 def test_without_a_stated_rate_there_are_25_frames_a_second_and_a_warning(tmp_path: Path) -> None:

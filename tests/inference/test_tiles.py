@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import onnx
 import OpenEXR
 import pytest
-from helpers.tiny import load, tiny_onnx, write_model
+from helpers.tiny import load, write_model
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -233,14 +232,7 @@ def test_memory_stays_within_what_was_counted(
 
 
 def test_a_model_without_a_unit_is_tiled_too(tmp_path: Path) -> None:
-    proto = onnx.load_from_string(tiny_onnx())
-    folder = write_model(
-        tmp_path,
-        proto.SerializeToString(),
-        output__kind="inverse",
-        output__min_m=None,
-        output__max_m=None,
-    )
+    folder = write_model(tmp_path, output__kind="inverse", output__min_m=None, output__max_m=None)
     values = load(folder, detail=UpsamplingOptions(tile_px=32)).predict(textured()).depth.values
     assert values.shape == (96, 128)
     assert np.isfinite(values).all()

@@ -43,22 +43,22 @@ def write_other(path: Path, count: int, **options: str) -> Path:
     return encode(path, random_steps(count), NTSC, "ffv1", "gray16le", options=options)
 
 
-@pytest.mark.parametrize(("write", "count"), [(write_own, 1), (write_own, 10)])
-def test_a_damaged_first_frame_is_never_taken_for_depth(
-    write: Any, count: int, tmp_path: Path
-) -> None:
-    path = write(tmp_path / "a.mkv", count)
-    damage_frames(path, 0)
+@pytest.mark.parametrize(("count", "damaged"), [(1, 0), (10, 0), (10, 5)])
+def test_a_damaged_frame_is_never_taken_for_depth(count: int, damaged: int, tmp_path: Path) -> None:
+    path = write_own(tmp_path / "a.mkv", count)
+    damage_frames(path, damaged)
     found: list[Any] = []
     with pytest.raises(InputError):
-        found.extend(DepthVideo(path))
-    assert found == []
+        found.extend(DepthVideo(path).steps())
+    assert len(found) == damaged
+    for steps, expected in zip(found, random_steps(count), strict=False):
+        np.testing.assert_array_equal(steps, expected)
     if count == 1:
         with pytest.raises(InputError):
             VideoSource(path)
         return
     with VideoSource(path) as source:
-        assert [frame.index for frame in source.frames()] == list(range(1, 10))
+        assert [frame.index for frame in source.frames()] == [*{*range(count)} - {damaged}]
         assert source.problem == "it is damaged: 1 frames cannot be decoded"
 
 
@@ -113,21 +113,6 @@ def test_all_frames_of_joined_transport_streams_are_read(codec: str, tmp_path: P
         levels = [int(frame.pixels[9, 9, 0]) for frame in source.frames()]
         assert source.problem is None
     np.testing.assert_allclose(levels, [40] * 10 + [200] * 10, atol=3)
-
-
-def test_messages_of_ffmpeg_are_not_logged(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    rng = np.random.default_rng(0)
-    noise = [rng.integers(0, 255, (48, 64, 3), np.uint8) for _ in range(10)]
-    path = encode(tmp_path / "a.ts", noise, Fraction(10), "libx264", "yuv420p")
-    data = bytearray(path.read_bytes())
-    for place in rng.integers(1000, len(data), 60):
-        data[place] ^= 0xFF
-    path.write_bytes(data)
-    with VideoSource(path) as source:
-        assert list(source.frames())
-    assert caplog.records == []
 
 
 def test_dropped_frames_of_an_avi_are_no_missing_end(tmp_path: Path) -> None:

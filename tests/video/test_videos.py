@@ -442,24 +442,6 @@ def test_colours_follow_the_files_own_matrix(colours: str, tmp_path: Path) -> No
     np.testing.assert_allclose(found, (200, 40, 90), atol=2)
 
 
-def test_a_damaged_slice_of_a_depth_video_is_never_taken_for_depth(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    steps = rng.integers(1, 65536, (10, 48, 64), dtype=np.uint16)
-    write_depth_video(tmp_path / "a.mkv", [(s / 1000).astype(np.float32) for s in steps])
-    data = bytearray((tmp_path / "a.mkv").read_bytes())
-    middle = len(data) // 2
-    data[middle : middle + 20] = bytes(20)
-    (tmp_path / "a.mkv").write_bytes(data)
-    with VideoSource(tmp_path / "a.mkv") as source:
-        assert len(list(source.frames())) == 9
-        assert source.problem == "it is damaged: 1 frames cannot be decoded"
-    found = []
-    with pytest.raises(InputError):
-        found.extend(DepthVideo(tmp_path / "a.mkv").steps())
-    assert 3 < len(found) < 8
-    np.testing.assert_array_equal(found, steps[: len(found)])
-
-
 def test_a_gap_in_matroska_is_noticed(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     maps = [rng.random((48, 64), np.float32) + 1 for _ in range(60)]
