@@ -14,7 +14,9 @@ import OpenEXR
 import pytest
 from helpers.command_line import Cli
 from helpers.plates import OVERSCAN, write_plate
+from PIL import Image
 
+from depthcli.core.options import Eye, ReadOptions
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.image import read_exr_rate
@@ -98,6 +100,17 @@ def test_sixteen_bit_pictures_keep_their_bits(tmp_path: Path) -> None:
     assert [frame.timestamp_s for frame in frames] == [float(i / FILM) for i in range(3)]
     for frame, pixels in zip(frames, pictures, strict=True):
         np.testing.assert_array_equal(frame.pixels, pixels[..., ::-1])
+
+
+def test_one_eye_of_stereo_images_is_read(tmp_path: Path) -> None:
+    views = [Image.new("RGB", (16, 8), (level,) * 3) for level in (40, 200)]
+    image = tmp_path / "1.jpg"
+    views[0].save(image, "MPO", save_all=True, append_images=views[1:])
+    data = image.read_bytes()
+    at = data.index(b"MPF\0") + 54  # of the kind, which Pillow does not state
+    image.write_bytes(data[:at] + b"\x02\x00\x02\x00" + data[at + 4 :])
+    with open_frames(tmp_path, options=ReadOptions(eye=Eye.RIGHT)) as source:
+        assert np.unique(next(source.frames()).pixels).tolist() == [200]
 
 
 def test_a_span_counts_in_the_sequences_own_numbers(tmp_path: Path) -> None:
