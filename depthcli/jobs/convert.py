@@ -95,16 +95,15 @@ class ConvertResult:
 
 def convert(request: ConvertRequest) -> ConvertResult:
     """Write a depth file in another format."""
-    destination = target_destination(request.target, request.format)
+    wanted, path = target_of(request.target, request.format)
     stored = inspect.read_map(paths.path_of(request.source), request.stated)
-    return _write_converted(stored, request, destination)
+    return _write_converted(stored, request, wanted, path)
 
 
 def _write_converted(
-    stored: StoredDepth, request: ConvertRequest, destination: outputs.Destination[table.Format]
+    stored: StoredDepth, request: ConvertRequest, wanted: table.Format, path: Path
 ) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
-    ((wanted, path),) = destination.outputs(paths.path_of(request.target)).items()
     shown = types.with_camera(stored.displayed, request.camera)
     given = None if request.picture is None else _colours(request, request.picture, shown)
     views = {stored.frame.view, given.view if given else None} - {None}
@@ -135,15 +134,13 @@ def _write_converted(
     return ConvertResult(paths.safe_name(request.source), str(path), shown, round_trip, warnings)
 
 
-def target_destination(
-    target: str, asked: table.Format | None
-) -> outputs.Destination[table.Format]:
-    """Where a converted map goes, and its format: the one asked for, or that of the suffix."""
+def target_of(target: str, asked: table.Format | None) -> tuple[table.Format, Path]:
+    """Format of a converted map, the one asked for or that of the suffix, and its path."""
     found = outputs.Destination.parse(target, () if asked is None else (asked,), _RULES)
-    if found.kind in {outputs.Kind.FOLDER, outputs.Kind.STDOUT}:
+    if found.path is None or found.kind is outputs.Kind.FOLDER:
         folder = "" if target == outputs.STDIO else f"{target.rstrip('/')}/"
         raise UsageError(f"{target} is not a file", f"name one, for example {folder}depth.exr")
-    return found
+    return found.formats[0], found.path
 
 
 def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> table.WriterOptions:
@@ -217,7 +214,7 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = folders.ANY) -> Fo
 
 def plan_sequence(request: ConvertRequest) -> FolderPlan:
     """List numbered depth files, and name their outputs by a pattern, with the same numbers."""
-    pattern = target_destination(request.target, request.format).path or Path()
+    _, pattern = target_of(request.target, request.format)
     images = numbering.find_images(paths.path_of(request.source), is_depth=True)
     names = [numbering.numbered_name(pattern.name, image.number) for image in images]
     inputs = tuple(InputFile(image.path.name, str(image.path)) for image in images)
@@ -283,8 +280,7 @@ def _target(base: str, wanted: table.Format) -> str:
 def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertResult, None, None]:
     """Convert every frame of a depth video, in their order; the target is a pattern for numbers."""
     _check_sequence(request)
-    destination = target_destination(request.target, request.format)
-    pattern = destination.path or paths.path_of(request.target)
+    wanted, pattern = target_of(request.target, request.format)
 
     def frames(video: DepthVideo) -> Generator[StoredDepth | InputError, None, None]:
         try:
@@ -296,8 +292,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
         if isinstance(stored, InputError):  # at its turn, so that all frames before are written
             raise stored
         name = numbering.numbered_name(pattern.name, stored.frame.index)
-        found = replace(destination, path=pattern.with_name(name))
-        return _write_converted(stored, request, found)
+        return _write_converted(stored, request, wanted, pattern.with_name(name))
 
     with paths.local_copy(paths.path_of(request.source)) as path, parallel.one_thread_each(workers):
         found = frames(inspect.open_depth_video(path, request.stated))

@@ -115,7 +115,7 @@ def convert(
         raise UsageError("", "name the format of the outputs with {format}, for example exr")
     side_by_side = writing.preview.side_by_side
     format_: Format | VideoFormat | None = as_video or (form if is_folder else None)
-    format_ = format_ or job.target_destination(output, form).formats[0]
+    format_ = format_ or job.target_of(output, form)[0]
     if format_ is Format.PREVIEW and side_by_side != (inputs.picture is not None):
         raise UsageError("", "give both {side_by_side} and {picture}, or neither")
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
