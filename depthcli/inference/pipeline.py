@@ -257,11 +257,11 @@ class Pipeline:
 
         ``known`` is known depth, (C, H, W), for each; None for none.
         """
-        sizes: dict[tuple[int, ...], list[int]] = {}
+        batches: dict[tuple[int, ...], list[int]] = {}
         for i, single in enumerate(inputs):
-            sizes.setdefault(single.shape, []).append(i)
+            batches.setdefault((i,) if self.session.takes_one else single.shape, []).append(i)
         outputs: dict[int, RawOutputs] = {}
-        for members in sizes.values():
+        for members in batches.values():
             together = [inputs[i] for i in members]
             batch = together[0] if len(together) == 1 else np.concatenate(together)
             raw = self.session.outputs(batch, [known[i] for i in members])

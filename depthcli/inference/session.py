@@ -81,6 +81,7 @@ class Session:
 
     Attributes:
         warnings: one-line texts, if ``auto`` fell back to a slower provider.
+        takes_one: whether the graph was exported for a single image.
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
         load_known_depth: loads :attr:`known_depth` when it is needed; None if there is none.
     """
@@ -120,7 +121,7 @@ class Session:
         self._outputs = _output_names(self._session, model)
         self._input, shape = _image_input(self._session, model)
         self._input_type = _INPUT_TYPES[self._session.get_inputs()[0].type]
-        self._batch_size, self.fixed_size = shape[0], (shape[2], shape[3])
+        self.takes_one, self.fixed_size = shape[0] == 1, (shape[2], shape[3])
 
     def run(self, batch: Float32Array, prompts: _Prompts = None) -> Float32Array:
         """The maps of :meth:`outputs`, (N, h, w) float32."""
@@ -132,14 +133,6 @@ class Session:
         ``prompts`` are known depth for a network that takes it, (C, H, W) float32 of each image
         with an input in each channel; None where nothing is known.
         """
-        if self._batch_size == 1 and len(batch) > 1:  # exported without a dynamic batch
-            rows = [slice(i, i + 1) for i in range(len(batch))]
-            maps, *more = zip(
-                *(self.outputs(batch[i], None if prompts is None else prompts[i]) for i in rows),
-                strict=True,
-            )
-            joined = (None if one[0] is None else np.concatenate(one) for one in more)
-            return RawOutputs(np.concatenate(maps), *joined)
         feed = {self._input: batch}
         spec = self.model.card.input
         if spec.prompt_inputs:

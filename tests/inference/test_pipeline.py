@@ -204,6 +204,13 @@ def test_pictures_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.M
     assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 2.6, 9, 1])
 
 
+def test_a_network_that_takes_one_picture_gets_one_at_a_time(tmp_path: Path) -> None:
+    graph = onnx.load_from_string(tiny_onnx())
+    graph.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
+    maps = predicted(load(write_model(tmp_path, graph.SerializeToString())), [gray(0), gray(255)])
+    assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 9])
+
+
 @pytest.mark.parametrize(
     ("end_m", "columns", "word"),
     [

@@ -38,14 +38,6 @@ def test_run_gives_one_map_for_each_picture(model_folder: Path) -> None:
     np.testing.assert_array_equal(raw, batch[:, 0])
 
 
-def test_a_network_that_takes_one_picture_gets_one_at_a_time(tmp_path: Path) -> None:
-    graph = onnx.load_from_string(tiny_onnx())
-    graph.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
-    batch = np.arange(2 * 6 * 8, dtype=np.float32).reshape(2, 1, 6, 8)
-    raw = Session(find_model(write_model(tmp_path, graph.SerializeToString()))).run(batch)
-    np.testing.assert_array_equal(raw, batch[:, 0])
-
-
 def test_a_size_that_does_not_fit_is_an_error(tmp_path: Path) -> None:
     session = Session(find_model(write_model(tmp_path, input__dynamic=False)))
     with pytest.raises(ModelError):
