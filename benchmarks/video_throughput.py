@@ -26,6 +26,7 @@ from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.storage.atomic import Guard
+from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoRequest, plan_video, video_destination
 from depthcli.jobs.video.resume import FrameJournal
 from depthcli.jobs.video.stages import FrameStages, open_output
@@ -65,7 +66,8 @@ def measure_stages(video: Path, folder: Path, frames: int) -> Stages:
     cv2.setNumThreads(1)
     pipeline = Pipeline(SessionLoader(threads=1).load(), UpsamplingOptions())
     plan = plan_video(VideoRequest(str(video), video_destination(f"{folder}/", FORMATS)))
-    work, stages = FrameStages(plan, pipeline, FrameJournal(), None), Stages()
+    work = FrameStages(plan, pipeline, FrameJournal(), FrameAnchors(plan.settings))
+    stages = Stages()
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
             which: stack.enter_context(open_output(which, plan, source, Guard.of([video])))

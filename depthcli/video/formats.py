@@ -96,9 +96,10 @@ class VideoFormat(StrEnum):
 
 
 VIDEOS = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.WEBM, VideoFormat.MOV)
-SEQUENCES = tuple(which for which in VideoFormat if which.facts.is_sequence)
+SEQUENCES = {w: w.facts.image for w in VideoFormat if w.facts.image and w.facts.is_sequence}
+"""The formats that write a file for each frame, and the format of images of each."""
 COUNTERPARTS = {
-    **{which.facts.image: which for which in SEQUENCES if which.facts.image},
+    **{image: which for which, image in SEQUENCES.items()},
     Format.PNG16: VideoFormat.MKV,
     Format.PREVIEW: VideoFormat.MP4,
     Format.STEREO: VideoFormat.STEREO,

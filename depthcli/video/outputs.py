@@ -439,7 +439,6 @@ class SegmentedOutput(VideoOutput):
         super().__init__()
         self._opened, self._length_s, self._number = opened, length_s, number
         self._output = opened(number)
-        self.has_overscan = self._output.has_overscan
         self._first_s: float | None = None
         self._passed, self._warnings = 0, _WarningCount()
 

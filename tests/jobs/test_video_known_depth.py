@@ -195,5 +195,5 @@ def test_frames_of_other_extrinsics_are_not_kept(tmp_path: Path) -> None:
     known, states = AnchorFiles(str(tmp_path / "scan.bin"), camera=camera, extrinsics=pose), []
     for shift in ("0.1", "0.15"):
         pose.write_text(f"0 -1 0 {shift}\n0 0 -1 0\n1 0 0 0\n")
-        states.append(known_depth.FrameAnchors(known).states())
+        states.append(known_depth.FrameAnchors(VideoSettings(anchors=known)).states())
     assert states[0] != states[1]

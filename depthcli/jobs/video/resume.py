@@ -118,7 +118,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
 
 
 def open_journal(
-    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: FrameAnchors | None
+    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: FrameAnchors
 ) -> FrameJournal:
     """The record of this run, and of an earlier one if it can be resumed.
 
@@ -135,7 +135,7 @@ def open_journal(
         for which in numbered
     )
     is_alone = set(plan.names) <= set(SEQUENCES)
-    is_readable = any(w.facts.image and w.facts.image.facts.is_readable for w in numbered)
+    is_readable = any(SEQUENCES[which].facts.is_readable for which in numbered)
     can_resume = not plan.settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     can_resume &= is_readable
     with os_errors_as(OutputError, f"cannot write into {plan.folder}", "choose another {out}"):
@@ -145,9 +145,7 @@ def open_journal(
     return FrameJournal()
 
 
-def _origin(
-    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: FrameAnchors | None
-) -> str:
+def _origin(plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: FrameAnchors) -> str:
     settings = plan.settings
     # A broken link in a sequence costs no other image.
     states = [(path, path.stat() if path.exists() else path.lstat()) for path in source.paths]
@@ -159,5 +157,5 @@ def _origin(
         pipeline.detail,
         (settings.writing, settings.camera, settings.reading, settings.span),
         (settings.fps, settings.stream, settings.start_number),
-        anchors and anchors.states(),
+        anchors.states(),
     )

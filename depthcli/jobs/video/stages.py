@@ -63,14 +63,10 @@ def write_video(
         stream=settings.stream,
     )
     with source, ExitStack() as stack:
-        stated = settings.anchors
-        anchors = None
-        if stated:
-            anchors = FrameAnchors(stated, settings.anchors_fit, settings.anchors_within_s)
+        anchors = FrameAnchors(settings)
         journal = stack.enter_context(open_journal(plan, source, pipeline, anchors))
-        known = anchors.paths if anchors else []
-        inputs, overwrite = [*source.paths, *known], plan.request.overwrite or journal.is_resumed
-        guard = Guard.of(inputs, overwrite=overwrite)
+        overwrite = plan.request.overwrite or journal.is_resumed
+        guard = Guard.of([*source.paths, *anchors.paths], overwrite=overwrite)
         outputs = [*map(stack.enter_context, _outputs(plan, source, guard))]
         sidecar = None
         if VideoFormat.JSON in plan.names:
@@ -101,8 +97,8 @@ def write_video(
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
     """Remove the sidecar of an earlier run, which would state its camera for files without one."""
     for which, name in plan.names.items():
-        image_format = which.facts.image
-        if which in SEQUENCES and image_format is not None and not image_format.facts.has_camera:
+        image = SEQUENCES.get(which)
+        if image is not None and not image.facts.has_camera:
             remove_video_sidecar(plan.folder / f"{base_name(name)}.json")
 
 
@@ -156,8 +152,8 @@ def open_output(
 ) -> VideoOutput:
     """The output of one format, or of one of its segments, to be entered."""
     request, writing = plan.request, plan.settings.writing
-    if which in SEQUENCES and which.facts.image is not None:
-        return SequenceOutput(which.facts.image, plan.folder, plan.names[which], writing, guard)
+    if which in SEQUENCES:
+        return SequenceOutput(SEQUENCES[which], plan.folder, plan.names[which], writing, guard)
     rate = plan.settings.span.rate(source.rate)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
@@ -187,11 +183,7 @@ class FrameStages:
     """The stages of each frame, and the state between frames."""
 
     def __init__(
-        self,
-        plan: VideoPlan,
-        pipeline: Pipeline,
-        journal: FrameJournal,
-        anchors: FrameAnchors | None,
+        self, plan: VideoPlan, pipeline: Pipeline, journal: FrameJournal, anchors: FrameAnchors
     ) -> None:
         """Begin before the first frame; the journal has frames that an earlier run wrote."""
         self._journal, self._scale = journal, rounding_scale(plan, pipeline)
@@ -203,7 +195,7 @@ class FrameStages:
         self._lock = temporal.RangeLock()
         self._deflicker = temporal.Deflicker(plan.settings.look_ahead)
         self._smoother = temporal.Smoother()
-        self._kind = kind = DepthKind.METRIC if anchors else pipeline.card.output.kind
+        self._kind = kind = DepthKind.METRIC if plan.settings.anchors else pipeline.card.output.kind
         self.unfitted: list[str] = []
         self.raw, self.smoothed = temporal.FlickerMeter(kind), temporal.FlickerMeter(kind)
         self.scenes = 0
@@ -247,7 +239,7 @@ class FrameStages:
 
     def _fitted(self, image: Frame, camera: Intrinsics) -> tuple[Prediction, str | None]:
         """Depth of a frame, and why it is not fitted to known depth, if the video has any."""
-        if self._anchors is None:
+        if not self._settings.anchors:
             return self.pipeline.predict(image, camera), None
         number, time_s = image.index - self._shift, image.timestamp_s or 0.0
         named = self._name_numbers[number] if self._name_numbers else number
