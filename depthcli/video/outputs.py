@@ -43,6 +43,7 @@ from depthcli.video.frames import Timing, rate_text, time_code_label
 from depthcli.video.numbering import numbered_name
 
 _SEQUENCE_ADVICE = "choose an image sequence with {format} png16 or exr"
+_REFUSALS = (av.ArgumentError, av.ExternalError, av.UndefinedError, NotImplementedError)  # of sizes
 _BT709 = 1
 _KEYFRAME_INTERVAL_S = 2
 _MAX_GOP = 250
@@ -230,15 +231,9 @@ class VideoFile(VideoOutput):
                 options["movflags"] += "+delay_moov"
         try:
             container.start_encoding()
-        except (
-            av.ArgumentError,
-            av.ExternalError,
-            av.UndefinedError,
-            NotImplementedError,
-        ) as error:
-            problem = (
-                f"no {self._codec} video of {frame.width}×{frame.height} pixels can be written"
-            )
+        except _REFUSALS as error:
+            size = f"{frame.width}×{frame.height}"
+            problem = f"no {self._codec} video of {size} pixels can be written"
             raise OutputError(problem, _SEQUENCE_ADVICE) from error
         if self._codec == PreviewCodec.AV1:
             _leave_real_time()

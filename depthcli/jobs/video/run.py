@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 
 from depthcli.core.parallel import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.io.storage.paths import RemotePath
-from depthcli.jobs.video.plan import VideoPlan, VideoRequest, VideoResult, plan_video
+from depthcli.io.storage.paths import RemotePath, local_copy
+from depthcli.jobs.video.plan import VideoRequest, VideoResult, plan_video
 from depthcli.video.numbering import is_sequence
 
 
@@ -37,19 +36,11 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResul
     from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
 
     pipeline = Pipeline(loading.result(), request.settings.detail)
-    with _local_plan(plan, progress) as here:
-        return write_video(here, pipeline, workers, progress)
-
-
-@contextmanager
-def _local_plan(plan: VideoPlan, progress: Progress) -> Iterator[VideoPlan]:
-    """The plan with a local copy of a video in a store, as FFmpeg's libraries open local files."""
-    if not isinstance(plan.source, RemotePath) or is_sequence(plan.source):
-        yield plan
-        return
-    from depthcli.io.storage.paths import local_copy  # noqa: PLC0415 - for those who need it
-
-    with local_copy(plan.source, progress) as copy:
-        with copy.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        yield replace(plan, source=copy, sha256=sha256)
+    with ExitStack() as stack:
+        # FFmpeg's libraries open local files.
+        if isinstance(plan.source, RemotePath) and not is_sequence(plan.source):
+            copy = stack.enter_context(local_copy(plan.source, progress))
+            with copy.open("rb") as file:
+                sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+            plan = replace(plan, source=copy, sha256=sha256)
+        return write_video(plan, pipeline, workers, progress)
