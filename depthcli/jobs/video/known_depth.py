@@ -19,7 +19,7 @@ from depthcli.io.depth.anchors import COLUMNS, SUFFIXES, AnchorFiles, numbers_of
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
 from depthcli.jobs.video.plan import VideoSettings
-from depthcli.video.numbering import stamps_a_second, times_ns
+from depthcli.video.numbering import times_ns
 
 _LAST_NUMBER = re.compile(r"(\d+)\D*$", re.ASCII)
 _OUTPUT = ".depth"  # end of the stems of the outputs of ``convert``
@@ -66,10 +66,12 @@ class FrameAnchors:
         if stated.extrinsics:
             self.paths.append(stated.extrinsics)
 
-    def of_frame(self, number: int, time_s: float, rate: float) -> AnchorPoints | None:
+    def of_frame(
+        self, number: int, time_s: float, rate: float, numbers_a_second: float | None = None
+    ) -> AnchorPoints | None:
         """The points of a frame of a video of ``rate`` frames a second; None if it has none.
 
-        ``number`` may be a time stamp in the name of an image.
+        ``numbers_a_second`` is of images that are numbered by their times.
         """
         found: _Points | None = self._of_all
         if self._each:
@@ -77,7 +79,7 @@ class FrameAnchors:
             after = bisect_left(keys, at)
             nearest = min(keys[max(0, after - 1) : after + 1], key=lambda key: abs(key - at))
             within_s = 0.5 / rate if self._within_s is None else self._within_s
-            within = within_s if self._is_timed else within_s * (stamps_a_second(number) or rate)
+            within = within_s if self._is_timed else within_s * (numbers_a_second or rate)
             found = self._each[nearest] if abs(nearest - at) <= within else None
         if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
             with self._reading:  # once for all frames near a scan

@@ -36,7 +36,7 @@ from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.numbering import base_name
+from depthcli.video.numbering import base_name, stamps_a_second
 from depthcli.video.outputs import (
     DepthFrame,
     SegmentedOutput,
@@ -243,8 +243,9 @@ class FrameStages:
             return self.pipeline.predict(image, camera), None
         number, time_s = image.index - self._shift, image.timestamp_s or 0.0
         named = self._name_numbers[number] if self._name_numbers else number
+        stamps = stamps_a_second(named) if self._name_numbers else None
         try:
-            points = self._anchors.of_frame(named, time_s, self._source_rate)
+            points = self._anchors.of_frame(named, time_s, self._source_rate, stamps)
             if points is not None:
                 return self.pipeline.predict(image, camera, points), None
             advice = "{anchors_within} takes that of the nearest time"
