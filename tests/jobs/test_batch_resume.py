@@ -301,6 +301,16 @@ def test_neither_is_a_link_to_the_folder(tmp_path: Path) -> None:
     assert (result.is_kept, result.row.error) == (False, None)
 
 
+def test_videos_are_not_replaced_either(tmp_path: Path) -> None:
+    for folder, level in (("in", 40), ("other", 200)):
+        write_video(tmp_path / folder / "clip.mkv", flat_frames([level] * 2))
+    list(Batch(request(tmp_path)))
+    before = outputs(tmp_path / "out")
+    with pytest.raises(UsageError):
+        list(Batch(request_of(tmp_path, "other")))
+    assert outputs(tmp_path / "out") == before
+
+
 ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
 
 
