@@ -323,10 +323,8 @@ def _followed(
     if len(used) >= ROBUST_FROM and points.fit is not AnchorsFit.GLOBAL:
         log_m, (x, y) = np.log(fitted), pixels_of(points, windows)
         at = np.stack([(y + 0.5) / depth.height, (x + 0.5) / depth.width, log_m[y, x]])
-        fitted, how = (
-            fitted * np.exp(log_correction(log_m, at, points.depth_m, used)),
-            AnchorsFit.LOCAL,
-        )
+        fitted = fitted * np.exp(log_correction(log_m, at, points.depth_m, used))
+        how = AnchorsFit.LOCAL
     return DepthMap(fitted, DepthKind.METRIC), used, how
 
 

@@ -131,12 +131,10 @@ def read_reconstruction(
         f"depth is in the unit of {folder}, which is not known",
         "{anchors_scale} states how many of it are a metre",
     )
-    warnings: list[str] = [unit] * (units_per_m is None)
     lost = len(rows) - int(is_before.sum())
-    warnings += [f"{lost} of {len(rows)} points are behind the camera and are not used"] * (
-        lost > 0
-    )
-    return AnchorPoints(x, y, depth_m[is_before], size_px, tuple(warnings))
+    behind = f"{lost} of {len(rows)} points are behind the camera and are not used"
+    warnings = (unit,) * (units_per_m is None) + (behind,) * (lost > 0)
+    return AnchorPoints(x, y, depth_m[is_before], size_px, warnings)
 
 
 def _as_shown(
@@ -173,17 +171,14 @@ def _read(files: tuple[Path, ...], changed: tuple[int, ...]) -> _Reconstruction:
 def _images(data: bytes) -> Iterator[tuple[str, _Image]]:
     at = 8
     for _ in range(*struct.unpack_from("<Q", data)):
-        pose, camera = (
-            struct.unpack_from("<7d", data, at + 4),
-            *struct.unpack_from("<I", data, at + 60),
-        )
+        *pose, camera = struct.unpack_from("<7dI", data, at + 4)
         end = data.index(b"\0", at := at + 64)
         name = data[at:end].decode()
         (count,) = struct.unpack_from("<Q", data, end + 1)
         kinds = np.dtype([("pixel", "<2f8"), ("point", "<i8")])
         seen = np.frombuffer(data, kinds, count, end + 9)
         at = end + 9 + count * kinds.itemsize
-        yield name, _Image(pose, camera, np.column_stack([seen["pixel"], seen["point"]]))
+        yield name, _Image(tuple(pose), camera, np.column_stack([seen["pixel"], seen["point"]]))
 
 
 def _points(data: bytes) -> Iterator[tuple[int, tuple[float, float, float]]]:
