@@ -180,7 +180,7 @@ def anchors(
         raise UsageError("the frames of a video have no depth of their own", option="anchors")
     if camera.is_undistorted and files.is_by_image:
         told = "its points are of the images with their distortion"
-        raise UsageError(told, "leave {undistort} out", option="anchors")
+        raise UsageError(told, "leave {undistort} or {camera} out", option="anchors")
     is_local = not isinstance(place, RemotePath) and not files.is_by_image
     if is_local and is_folder is not None and place.is_dir() != is_folder:
         told = "not a folder with a file for each image" if is_folder else "a folder, not a file"

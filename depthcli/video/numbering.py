@@ -29,7 +29,7 @@ _NUMBER = re.compile(r"\d+", re.ASCII)
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 # Seconds since 1970 with decimals, as of TUM, or nanoseconds without leading zeros, as of ROS.
 _SECONDS = re.compile(r"(?<!\d)(1\d{9})([._])(\d{1,9})$", re.ASCII)
-_FINE = 8  # digits of nearly all nanoseconds; after _, shorter ones alone are counts
+_NANOSECONDS, _DECIMALS = 8, 5  # digits of most; shorter ones may be numbers of frames
 _SHORT = 4  #: numbers with fewer digits and no leading zero are taken as not padded
 # Before a digit, as in "take #2", # is no placeholder.
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
@@ -75,8 +75,9 @@ def times_ns(stems: Iterable[str]) -> list[int]:
     """Nanoseconds since 1970 that names without suffix end in; none if not all do."""
     found = [_SECONDS.search(stem) for stem in stems]
     times = [time.groups() for time in found if time]
-    has_nanoseconds = any(len(part) >= _FINE for _, _, part in times)
-    is_time = has_nanoseconds or all(mark == "." for _, mark, _ in times)
+    longest = max((len(part) for _, _, part in times), default=0)
+    has_nanoseconds = longest >= _NANOSECONDS
+    is_time = has_nanoseconds or (longest >= _DECIMALS and {mark for _, mark, _ in times} == {"."})
     if len(times) < len(found) or not is_time:
         return []
     return [int(s + (p.zfill(9) if has_nanoseconds else p.ljust(9, "0"))) for s, _, p in times]
