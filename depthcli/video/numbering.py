@@ -71,14 +71,13 @@ def number_in(pattern: str, name: str) -> int | None:
     return int(number) if is_number and name != pattern else None
 
 
-def times_ns(stems: Iterable[str]) -> list[int]:
+def times_ns(stems: Sequence[str]) -> list[int]:
     """Nanoseconds since 1970 that names without suffix end in; none if not all do."""
-    found = [_SECONDS.search(stem) for stem in stems]
-    times = [time.groups() for time in found if time]
+    times = [time.groups() for time in map(_SECONDS.search, stems) if time]
     longest = max((len(part) for _, _, part in times), default=0)
     has_nanoseconds = longest >= _NANOSECONDS
     is_time = has_nanoseconds or (longest >= _DECIMALS and {mark for _, mark, _ in times} == {"."})
-    if len(times) < len(found) or not is_time:
+    if len(times) < len(stems) or not is_time:
         return []
     return [int(s + (p.zfill(9) if has_nanoseconds else p.ljust(9, "0"))) for s, _, p in times]
 
@@ -185,7 +184,7 @@ def _is_depth_file(name: str) -> bool:
 
 def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
     """The one sequence of a folder, or images without frame numbers, counted from 0."""
-    times = times_ns(path.stem for path in paths)
+    times = times_ns([path.stem for path in paths])
     if len(set(times)) == len(paths):
         return sorted(map(NumberedImage, times, paths))
     texts = {(*_NUMBER.split(path.stem), path.suffix.lower()) for path in paths}

@@ -110,7 +110,7 @@ def _numbered_files(folder: Path) -> dict[int, Path]:
     listed = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     names = {path: path.stem.removesuffix(_OUTPUT) for path in listed}
     last = {path: match for path, name in names.items() if (match := _LAST_NUMBER.search(name))}
-    numbers = times_ns(names[path] for path in last) or [int(match[1]) for match in last.values()]
+    numbers = times_ns([names[path] for path in last]) or [int(match[1]) for match in last.values()]
     found: dict[int, Path] = {}
     for path, at in zip(last, numbers, strict=True):
         if at in found:
