@@ -130,7 +130,7 @@ def _directed(matrix: Float64Array, frames: _Frames) -> Extrinsics:
     if not is_pose or _is_camera(source) == _is_camera(target):
         raise ValueError(frames)
     camera = target if _is_camera(target) else source
-    if camera.endswith("_link"):  # x forward by REP 103
+    if camera.endswith(("_link", "_frame")) and "optical" not in camera:  # x forward by REP 103
         raise InputError(f"{camera} has no axes of images", "give the pose in its optical frame")
     if camera is target:
         return Extrinsics(matrix)
