@@ -37,7 +37,7 @@ def written(path: Path, pixels: npt.NDArray[Any], **facts: Any) -> bytes:
     ("name", "pixels", "facts"),
     [
         ("a.dpx", WORDS, {}),
-        ("a.dpx", WORDS, {"oiio__BitsPerSample": 10}),
+        ("a.dpx", WORDS, {"oiio__BitsPerSample": 10, "PixelAspectRatio": 2.0}),  # OpenImageIO #561
         ("a.tga", BYTES, {}),
         ("a.jxl", BYTES, {"compression": "jpegxl:100"}),
         ("a.tif", WORDS, {"planarconfig": "separate"}),
@@ -54,6 +54,7 @@ def test_image_is_read(
     top = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1
     found_top = np.iinfo(frame.pixels.dtype).max if frame.pixels.dtype.kind == "u" else 1
     assert frame.pixels.shape == BYTES.shape
+    assert frame.pixel_aspect == facts.get("PixelAspectRatio", 1)
     np.testing.assert_allclose(frame.pixels / found_top, pixels[..., :3] / top, atol=0.02)
     with pytest.raises(InputError):
         check(data, name, max_pixels=24 * 40 - 1)

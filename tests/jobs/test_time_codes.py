@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.exr.file import ExrPart, read_exr_header, time_code_attribute
+from depthcli.io.exr.file import ExrPart, read_exr_header
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.jobs.batch.plan import plan_files
@@ -65,7 +65,7 @@ def write_parts(path: Path, number: int) -> Path:
     path.parent.mkdir(exist_ok=True)
     shown = {"type": OpenEXR.scanlineimage}
     gray = np.full((16, 16), 0.5, np.float32)
-    code = time_code_attribute(time_code_of(number))
+    code = OpenEXR.TimeCode(*time_code_of(number))
     parts = [
         OpenEXR.Part({**shown, "framesPerSecond": FILM, "timeCode": code}, {"A": gray}, "matte"),
         OpenEXR.Part(dict(shown), dict.fromkeys("RGB", gray), "rgba"),

@@ -79,15 +79,10 @@ def stated_time_code(header: Mapping[str, Any]) -> tuple[int, ...] | None:
     groups = (stated.userData >> shift & (1 << _GROUP_BITS) - 1 for shift in shifts)
     numbers = (*(int(getattr(stated, field)) for field in _FIELDS), *groups)
     try:
-        time_code_attribute(numbers)
+        OpenEXR.TimeCode(*numbers)
     except OPENEXR_ERRORS:  # 45 hours, for instance
         return None
     return numbers
-
-
-def time_code_attribute(numbers: tuple[int, ...]) -> Any:  # noqa: ANN401 - OpenEXR has no types
-    """The attribute of a header, of the numbers that ``Frame`` has."""
-    return OpenEXR.TimeCode(*numbers)
 
 
 _CHROMATICITIES = 8
@@ -210,7 +205,7 @@ def write_exr(
     if rate is not None:
         header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
     if time_code is not None:
-        header["timeCode"] = time_code_attribute(time_code)
+        header["timeCode"] = OpenEXR.TimeCode(*time_code)
     with path.open("wb") as file:
         OpenEXR.File(header, dict(channels)).write(file)
 

@@ -42,6 +42,7 @@ class Decoded(NamedTuple):
     exif: bytes = b""  #: the TIFF structure that EXIF is; empty without one
     is_linear: bool = False  #: whether it is linear light and not encoded for display
     alpha: AnyArray | None = None  #: (H, W), opacity of the type of the pixels; None if all
+    pixel_aspect: float = 1.0  #: width by height of a pixel
 
 
 def is_webp(data: bytes) -> bool:

@@ -68,11 +68,13 @@ def decode_openimageio(data: bytes) -> Decoded:
         if spec.getattribute("tiff:PhotometricInterpretation") == _WHITE_IS_ZERO:
             pixels = (np.iinfo(pixels.dtype).max if kind in _TYPES else 1) - pixels
         space = str(spec.getattribute("oiio:ColorSpace"))
+        aspect = spec.getattribute("PixelAspectRatio") if _format_of(data) == "DPX" else None
         pixels = upright(pixels, spec.getattribute("Orientation") or 1)
     return Decoded(
         np.ascontiguousarray(pixels[..., :_RGB] if channels == _RGB else pixels[..., 0]),
         alpha=pixels[..., channels] if has_alpha else None,
         is_linear=kind == "float" and space.startswith("lin"),
+        pixel_aspect=aspect or 1.0,
     )
 
 

@@ -267,6 +267,7 @@ def read_image(
         focal_35mm=exif.focal_35mm,
         focal_mm=exif.focal_mm,
         warnings=tuple(filter(None, (of_eyes, *warnings, panorama, profile))),
+        pixel_aspect=decoded.pixel_aspect,
         projection=projection or Projection.PINHOLE,
     )
     if decoded.alpha is None or ignore_alpha:
