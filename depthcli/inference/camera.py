@@ -63,9 +63,8 @@ def with_own_view(camera: Intrinsics, hfov_deg: float | None, width: int) -> Int
 
     Estimates out of the range of fields of view are not used.
     """
-    if hfov_deg is None or camera.source not in {None, CameraSource.CARD}:
-        return camera
-    if not HFOV_DEG.holds(hfov_deg):
+    is_known = camera.source not in {None, CameraSource.CARD}
+    if is_known or hfov_deg is None or not HFOV_DEG.holds(hfov_deg):
         return camera
     return replace(camera, focal_px=focal_px_of_hfov(hfov_deg, width), source=CameraSource.MODEL)
 

