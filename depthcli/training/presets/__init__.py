@@ -12,12 +12,10 @@ PRESETS = {  #: the method that each preset is for; "" for all of them
     "bundled": "proposed",
     "finetune": "proposed",
 }
-_NAMES_BEFORE = {"full": "paper", "table": "paper-small", "default": "bundled"}  # 0.17
 
 
 def preset_file(name: str, method: str | None = None) -> Path:
     """The TOML file of a preset."""
-    name = _NAMES_BEFORE.get(name, name)
     if name not in PRESETS:
         raise UsageError(f"no preset '{name}'; choose from {', '.join(PRESETS)}")
     if method and PRESETS[name] not in ("", method):
