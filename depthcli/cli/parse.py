@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,6 @@ from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions
-from depthcli.io.listing.folder import is_exr
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
 if TYPE_CHECKING:
@@ -94,7 +93,10 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
         told = "{undistort} is" if undistort else "{rectified} is"
         raise UsageError("", f"{told} for {{calibration}}: give both or neither")
     if options.calibration is None:
-        centre_px = None if options.centre_px is None else _centre(options.centre_px)
+        centre_px = None
+        if options.centre_px is not None:
+            x, y = numbers(options.centre_px, "CX,CY", "319.5,239.5", option="centre_px")
+            centre_px = x, y
         found = Intrinsics(options.focal_px, options.hfov, centre_px)
         name = getattr(options, "camera", None)
         has_table = getattr(options, "cameras", None) is not None
@@ -221,56 +223,46 @@ def _refuse_alternatives(values: Mapping[str, object]) -> None:
             raise UsageError("", f"give {{{given[0]}}} or {{{given[1]}}}, not both")
 
 
-def numbers(word: str, count: int) -> list[float]:
-    """The numbers of ``X,Y``; not a number for each if there are not as many."""
+def _are_finite(*values: float) -> bool:
+    return all(map(math.isfinite, values))
+
+
+def _are_indices(*values: float) -> bool:
+    return all(value >= 0 and value.is_integer() for value in values)
+
+
+def numbers(
+    word: str,
+    form: str,
+    example: str,
+    holds: Callable[..., bool] = _are_finite,
+    option: str = "",
+) -> list[float]:
+    """The numbers of a form such as ``X,Y``; UsageError if it is not so, or out of range."""
     try:
         found = [float(part) for part in word.split(",")]
     except ValueError:
         found = []
-    return found if len(found) == count else [math.nan] * count
-
-
-def _is_index(value: float) -> bool:
-    return value >= 0 and value.is_integer()
-
-
-def pixel(word: str) -> tuple[int, int]:
-    """Parse ``X,Y``; UsageError if it is not two integers of at least 0."""
-    x, y = numbers(word, 2)
-    if not (_is_index(x) and _is_index(y)):
-        advice = "give a column and a row from 0, for example 320,240"
-        raise UsageError(f"{word!r} is not X,Y", advice)
-    return int(x), int(y)
+    if len(found) != form.count(",") + 1 or not holds(*found):
+        problem = f"{short_repr(word)} is not {form}"
+        raise UsageError(problem, f"give, for example, {example}", option=option)
+    return found
 
 
 def area(word: str) -> tuple[int, ...] | str:
     """Parse ``X,Y``, a box ``X0,Y0,X1,Y1``, or the name of a file with a mask."""
     if not re.fullmatch(r"[-+.\d\s]*,[-+.,\d\s]*", word):
         return word
-    if word.count(",") != _BOX_COMMAS:
-        return pixel(word)
-    ends = numbers(word, _BOX_COMMAS + 1)
-    if not all(map(_is_index, ends)):
-        raise UsageError(f"{word!r} is not X0,Y0,X1,Y1", "give columns and rows from 0")
-    return tuple(map(int, ends))
-
-
-def _centre(word: str) -> tuple[float, float]:
-    x, y = numbers(word, 2)
-    if not (math.isfinite(x) and math.isfinite(y)):
-        problem = f"{word!r} is not CX,CY in pixels, for example 319.5,239.5"
-        raise UsageError(problem, option="centre_px")
-    return x, y
+    is_box = word.count(",") == _BOX_COMMAS
+    form = ("X0,Y0,X1,Y1", "0,0,320,240") if is_box else ("X,Y", "320,240")
+    return tuple(map(int, numbers(word, *form, _are_indices)))
 
 
 def _anchor(word: str) -> Anchor:
-    x, y, depth_m = numbers(word, 3)
-    if not (_is_index(x) and _is_index(y) and DEPTH_M.holds(depth_m)):
-        raise UsageError(
-            f"{word!r} is not X,Y,METRES",
-            f"give a column and a row from 0 and {DEPTH_M.what}, for example 320,240,2.5",
-            option="anchor",
-        )
+    def holds(x: float, y: float, depth_m: float) -> bool:
+        return _are_indices(x, y) and DEPTH_M.holds(depth_m)
+
+    x, y, depth_m = numbers(word, "X,Y,METRES", "320,240,2.5", holds, "anchor")
     return Anchor(int(x), int(y), depth_m)
 
 
@@ -317,34 +309,11 @@ def listed(words: Sequence[str] | None) -> tuple[str, ...]:
 _NORMALIZED = "png16 with --png-normalize or --png-inverse"
 _RANGE_OPTIONS = {_NORMALIZED: Format.PNG16.facts.range_options}
 CLOUDS, _DISTANCES = "clouds of known depth", "known distances along the ray"
-OUTPUT_OPTIONS: Mapping[str, Collection[str]] = {
+OUTPUT_OPTIONS: dict[str, Collection[str]] = {
     **{str(name): facts.parameters for name, facts in FORMATS.items()},
     CLOUDS: ("centre_px", "extrinsics"),
     _DISTANCES: ("centre_px",),
 }  #: the options that each format, or kind of known depth, uses, by parameter name
-INPUT_OPTIONS: Mapping[str, Collection[str]] = {
-    "EXR": ("exposure", "layer"),
-    "PNG and TIFF": ("white_level", "black_level"),
-    "image sequences": ("fps",),
-    "videos": ("stream", "eye"),
-    "JPEG": ("eye",),
-}  #: the options that each kind of input uses, by parameter name
-_STDIN = "-"
-
-
-def without_effect(
-    given: Mapping[str, str], used_by: Mapping[str, Collection[str]], kinds: Collection[str]
-) -> list[str]:
-    """Warnings about options that another kind of file uses than those in ``kinds``.
-
-    Options of a profile, which serves several runs, are left out.
-    """
-    warnings = []
-    for name, word in given.items():
-        users = [kind for kind, options in used_by.items() if name in options]
-        if users and not {*users} & {*kinds}:
-            warnings.append(f"{word} has no effect: it is for {', '.join(users)}")
-    return warnings
 
 
 def unused_by_outputs(
@@ -352,22 +321,21 @@ def unused_by_outputs(
     formats: Iterable[str],
     writing: WriterOptions,
     known: AnchorFiles | tuple[Anchor, ...] = (),
-    used_by: Mapping[str, Collection[str]] = OUTPUT_OPTIONS,
+    used_by: dict[str, Collection[str]] = OUTPUT_OPTIONS,
 ) -> list[str]:
-    """Warnings about options of other formats, and of known depth that there is not."""
+    """Warnings about options of other formats, and of known depth that there is not.
+
+    Options of a profile, which serves several runs, are left out.
+    """
     kinds = {*formats}
     if writing.is_normalized and kinds & {name for name in FORMATS if FORMATS[name].range_options}:
         kinds.add(_NORMALIZED)
     if not isinstance(known, tuple):
         kinds |= {CLOUDS} if known.may_be_clouds else set()
         kinds |= {_DISTANCES} if known.may_be_distances else set()
-    return without_effect(given, {**used_by, **_RANGE_OPTIONS}, kinds)
-
-
-def image_kinds(names: Iterable[str]) -> set[str]:
-    """The kinds of images, for :data:`INPUT_OPTIONS`."""
-    of_name = (
-        INPUT_OPTIONS if name == _STDIN else ("EXR",) if is_exr(name) else ("PNG and TIFF", "JPEG")
-        for name in names
-    )
-    return {kind for kinds in of_name for kind in kinds}
+    warnings = []
+    for name, word in given.items():
+        users = [kind for kind, options in (used_by | _RANGE_OPTIONS).items() if name in options]
+        if users and kinds.isdisjoint(users):
+            warnings.append(f"{word} has no effect: it is for {', '.join(users)}")
+    return warnings

@@ -42,21 +42,17 @@ def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> No
         (("predict", "room.png", "-o", "x.png", "--colormap", "turbo"), "--colormap", "preview"),
         (("predict", "room.png", "-o", "x.ply", "--half"), "--half", "exr, normals-exr"),
         (("predict", "room.png", "-o", "x.png", "--vmin", "1"), "--vmin", f"preview, {NORMALIZED}"),
-        (("predict", "room.png", "-o", "x.png", "--exposure", "1"), "--exposure", "EXR"),
         (("batch", "in", "-o", "out", "--legend"), "--legend", "preview"),
-        (("batch", "in", "-o", "out", "--cpus-per-worker", "1"), "--cpus-per-worker", "ray"),
         (
             ("video", "clip.avi", "-o", "d.mkv", "--no-audio"),
             "--no-audio",
             "mp4, webm, mov, stereo",
         ),
-        (("video", "clip.avi", "-o", "d.mkv", "--fps", "24"), "--fps", "image sequences"),
         (
             ("convert", "a.npy", "b.exr", "--png-scale", "256"),
             "--png-scale",
             "png16, pgm, json, mkv",
         ),
-        (("convert", "a.npy", "b.exr", "--include", "*.exr"), "--include", "a folder"),
     ],
 )
 def test_option_without_effect_is_a_warning(

@@ -129,10 +129,6 @@ class EngineOptions:
         return self.batch_size or (GPU_BATCH if self.is_ray and self.gpus_per_worker else None)
 
 
-ENGINE_OPTIONS = {str(EngineName.RAY): ("ray_address", "cpus_per_worker", "gpus_per_worker")}
-"""The options that only one engine uses, by parameter name."""
-
-
 @group
 class CamerasOptions(groups.CameraOptions):
     """Camera."""
@@ -206,7 +202,6 @@ def batch(
     if not screen.quiet:
         unused = parse.unused_by_outputs(given, formats, options.writing, options.anchors)
         console.warn_all(unused)
-        console.warn_all(parse.without_effect(given, ENGINE_OPTIONS, (engine.engine,)))
         if inputs.watch and not output.dry_run:
             console.note(f"watching {folder}; Ctrl-C ends")
     if output.dry_run:

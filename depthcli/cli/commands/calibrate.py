@@ -98,10 +98,9 @@ def _object(word: str) -> KnownObject:
     from depthcli.cli import parse
     from depthcli.jobs.calibrate import KnownObject
 
-    found = KnownObject(*parse.numbers(word, 5))
-    if not (found.x0 < found.x1 and found.y0 < found.y1 and found.height_m > 0):
-        raise UsageError(
-            f"{word!r} is not X0,Y0,X1,Y1,METRES, for example 310,120,360,420,1.75",
-            option="known_object",
-        )
-    return found
+    def holds(x0: float, y0: float, x1: float, y1: float, height_m: float) -> bool:
+        return x0 < x1 and y0 < y1 and height_m > 0
+
+    example = "310,120,360,420,1.75"
+    found = parse.numbers(word, "X0,Y0,X1,Y1,METRES", example, holds, "known_object")
+    return KnownObject(*found)

@@ -46,13 +46,7 @@ def _options_of(name: Format) -> tuple[str, ...]:
 
 FORMAT_OPTIONS = {str(name): _options_of(name) for name in FORMATS}
 FORMAT_OPTIONS |= {str(name): name.facts.options for name in VIDEOS}
-_NUMBERED = "a video of numbered files"
-SOURCE_OPTIONS = {
-    "a folder": ("include", "exclude"),
-    "one file": ("frame", "picture"),
-    _NUMBERED: ("fps",),
-    "--picture": ("white_level", "black_level", "exposure", "layer", "projection", "ignore_alpha"),
-}  #: the options that each format, or each kind of source, uses, by parameter name
+"""The options that each format uses, by parameter name."""
 
 
 @app.command(cls=Command)
@@ -120,14 +114,11 @@ def convert(
         raise UsageError("", "give both {side_by_side} and {picture}, or neither")
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
     if not screen.quiet:
-        kinds = {"a folder" if is_many else "one file", "--picture" if inputs.picture else ""}
-        kinds |= {_NUMBERED} if as_video and is_sequence(source) else set()
         console.warn_all(seen_by.warnings)
         of_camera = _CAMERA if depth_file.needs_camera else ()
         written = {name: word for name, word in given.items() if name not in of_camera}
         unused = parse.unused_by_outputs(written, [format_], options, used_by=FORMAT_OPTIONS)
         console.warn_all(unused)
-        console.warn_all(parse.without_effect(given, SOURCE_OPTIONS, kinds))
     count = share_cores(workers)[0]
     request = job.ConvertRequest(
         source=source,

@@ -186,7 +186,6 @@ def video(
     from depthcli.jobs.video.plan import LOOK_AHEAD, VideoRequest, VideoSettings, video_destination
     from depthcli.jobs.write import FailedInput
     from depthcli.video.container import live_stream
-    from depthcli.video.numbering import is_sequence
 
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:
@@ -232,14 +231,11 @@ def video(
         page=page,
     )
     if not screen.quiet:
-        is_numbered = stream is None and is_sequence(file)
-        kinds = {*parse.INPUT_OPTIONS} - {"videos"} if is_numbered else {"videos", "PNG and TIFF"}
         console.warn_all(settings.camera.warnings)
         formats = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
         used_by = FORMAT_OPTIONS | {parse.CLOUDS: ("extrinsics",)}
         how = settings.writing, settings.anchors, used_by
         console.warn_all(parse.unused_by_outputs(given, formats, *how))
-        console.warn_all(parse.without_effect(given, parse.INPUT_OPTIONS, kinds))
     result: VideoResult | FailedInput
     try:
         with (
