@@ -332,7 +332,8 @@ def _footnotes(row: report.ReportRow, mark: str) -> Iterator[str]:
     if mark:
         yield mark
     if row.missing_count:
-        yield report.missing_text(name, row.missing_count, row.pixel_count)
+        told = f"{row.missing_count} of {row.pixel_count} pixels, which count as the nearest depth"
+        yield f"{name} has no depth in {told}"
     if count and row.source is not report.Source.TRIVIAL:
         usual = ": its kind of depth may be wrong" if 2 * count > images else ""
         if row.alignment is not Alignment.NONE:

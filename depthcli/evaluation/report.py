@@ -139,11 +139,6 @@ class ReportRow:
         return (*self.scores.items(), *((self.boundary or NO_BOUNDARY).items() if boundary else ()))
 
 
-def missing_text(name: str, missing: int, pixels: int) -> str:
-    """A line about pixels without a prediction, such as NaN."""
-    return f"{name} has no depth in {missing} of {pixels} pixels, which count as the nearest depth"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvalReport:
     """A table of scores with its data set, split and protocol."""

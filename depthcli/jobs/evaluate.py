@@ -11,7 +11,7 @@ from depthcli.datasets.base import NYU, DepthDataset, SplitName, opener_of
 from depthcli.datasets.folders import open_paired_folder
 from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
 from depthcli.datasets.prompts import Prompt
-from depthcli.errors import DepthcliError, Message, UsageError
+from depthcli.errors import DepthcliError, UsageError
 from depthcli.evaluation import evaluate as table
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
 from depthcli.evaluation.page import Page, html_page
@@ -22,7 +22,7 @@ from depthcli.evaluation.predictors import (
     open_model,
     open_predictions,
 )
-from depthcli.evaluation.report import EvalReport, Source, missing_text
+from depthcli.evaluation.report import EvalReport
 from depthcli.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import measure_latencies, network_run
@@ -110,8 +110,6 @@ def run_evaluation(
         for text in dict.fromkeys((*about_data, *about_models, *about_files)):
             warn(text)
         report = table.evaluate(task, compared, options, progress)
-        for text in _doubts(report):
-            warn(text)
         report = replace(report, notes=(*report.notes, *_notes(request)))
         shown, figures = _shown(compared, report), tuple[Figure, ...]()
         if positions and shown:
@@ -124,16 +122,6 @@ def _notes(request: EvalRequest) -> Iterator[str]:
         yield "weights of the last step, not their moving average"
     if request.prompt:
         yield f"the models are given known depth of these images, {request.prompt}"
-
-
-def _doubts(report: EvalReport) -> Iterator[Message]:
-    """Warnings about rows whose numbers say nothing about the predictor."""
-    for row in report.rows:
-        if row.missing_count:
-            yield Message(missing_text(row.name, row.missing_count, row.pixel_count))
-        if 2 * row.reversed_count > row.image_count and row.source is Source.FILES:
-            problem = f"{row.name} is nearer where the truth is farther"
-            yield Message(problem, "state what it holds with {predictions_kind}")
 
 
 def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalRequest:
