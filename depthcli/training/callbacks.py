@@ -32,15 +32,10 @@ _SAMPLES = 6
 class Callback:
     """Called during training. The base class does nothing."""
 
-    def on_train_start(
-        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
-    ) -> None:
-        """Called before the first step, also of a resumed run.
+    def on_train_start(self, warnings: tuple[str, ...]) -> None:
+        """Called before the first step, also of a resumed run, with doubts about data and scores.
 
-        Args:
-            lacks_scenes: whether there are too few scenes to hold some out as configured.
-            seen_held_out: number of held-out pairs that the init weights were trained on.
-            warnings: assumptions about the data, such as its unit, one line each.
+        They are one line each.
         """
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:

@@ -4,7 +4,7 @@ import copy
 import logging
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -138,6 +138,15 @@ class Run:
             precision=self.fabric.strategy.precision.state_dict(),
             **random_state(self.method, self.fabric.device),
         ).save(path)
+
+    def doubts(self, title: str) -> Iterator[str]:
+        """Warnings about the held-out pairs, of the data set of this name."""
+        held_out, seen = self.provenance.held_out_ids, self.provenance.init_ids
+        if self.config.data.holdout_every and not held_out:
+            yield "too few scenes to hold one out, so nothing is validated"
+        if common := provenance.common_ids(title, held_out, seen):
+            told = f"the init weights were trained on {len(common)} of the held-out pairs"
+            yield f"{told}, so the scores are not those of new images"
 
     def check_weights(self) -> None:
         """Check weights before they are saved: a finite loss can have a gradient that is not."""
@@ -288,13 +297,8 @@ def fit(
     """
     interrupt = interrupt or Interrupt()
     run, batches, validation = _set_up(config, data, folder, fabric, init_weights)
-    held_out, seen = run.provenance.held_out_ids, run.provenance.init_ids
     for follower in followers:
-        follower.on_train_start(
-            lacks_scenes=bool(config.data.holdout_every) and not held_out,
-            seen_held_out=len(provenance.common_ids(data.title, held_out, seen)),
-            warnings=data.warnings,
-        )
+        follower.on_train_start((*data.warnings, *run.doubts(data.title)))
     started, before = time.monotonic(), run.state
     with interrupt:
         while run.state.step < run.steps and not run.state.has_stalled(config.patience):

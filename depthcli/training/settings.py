@@ -1,8 +1,6 @@
 """Resolving the configuration of a run from a method, a preset, TOML files and settings."""
 
-import ast
 import tomllib
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -73,12 +71,9 @@ def _nested(setting: str) -> dict[str, Any]:
     key, equals, text = setting.partition("=")
     if not equals:
         raise UsageError(f"{short_repr(setting)} is not of the form a.b=value")
-    words = {"true": True, "false": False}
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)  # for example of "1if", which is text
-            value = words[text.lower()] if text.lower() in words else ast.literal_eval(text)
-    except (ValueError, TypeError, SyntaxError):
+        value = tomllib.loads(f"value = {text}")["value"]
+    except ValueError:  # text without quotes
         value = text
     *outer, last = key.split(".", 2)  # the third is a name of loss.custom, which may have dots
     nested: dict[str, Any] = {last: value}

@@ -34,7 +34,6 @@ def test_defaults_never_change() -> None:
     ("setting", "group", "name", "wanted"),
     [
         ("data.paired=false", "data", "paired", False),
-        ("data.paired=True", "data", "paired", True),
         ("optim.learning_rate=1e-3", "optim", "learning_rate", 1e-3),
         ("loss.cycle=0", "loss", "cycle", 0.0),
         ("loss.gan=ralsgan", "loss", "gan", "ralsgan"),

@@ -62,16 +62,9 @@ class _Reporter(Callback):
     def __init__(self) -> None:
         self._losses: dict[str, float] = {}
 
-    def on_train_start(
-        self, *, lacks_scenes: bool, seen_held_out: int, warnings: tuple[str, ...]
-    ) -> None:
+    def on_train_start(self, warnings: tuple[str, ...]) -> None:
         """Warn of what the user may not expect of data, validation and init weights."""
         console.warn_all(warnings)
-        if lacks_scenes:
-            console.warn("too few scenes to hold one out, so nothing is validated")
-        if seen_held_out:
-            seen = f"the init weights were trained on {seen_held_out} of the held-out pairs"
-            console.warn(f"{seen}, so the scores are not those of new images")
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Store the losses for the end of the epoch."""
