@@ -92,63 +92,15 @@ _LOSSES = 3
 _CALLS_PER_WORKER = 2  # one running and one queued
 
 
-@dataclass(frozen=True, slots=True)
-class Actors:
-    """Ray actors as workers."""
-
-    ray: Any  #: the module
-    make: Callable[[], Any]  #: makes an actor
-    poll: Callable[[int], object]  #: called with 0 while waiting; it can stop the work by raising
-
-    def start_worker(self) -> tuple[Any, Any]:
-        """Start a worker; returns it, and a future whose result is its ``CacheKey``."""
-        worker = self.make()
-        return worker, worker.start.remote(__version__)
-
-    def submit(self, worker: Any, call: Call) -> Hashable:  # noqa: ANN401 - Ray's own
-        """Submit a call to a worker; returns a future whose result is a list of results."""
-        future: Hashable = worker.work.remote(call)
-        return future
-
-    def wait_any(self, futures: Sequence[Hashable]) -> Hashable:
-        """Wait until one of the futures is done, and return it."""
-        while not (done := self.ray.wait(futures, num_returns=1, timeout=_POLL_INTERVAL_S)[0]):
-            self.poll(0)
-        first: Hashable = done[0]
-        return first
-
-    def result(self, future: Hashable) -> object:
-        """The result of a future that is done, or the error by which its worker was lost."""
-        try:
-            return self.ray.get(future)
-        except self.ray.exceptions.RayTaskError as error:
-            cause = error.cause
-            if isinstance(cause, DepthcliError):
-                raise cause from None
-            raise EngineError(
-                one_line(f"a worker of the Ray cluster failed: {type(cause).__name__}: {cause}")
-            ) from error
-        except self.ray.exceptions.RayError as error:
-            return error
-
-    def kill(self, worker: Hashable) -> None:
-        """Kill a worker."""
-        self.ray.kill(worker)
-
-    def wait_all(self, futures: Sequence[Hashable]) -> None:
-        """Wait until all of these are done, or for a few seconds."""
-        if futures:
-            self.ray.wait(futures, num_returns=len(futures), timeout=_SHUTDOWN_TIMEOUT_S)
-
-
 class WorkerPool:
-    """Distributes calls to workers, and replaces workers that die."""
+    """Distributes calls to actors of Ray, and replaces those that die."""
 
-    def __init__(self, cluster: Actors) -> None:
-        self._cluster = cluster
+    def __init__(self, ray: Any, make: Callable[[], Any], poll: Callable[[int], object]) -> None:  # noqa: ANN401 - a module
+        """Take Ray, a function that makes an actor, and one that is called with 0 while waiting."""
+        self._ray, self._make, self._poll = ray, make, poll
         #: worker and call of each; None for the call of a worker that starts
-        self._futures: dict[Hashable, tuple[Hashable, Call | None]] = {}
-        self._assigned: dict[Hashable, list[Call]] = {}  # of the workers that have started
+        self._futures: dict[Hashable, tuple[Any, Call | None]] = {}
+        self._assigned: dict[Any, list[Call]] = {}  # of the workers that have started
         self._suspects: deque[Call] = deque()  # calls whose workers died
         self._key: CacheKey | None = None
         self._failed_starts = 0
@@ -161,9 +113,13 @@ class WorkerPool:
         # A call of a lost worker is pending, too, until its error is received.
         while following or self._suspects or any(call for _, call in self._futures.values()):
             self._assign(following, calls)
-            future = self._cluster.wait_any(list(self._futures))
-            worker, call = self._futures.pop(future)
-            found = self._cluster.result(future)
+            done: list[Hashable] = []
+            while not done:
+                futures = list(self._futures)
+                done = self._ray.wait(futures, num_returns=1, timeout=_POLL_INTERVAL_S)[0]
+                self._poll(0)
+            worker, call = self._futures.pop(done[0])
+            found = self._result(done[0])
             if isinstance(found, CacheKey):
                 self._key, self._assigned[worker] = found, []
             elif call is None:
@@ -175,14 +131,29 @@ class WorkerPool:
                 yield from self._handle_lost_worker(worker, call)
 
     def close(self) -> None:
-        """Kill all workers, and wait for their calls to end."""
+        """Kill all workers, and wait some seconds for their calls to end."""
         for worker in {*self._assigned, *(worker for worker, _ in self._futures.values())}:
-            self._cluster.kill(worker)
-        self._cluster.wait_all([future for future, (_, call) in self._futures.items() if call])
+            self._ray.kill(worker)
+        if running := [future for future, (_, call) in self._futures.items() if call]:
+            self._ray.wait(running, num_returns=len(running), timeout=_SHUTDOWN_TIMEOUT_S)
+
+    def _result(self, future: Hashable) -> object:
+        """The result of a future that is done, or the error by which its worker was lost."""
+        try:
+            return self._ray.get(future)
+        except self._ray.exceptions.RayTaskError as error:
+            cause = error.cause
+            if isinstance(cause, DepthcliError):
+                raise cause from None
+            raise EngineError(
+                one_line(f"a worker of the Ray cluster failed: {type(cause).__name__}: {cause}")
+            ) from error
+        except self._ray.exceptions.RayError as error:
+            return error
 
     def _start_worker(self) -> None:
-        worker, future = self._cluster.start_worker()
-        self._futures[future] = (worker, None)
+        worker = self._make()
+        self._futures[worker.start.remote(__version__)] = (worker, None)
 
     def _assign(self, following: deque[Call], calls: Iterator[Call]) -> None:
         """Submit calls; a call that has lost a worker gets the next one for itself."""
@@ -195,8 +166,8 @@ class WorkerPool:
                     self._submit(worker, following.popleft())
                     following.extend(islice(calls, 1))
 
-    def _submit(self, worker: Hashable, call: Call) -> None:
-        self._futures[self._cluster.submit(worker, call)] = (worker, call)
+    def _submit(self, worker: Any, call: Call) -> None:  # noqa: ANN401 - Ray's own
+        self._futures[worker.work.remote(call)] = (worker, call)
         self._assigned[worker].append(call)
 
     def _handle_failed_start(self, error: object) -> None:
@@ -209,7 +180,7 @@ class WorkerPool:
             )
         self._start_worker()
 
-    def _handle_lost_worker(self, worker: Hashable, call: Call) -> Iterator[Sequence[BatchResult]]:
+    def _handle_lost_worker(self, worker: Any, call: Call) -> Iterator[Sequence[BatchResult]]:  # noqa: ANN401 - Ray's own
         if self._assigned.pop(worker, None) is not None:
             self._start_worker()
         if call.lost_workers + 1 < _LOSSES:
@@ -284,9 +255,7 @@ class RayEngine:
         own = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)
         kind = own(RemoteWorker)
         here = os.getcwd()  # noqa: PTH109
-        pool = WorkerPool(
-            Actors(self._ray, lambda: kind.remote(spec, here, self._cpus), self._poll)
-        )
+        pool = WorkerPool(self._ray, lambda: kind.remote(spec, here, self._cpus), self._poll)
         rest = iter(chunks)
         groups = iter(lambda: tuple(islice(rest, _CHUNKS_PER_CALL)), ())
         calls = chain(map(Call, groups), (Call(video=video) for video in videos))
