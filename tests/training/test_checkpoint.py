@@ -1,5 +1,6 @@
 """Checkpoints and the provenance of their data."""
 
+import gzip
 import os
 import pickle
 from dataclasses import fields, replace
@@ -36,6 +37,15 @@ from depthcli.training.provenance import (
 from depthcli.training.run import Run
 from depthcli.training.settings import resolve_config
 
+STORED = Path(__file__).with_name("checkpoint-0.24.ckpt.gz")
+"""Two steps by depthcli 0.24 with pseudo labels, from the init weights of another run."""
+STORED_CONFIG = replace(
+    SUPERVISED,
+    generator=replace(SUPERVISED.generator, encoder=(8,) * 5, decoder=(8,) * 4),
+    optim=replace(SUPERVISED.optim, ema=0.9),
+    loss=replace(SUPERVISED.loss, pseudo_label_scale=0.5),
+)
+
 
 def _checkpoint(config: Any = EFFICIENT, *, average: bool = False) -> Checkpoint:
     torch.manual_seed(4)
@@ -68,6 +78,17 @@ def test_checkpoint_comes_back_whole(tmp_path: Path) -> None:
     assert all(torch.equal(loaded.method[name], saved.method[name]) for name in saved.method)
     content = torch.load(tmp_path / "a.ckpt", weights_only=True)
     assert set(content) == {f.name for f in fields(Checkpoint)} | {"format", "version"}
+
+
+def test_run_of_0_24_resumes_with_its_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "run" / CHECKPOINT
+    path.parent.mkdir()
+    path.write_bytes(gzip.decompress(STORED.read_bytes()))
+    assert Checkpoint.load(path).config == STORED_CONFIG
+    state = train_steps(STORED_CONFIG, path.parent, None, write_pseudo_labels(tmp_path / "x"))
+    assert (state.step, state.epoch) == (4, 2)
+    assert state.scores["abs_rel"] == pytest.approx(0.4193221335098589, rel=1e-4)
+    assert Checkpoint.load(path).provenance.init_weights.startswith("last.ckpt ")
 
 
 def test_other_users_may_read_checkpoints_as_other_files(tmp_path: Path) -> None:
