@@ -317,12 +317,11 @@ class NameFilter(NamedTuple):
 
     include: tuple[re.Pattern[str], ...]  #: a file has to match one of these, if there are any
     exclude: tuple[re.Pattern[str], ...]  #: a file or a folder must match none of these
-    include_words: tuple[str, ...]  #: ``include`` as the user gave it
 
     @classmethod
     def of(cls, include: Sequence[str], exclude: Sequence[str]) -> Self:
         """From patterns as the user gives them."""
-        return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)), tuple(include))
+        return cls(tuple(map(_compiled, include)), tuple(map(_compiled, exclude)))
 
     def refusal(self, name: str) -> str | None:
         """Why a file is not wanted, by its own name and its folders'; None if it is wanted."""
@@ -337,7 +336,7 @@ class NameFilter(NamedTuple):
         return any(pattern.fullmatch(name) for pattern in self.exclude)
 
 
-ANY = NameFilter((), (), ())  #: every name
+ANY = NameFilter((), ())  #: every name
 
 
 def _compiled(pattern: str) -> re.Pattern[str]:

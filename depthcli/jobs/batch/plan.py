@@ -8,7 +8,7 @@ from pathlib import Path
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
-from depthcli.errors import InputError, Message, UsageError, os_errors_as
+from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest import WHOLE, Shard
@@ -26,7 +26,6 @@ class BatchPlan:
     names: TreeNames  #: names of their outputs
     skipped: tuple[listing.Skipped, ...]  #: files that are no inputs
     loops: tuple[str, ...] = ()  #: links to a folder above them
-    unmatched: tuple[str, ...] = ()  #: patterns of ``--include`` that no picture or video matches
     inputs_in_out: frozenset[str] = frozenset()  #: paths of all shards' inputs in ``out``
     shard: Shard = WHOLE  #: the part of the inputs that is planned
     #: cameras of a table, by input; the others are not in it
@@ -39,8 +38,6 @@ class BatchPlan:
     def warnings(self) -> Iterator[str]:
         """Warnings before the start, one line each."""
         yield from self.camera_warnings
-        for word in self.unmatched:
-            yield Message(f"{word!r} matches no image or video", option="include")
         if unreadable := listing.conversion_hint(self.skipped):
             yield unreadable
 
@@ -122,7 +119,6 @@ class InputCollector:
         self._inputs_in_out: set[str] = set()
         self._stems = TreeNames()
         self._has_inputs = False
-        self._unmatched = list(zip(wanted.include_words, wanted.include, strict=True))
 
     def skip(self, file: listing.Skipped) -> None:
         """Add a skipped file."""
@@ -150,7 +146,6 @@ class InputCollector:
             names=names,
             skipped=tuple(self._skipped),
             loops=loops,
-            unmatched=tuple(word for word, _ in self._unmatched),
             inputs_in_out=frozenset(self._inputs_in_out),
             shard=self._shard,
             intrinsics=self._intrinsics,
@@ -163,7 +158,6 @@ class InputCollector:
         places, inside = listing.RealPaths(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
         for found in media:
             yield found.name
-            self._unmatched = [x for x in self._unmatched if not x[1].fullmatch(found.name)]
             reason = None if found.problem else self._wanted.refusal(found.name)
             if reason is not None:
                 self.skip(listing.Skipped(found.name, reason))
