@@ -133,11 +133,6 @@ def test_a_preset_holds_only_differences(file: Path) -> None:
         assert any(config[path] != value for config in usual), path
 
 
-def test_presets_of_0_17_keep_their_names() -> None:
-    before = {"full": "paper", "table": "paper-small", "default": "bundled"}
-    assert all(preset_file(old) == preset_file(new) for old, new in before.items())
-
-
 def test_presets_and_files_are_the_same() -> None:
     assert {file.stem for file in FOLDER.glob("*.toml")} == set(PRESETS)
 
