@@ -137,11 +137,12 @@ def open_nyu(path: Path) -> DepthDataset:
     return open_indexed_folder(path)
 
 
-def has_own_index(folder: Path) -> bool:
-    """Whether a folder's index.csv is of pairs of one's own, with other ids than NYU's numbers."""
-    if (folder / MAT_NAME).is_file() or not (folder / INDEX_NAME).is_file():
-        return False
-    return not all(map(is_label, read_index(folder / INDEX_NAME)))
+def is_nyu(folder: Path) -> bool:
+    """Whether a folder holds the .mat file, or an index.csv with NYU's numbers alone as ids."""
+    index = folder / INDEX_NAME
+    if (folder / MAT_NAME).is_file():
+        return True
+    return index.is_file() and all(map(is_label, read_index(index)))
 
 
 def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> folders.FolderDataset:

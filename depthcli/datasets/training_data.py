@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 from depthcli.datasets import folders, layouts, nyu
 from depthcli.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, opener_of
 from depthcli.errors import DatasetError, Message
-from depthcli.io.depth.read import DepthReadOptions
+from depthcli.io.depth.read import AS_STATED, DepthReadOptions
 from depthcli.io.formats.table import MILLIMETRES
 
 NYU_HFOV_DEG = 63.3  #: horizontal field of view of NYU Depth v2's camera, degrees
@@ -84,25 +84,22 @@ def open_training_data(
         patterns: of the names of images and depth in it; None for a known layout.
     """
     path = nyu.located_nyu(path)
-    opener = opener_of(path) if path.is_dir() else nyu.open_nyu
     reading = DepthReadOptions(scale=None if units_per_metre == MILLIMETRES else units_per_metre)
-    if patterns:
-        named = folders.open_paired_folder(path, reading, patterns=patterns)
-        data = TrainingData(named, own_pairs_title(path), None)
-    elif opener is None or (opener is nyu.open_nyu and nyu.has_own_index(path)):
-        data = _own_folder(path, paired, reading, indexed=opener is not None)
-    elif units_per_metre != MILLIMETRES:
-        raise DatasetError(f"{path} is a data set whose unit is known: remove data.units_per_metre")
-    elif opener is nyu.open_nyu:
+    if not patterns and (not path.is_dir() or nyu.is_nyu(path)):
+        _refuse_unit(path, reading)
         if (path / folders.CAMERAS_NAME).is_file():
             raise DatasetError(
                 f"{path} has the ids of NYU Depth v2, whose camera is known: remove "
                 f"{folders.CAMERAS_NAME}, or rename the pairs if they are your own"
             )
         title = NYU_OFFICIAL if split == "official" else NYU_PAPER
-        data = TrainingData(opener(path), title, NYU_HFOV_DEG)
+        data = TrainingData(nyu.open_nyu(path), title, NYU_HFOV_DEG)
+    elif not (paired or patterns or opener_of(path) or _are_pairs(path)):
+        lists = folders.open_unpaired_folder(path, reading)
+        title = f"own pictures and depth, unpaired ({path.resolve().name})"
+        data = TrainingData(lists, title, None)
     else:
-        dataset = opener(path)
+        dataset = open_pairs(path, reading, patterns)
         data = TrainingData(dataset, own_pairs_title(path), dataset.hfov_deg)
     part = _training_part(data, split)
     data = data._replace(dataset=part)
@@ -112,17 +109,23 @@ def open_training_data(
     return data
 
 
-def _own_folder(
-    path: Path, paired: bool, reading: DepthReadOptions, *, indexed: bool
-) -> TrainingData:
-    """A folder of one's own; if it has an index, its pairs."""
-    title = path.resolve().name
-    if not (paired or indexed or _are_pairs(path)):
-        lists = folders.open_unpaired_folder(path, reading)
-        return TrainingData(lists, f"own pictures and depth, unpaired ({title})", None)
-    opener = nyu.open_indexed_folder if indexed else folders.open_paired_folder
-    pairs = opener(path, reading)
-    return TrainingData(pairs, own_pairs_title(path), None)
+def open_pairs(
+    path: Path, reading: DepthReadOptions = AS_STATED, patterns: tuple[str, str] | None = None
+) -> DepthDataset:
+    """Open pairs of one's own; of a folder with an index.csv, or of another of the layouts."""
+    opener = opener_of(path)
+    if opener is None or patterns:
+        return folders.open_paired_folder(path, reading, patterns=patterns)
+    if opener is nyu.open_nyu:
+        return nyu.open_indexed_folder(path, reading)
+    _refuse_unit(path, reading)
+    return opener(path)
+
+
+def _refuse_unit(path: Path, reading: DepthReadOptions) -> None:
+    if reading.scale is not None:
+        advice = "remove {png_scale} ('eval pairs') or data.units_per_metre ('train')"
+        raise DatasetError(f"{path} is a data set whose unit is known", advice)
 
 
 def _are_pairs(path: Path) -> bool:

@@ -14,7 +14,7 @@ from depthcli.core.anchors import AnchorPoints, Pairs, ScaleShift, robust
 from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
-from depthcli.datasets.folders import open_paired_folder
+from depthcli.datasets.training_data import open_pairs
 from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.anchors import AnchorFiles
@@ -143,7 +143,7 @@ def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:
         if request.camera.is_undistorted:
             told = "its depth is of images with their distortion"
             raise UsageError(told, "leave {undistort} out", option="pairs")
-        dataset = open_paired_folder(request.pairs)
+        dataset = open_pairs(request.pairs)
         for i in range(len(dataset)):
             yield dataset.frame(i), AnchorPoints.of_map(dataset.depth_m(i))
         return

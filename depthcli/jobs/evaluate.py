@@ -7,10 +7,10 @@ from pathlib import Path
 
 from depthcli.core.options import AnchorsFit, Mask, UpsamplingOptions, Weights
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.datasets.base import NYU, DepthDataset, SplitName, opener_of
-from depthcli.datasets.folders import open_paired_folder
-from depthcli.datasets.nyu import has_own_index, open_indexed_folder, open_nyu
+from depthcli.datasets.base import NYU, SplitName
+from depthcli.datasets.nyu import is_nyu, open_nyu
 from depthcli.datasets.prompts import Prompt
+from depthcli.datasets.training_data import open_pairs
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.evaluation import evaluate as table
 from depthcli.evaluation.figures import Figure, choose_pictures, draw_figures
@@ -136,7 +136,11 @@ def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalReque
 
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
     if request.split is None:
-        pairs, name = _open_pairs(request), request.data.resolve().name
+        if is_nyu(request.data) and not request.patterns:
+            told = f"{request.data} is NYU Depth v2"
+            raise UsageError(told, "compare on it with 'depthcli eval nyu'")
+        pairs = open_pairs(request.data, request.truth, request.patterns)
+        name = request.data.resolve().name
         if runs:
             return plan_runs(pairs, runs, limit=request.limit, title=name)
         return plan_pairs(pairs, name, request.limit)
@@ -144,19 +148,6 @@ def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
     if runs:
         return plan_runs(dataset, runs, request.split, request.limit)
     return plan_nyu(dataset, request.split, request.limit)
-
-
-def _open_pairs(request: EvalRequest) -> DepthDataset:
-    path, opener = request.data, opener_of(request.data)
-    if opener is None or request.patterns:
-        return open_paired_folder(path, request.truth, patterns=request.patterns)
-    if opener is not open_nyu:
-        if request.truth.scale is not None:
-            raise UsageError(f"{path} is in a unit that is known", "remove {png_scale}")
-        return opener(path)
-    if not has_own_index(path):
-        raise UsageError(f"{path} is NYU Depth v2", "compare on it with 'depthcli eval nyu'")
-    return open_indexed_folder(path, request.truth)
 
 
 def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
