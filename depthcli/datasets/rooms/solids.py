@@ -16,7 +16,7 @@ from depthcli.datasets.rooms.materials import Floats, Material
 Vector = tuple[float, float, float]
 
 _CHUNK_RAYS = 1 << 14  # rays whose working arrays stay in a core's cache
-_MAX_GROUP_PARTS = 16  # parts with a common bounding sphere
+_MAX_GROUP_PARTS = 16  # parts with a common bounding box
 _TINY = np.float32(1e-20)  # in place of 0, whose product with its infinite inverse is NaN
 _NO_QUADRIC: Vector = (0.0, 0.0, 0.0)
 CYLINDER_Y: Vector = (1.0, 0.0, 1.0)
@@ -77,7 +77,7 @@ class Hits(NamedTuple):
 
 
 class Solids:
-    """Parts in groups with bounding volumes, for ray casting.
+    """Parts in groups with bounding boxes, for ray casting.
 
     Attributes:
         parts: all parts, in the order of their index.
@@ -129,37 +129,18 @@ class Solids:
         return hits
 
     def _cast(self, origin: Floats, rays: Floats, hits: Hits) -> None:
-        for group, in_bounds in enumerate(self._hits_bounds(origin, rays, hits.distance)):
-            near = np.flatnonzero(in_bounds)
-            start, along = _take_columns(origin, near), rays.take(near, 1)
-            inverse = 1 / along
-            a = (self._low[group][:, None] - start) * inverse
-            b = (self._high[group][:, None] - start) * inverse
+        inverse = 1 / rays
+        for group, members in enumerate(self._members):
+            a = (self._low[group][:, None] - origin) * inverse
+            b = (self._high[group][:, None] - origin) * inverse
             enter, leave = _max_of_rows(np.minimum(a, b)), _min_of_rows(np.maximum(a, b))
-            inside = (leave >= np.maximum(enter, 0)) & (enter < hits.distance[near])
-            if not inside.all():
-                keep = np.flatnonzero(inside)
-                near, start, along = near[keep], _take_columns(start, keep), along.take(keep, 1)
+            near = np.flatnonzero((leave >= np.maximum(enter, 0)) & (enter < hits.distance))
             if near.size:
-                distance, solid = self._nearest(self._members[group], start, along)
+                start = _take_columns(origin, near)
+                distance, solid = self._nearest(members, start, rays.take(near, 1))
                 closer = distance < hits.distance[near]
                 hits.distance[near[closer]] = distance[closer]
                 hits.solid[near[closer]] = solid[closer]
-
-    def _hits_bounds(self, origin: Floats, rays: Floats, reach: Floats) -> npt.NDArray[np.bool_]:
-        """Which rays (G, N) hit the bounding sphere of each group."""
-        middle = (self._low + self._high) / 2
-        radius = np.linalg.norm(self._high - self._low, axis=1)[:, None] * 0.505
-        length = (rays * rays).sum(0)
-        along = _matmul(middle, rays) - (origin * rays).sum(0)
-        away = (middle * middle).sum(1)[:, None] - 2 * _matmul(middle, origin)
-        away += (origin * origin).sum(0)
-        beyond = away - radius * radius
-        ahead = (along > 0) & (along * along >= beyond * length)
-        in_bounds: npt.NDArray[np.bool_] = (beyond < 0) | ahead
-        if np.isfinite(reach[0]):
-            in_bounds &= np.sqrt(np.maximum(away, 0)) - radius < reach * np.sqrt(length)
-        return in_bounds
 
     def _nearest(self, members: slice, origin: Floats, rays: Floats) -> Hits:
         matrix = self.matrix[members].reshape(-1, 3)
