@@ -14,6 +14,7 @@ from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import typer
 from typer.core import TyperCommand
+from typer.main import get_command
 
 _T = TypeVar("_T")
 OPTION = "option"
@@ -63,6 +64,15 @@ class Command(TyperCommand):
             if records:
                 with formatter.section(heading):
                     formatter.write_dl(records, col_max=_COLUMNS[1], col_spacing=_COLUMNS[0])
+
+
+def command_of(made: Callable[..., Any] | typer.Typer) -> Any:  # noqa: ANN401 - typer's own
+    """The command of a function, whose parameters may be groups, or of an app of several."""
+    if isinstance(made, typer.Typer):
+        return get_command(made)
+    app = typer.Typer(rich_markup_mode=None, add_completion=False)
+    app.command(cls=Command)(grouped(made))
+    return get_command(app)
 
 
 def grouped(command: Callable[..., int]) -> Callable[..., int]:

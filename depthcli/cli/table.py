@@ -7,24 +7,24 @@ if TYPE_CHECKING:
 
 PROGRAM = "depthcli"
 COMMANDS = {
-    "predict": ("predict", "Depth maps from images: 16-bit PNG, EXR, NPY, preview, mesh."),
-    "batch": ("batch", "Depth maps for a folder tree; can be resumed."),
-    "manifest": ("manifest", "Sum up, search and merge the manifests of a batch."),
-    "video": ("video", "Depth video: lossless 16-bit, preview, or image sequence."),
-    "models": ("models", "List, inspect, verify, add and remove models."),
-    "view": ("view", "Show a depth file in three dimensions, as a page of one file."),
-    "convert": ("convert", "Convert depth files and report the conversion error."),
-    "info": ("info", "Show unit, scale and range of a depth file."),
-    "probe": ("probe", "Show the depth at pixels, in boxes or masks of a depth file."),
-    "calibrate": ("calibrate", "Measure the scale of a camera, once, and keep it."),
-    "eval": ("eval", "Measure accuracy on NYU Depth v2 or your pairs."),
-    "render": ("render", "Render rooms with exact depth as training data."),
-    "train": ("train", "Train a model; can be resumed."),
-    "export-onnx": ("export", "Export a checkpoint to ONNX with a model card."),
-    "bench": ("bench", "Benchmark a model: latency, throughput, memory."),
-    "serve": ("serve", "Serve depth over HTTP with one loaded model."),
-    "doctor": ("doctor", "Check the installation: provider, model, codecs."),
-}  #: name -> (module in ``commands/`` whose ``app`` is the command, one line of help)
+    "predict": ("predict:predict", "Depth maps from images: 16-bit PNG, EXR, NPY, preview, mesh."),
+    "batch": ("batch:batch", "Depth maps for a folder tree; can be resumed."),
+    "manifest": ("manifest:app", "Sum up, search and merge the manifests of a batch."),
+    "video": ("video:video", "Depth video: lossless 16-bit, preview, or image sequence."),
+    "models": ("models:app", "List, inspect, verify, add and remove models."),
+    "view": ("view:view", "Show a depth file in three dimensions, as a page of one file."),
+    "convert": ("convert:convert", "Convert depth files and report the conversion error."),
+    "info": ("info:info", "Show unit, scale and range of a depth file."),
+    "probe": ("probe:probe", "Show the depth at pixels, in boxes or masks of a depth file."),
+    "calibrate": ("calibrate:calibrate", "Measure the scale of a camera, once, and keep it."),
+    "eval": ("eval:app", "Measure accuracy on NYU Depth v2 or your pairs."),
+    "render": ("render:app", "Render rooms with exact depth as training data."),
+    "train": ("train:train", "Train a model; can be resumed."),
+    "export-onnx": ("export:export_onnx", "Export a checkpoint to ONNX with a model card."),
+    "bench": ("bench:bench", "Benchmark a model: latency, throughput, memory."),
+    "serve": ("serve:serve", "Serve depth over HTTP with one loaded model."),
+    "doctor": ("doctor:doctor", "Check the installation: provider, model, codecs."),
+}  #: name -> (module in ``commands/`` and function or app of several, one line of help)
 PROFILE_COMMANDS = ("predict", "batch", "video")  #: commands that accept ``--profile``
 
 _HELP = """\
@@ -54,15 +54,12 @@ def help_text() -> str:
 
 def plain_command(name: str) -> "Any":  # noqa: ANN401 - typer's own types
     """Import one command, without the options that the shell adds."""
-    from importlib import import_module
+    from pkgutil import resolve_name
 
-    from typer.main import get_command
+    from depthcli.cli.groups import command_of
 
-    command = get_command(import_module(f"depthcli.cli.commands.{COMMANDS[name][0]}").app)
+    command = command_of(resolve_name(f"depthcli.cli.commands.{COMMANDS[name][0]}"))
     command.name = name
-    # Completion is installed for the program, not for each of its commands.
-    completion = {"install_completion", "show_completion"}
-    command.params = [p for p in command.params if p.name not in completion]
     return command
 
 

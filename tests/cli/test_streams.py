@@ -223,15 +223,14 @@ def ending(monkeypatch: pytest.MonkeyPatch) -> Callable[[BaseException], int]:
 
     def run(error: BaseException) -> int:
         module: Any = ModuleType("a_command")
-        module.app = typer.Typer()
 
-        @module.app.command()
-        def command() -> None:
+        def command() -> int:
             """Fail."""
             raise error
 
+        module.command = command
         monkeypatch.setitem(sys.modules, "depthcli.cli.commands.a_command", module)
-        monkeypatch.setitem(COMMANDS, "fail", ("a_command", "Fail."))
+        monkeypatch.setitem(COMMANDS, "fail", ("a_command:command", "Fail."))
         return shell.run(["fail"])
 
     return run

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from depthcli.cli import options as groups
-from depthcli.cli.groups import Command, Given, group, grouped
+from depthcli.cli.groups import Given, group
 from depthcli.core.options import GPU_BATCH
 from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.ray import RayEngine
 
-app = typer.Typer(rich_markup_mode=None)
 
 _GRACE_PERIOD_S = 10.0  #: time to finish the current images after a signal
 _STDIO = "-"
@@ -140,8 +139,6 @@ class CamerasOptions(groups.CameraOptions):
     )
 
 
-@app.command(cls=Command)
-@grouped
 def batch(
     folder: str | None = typer.Argument(
         None,

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from depthcli.cli import options
-from depthcli.cli.groups import Command, grouped
 from depthcli.cli.screen import console
 from depthcli.core.options import Upsampling
 from depthcli.errors import ExitCode
@@ -18,13 +17,10 @@ from depthcli.errors import ExitCode
 if TYPE_CHECKING:
     from depthcli.jobs.bench import BenchResult
 
-app = typer.Typer(rich_markup_mode=None)
 
 _MEASUREMENTS = 3  # network, end to end, throughput
 
 
-@app.command(cls=Command)
-@grouped
 def bench(
     image: Path | None = typer.Argument(
         None, metavar="[IMG]", help="Input image. Default: a synthetic one."

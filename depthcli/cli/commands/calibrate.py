@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from depthcli.cli import options
-from depthcli.cli.groups import Command, group, grouped
+from depthcli.cli.groups import group
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
     from depthcli.jobs.calibrate import KnownObject
-
-app = typer.Typer(rich_markup_mode=None)
 
 
 @group
@@ -35,8 +33,6 @@ class KnownOptions(options.KnownDepthOptions):
     )
 
 
-@app.command(cls=Command)
-@grouped
 def calibrate(
     name: str = typer.Argument(..., metavar="NAME", help="Name of the camera."),
     images: list[str] | None = typer.Argument(

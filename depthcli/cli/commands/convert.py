@@ -7,12 +7,10 @@ from dataclasses import fields
 import typer
 
 from depthcli.cli import options as groups
-from depthcli.cli.groups import Command, Given, group, grouped
+from depthcli.cli.groups import Given, group
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import FORMATS, Format
 from depthcli.video.formats import VIDEOS, VideoFormat, video_format_of
-
-app = typer.Typer(rich_markup_mode=None)
 
 
 @group
@@ -49,8 +47,6 @@ FORMAT_OPTIONS |= {str(name): name.facts.options for name in VIDEOS}
 """The options that each format uses, by parameter name."""
 
 
-@app.command(cls=Command)
-@grouped
 def convert(
     source: str = typer.Argument(
         ...,

@@ -10,10 +10,7 @@ from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
 
-app = typer.Typer(rich_markup_mode=None)
 
-
-@app.command()
 def doctor(
     model: str | None = typer.Option(
         None,

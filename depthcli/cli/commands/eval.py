@@ -20,7 +20,12 @@ if TYPE_CHECKING:
     from depthcli.io.depth.read import DepthReadOptions
     from depthcli.jobs.evaluate import EvalRequest, EvalResult, ReportFiles
 
-app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Compare models on a data set.")
+app = typer.Typer(
+    rich_markup_mode=None,
+    add_completion=False,
+    no_args_is_help=True,
+    help="Compare models on a data set.",
+)
 
 
 @group

@@ -8,12 +8,10 @@ from pathlib import Path
 import typer
 
 from depthcli.cli import options as groups
-from depthcli.cli.groups import Command, group, grouped
+from depthcli.cli.groups import group
 from depthcli.cli.screen import console
 from depthcli.core.options import Weights
 from depthcli.errors import ExitCode, UsageError
-
-app = typer.Typer(rich_markup_mode=None)
 
 
 @group
@@ -63,8 +61,6 @@ class CardOptions:
     )
 
 
-@app.command(cls=Command)
-@grouped
 def export_onnx(
     checkpoint: Path = typer.Argument(
         ..., metavar="CKPT", help="Checkpoint written by depthcli train, or its folder."

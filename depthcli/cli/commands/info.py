@@ -2,9 +2,7 @@
 
 from typing import Any
 
-import typer
-
-from depthcli.cli import groups, options
+from depthcli.cli import options
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
@@ -14,11 +12,8 @@ _SCALE_SOURCES = {
     "option": "--from-scale",
     "assumed": "assumed; --from-scale sets another",
 }
-app = typer.Typer(rich_markup_mode=None)
 
 
-@app.command(cls=groups.Command)
-@groups.grouped
 def info(
     file: options.FileArgument,
     *,

@@ -13,6 +13,7 @@ from depthcli.io.manifest import FAILED
 
 app = typer.Typer(
     rich_markup_mode=None,
+    add_completion=False,
     no_args_is_help=True,
     help="Sum up, search and merge the manifests of a batch.",
 )

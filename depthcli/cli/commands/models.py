@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     rich_markup_mode=None,
+    add_completion=False,
     invoke_without_command=True,
     help="List, inspect, verify, add and remove models.",
 )

@@ -5,13 +5,11 @@ from __future__ import annotations
 import typer
 
 from depthcli.cli import options
-from depthcli.cli.groups import Command, Given, group, grouped
+from depthcli.cli.groups import Given, group
 from depthcli.cli.screen import console
 from depthcli.core.options import Eye, one_line
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
-
-app = typer.Typer(rich_markup_mode=None)
 
 
 @group
@@ -33,8 +31,6 @@ class OutputOptions:
     overwrite: options.OverwriteOption = False
 
 
-@app.command(cls=Command)
-@grouped
 def predict(
     images: list[str] = typer.Argument(
         ..., metavar="IMG...", help="Input images or URIs; '-' reads from stdin."

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from depthcli.cli import options as groups
-from depthcli.cli.groups import Command, grouped
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
@@ -15,11 +14,7 @@ from depthcli.errors import ExitCode
 if TYPE_CHECKING:
     from depthcli.jobs.inspect import AreaDepth
 
-app = typer.Typer(rich_markup_mode=None)
 
-
-@app.command(cls=Command)
-@grouped
 def probe(
     file: groups.FileArgument,
     places: list[str] = typer.Argument(

@@ -9,7 +9,9 @@ from depthcli.cli.options import MAX_THREADS, ScreenOptions
 from depthcli.core.options import Sensor
 from depthcli.errors import ExitCode
 
-app = typer.Typer(rich_markup_mode=None, no_args_is_help=True, help="Render training data.")
+app = typer.Typer(
+    rich_markup_mode=None, add_completion=False, no_args_is_help=True, help="Render training data."
+)
 
 
 @app.callback()

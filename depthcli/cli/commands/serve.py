@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from depthcli.cli import options
-from depthcli.cli.groups import Command, group, grouped
+from depthcli.cli.groups import command_of, group
 from depthcli.cli.screen import console
 from depthcli.core.options import MAX_PIXELS
 from depthcli.errors import ExitCode, UsageError
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from depthcli.jobs.serve import Asked
 
-app = typer.Typer(rich_markup_mode=None)
-_request = typer.Typer(rich_markup_mode=None, add_completion=False)
 
 _TOKEN = "DEPTHCLI_TOKEN"  # noqa: S105 - the name of a variable
 _REFUSED = {
@@ -74,8 +72,6 @@ class LimitOptions:
     )
 
 
-@app.command(cls=Command)
-@grouped
 def serve(
     *,
     listen: ListenOptions,
@@ -123,8 +119,6 @@ def serve(
     return ExitCode.OK
 
 
-@_request.command(cls=Command)
-@grouped
 def _options(
     *,
     format_: Format = typer.Option(Format.PNG16, "--format"),
@@ -141,7 +135,7 @@ def _options(
     return Asked(format=format_, **parse.map_options(camera, anchors, read, detail, writing))
 
 
-_command = typer.main.get_command(_request)
+_command = command_of(_options)
 
 
 def parse_request(query: Sequence[tuple[str, str]]) -> Asked:

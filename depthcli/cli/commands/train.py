@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from depthcli.training.config import TrainConfig
 
-app = typer.Typer(rich_markup_mode=None)
-
 
 @groups.group
 class RunOptions:
@@ -142,8 +140,6 @@ class FollowOptions:
         return tuple(dict.fromkeys([*(self.log or ()), *own]))
 
 
-@app.command(cls=groups.Command)
-@groups.grouped
 def train(
     method: str | None = typer.Argument(
         None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from depthcli.cli import options as groups
-from depthcli.cli.groups import Command, Given, group, grouped
+from depthcli.cli.groups import Given, group
 from depthcli.core.options import Eye, short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.video.formats import PreviewCodec, VideoFormat
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from depthcli.video.container import RawVideo
     from depthcli.video.frames import Point, Span
 
-app = typer.Typer(rich_markup_mode=None)
 
 _MINUTE = 60
 _GRACE_PERIOD_S = 600.0  # in which a long recording is completed
@@ -147,8 +146,6 @@ class FrameAnchorOptions(groups.AnchorOptions):
     )
 
 
-@app.command(cls=Command)
-@grouped
 def video(
     file: str = typer.Argument(
         ...,

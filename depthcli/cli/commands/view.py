@@ -3,15 +3,10 @@
 import typer
 
 from depthcli.cli import options as groups
-from depthcli.cli.groups import Command, grouped
 from depthcli.errors import ExitCode
 from depthcli.io.formats.table import Format, WriterOptions, stem_of
 
-app = typer.Typer(rich_markup_mode=None)
 
-
-@app.command(cls=Command)
-@grouped
 def view(
     file: groups.FileArgument,
     image: str | None = typer.Argument(
