@@ -66,12 +66,19 @@ class Command(TyperCommand):
                     formatter.write_dl(records, col_max=_COLUMNS[1], col_spacing=_COLUMNS[0])
 
 
-def command_of(made: Callable[..., Any] | typer.Typer) -> Any:  # noqa: ANN401 - typer's own
-    """The command of a function, whose parameters may be groups, or of an app of several."""
+def command_of(
+    made: Callable[..., int] | Mapping[str, Callable[..., int]] | typer.Typer, text: str = ""
+) -> Any:  # noqa: ANN401 - typer's own
+    """The command of a function, whose parameters may be groups, or that of several by name."""
     if isinstance(made, typer.Typer):
         return get_command(made)
-    app = typer.Typer(rich_markup_mode=None, add_completion=False)
-    app.command(cls=Command)(grouped(made))
+    app = typer.Typer(rich_markup_mode=None, add_completion=False, help=text, no_args_is_help=True)
+    if isinstance(made, Mapping):
+        app.callback()(lambda: None)  # a group even of one
+        for name, one in made.items():
+            app.command(name, cls=Command)(grouped(one))
+    else:
+        app.command(cls=Command)(grouped(made))
     return get_command(app)
 
 

@@ -9,7 +9,7 @@ PROGRAM = "depthcli"
 COMMANDS = {
     "predict": ("predict:predict", "Depth maps from images: 16-bit PNG, EXR, NPY, preview, mesh."),
     "batch": ("batch:batch", "Depth maps for a folder tree; can be resumed."),
-    "manifest": ("manifest:app", "Sum up, search and merge the manifests of a batch."),
+    "manifest": ("manifest:COMMANDS", "Sum up, search and merge the manifests of a batch."),
     "video": ("video:video", "Depth video: lossless 16-bit, preview, or image sequence."),
     "models": ("models:app", "List, inspect, verify, add and remove models."),
     "view": ("view:view", "Show a depth file in three dimensions, as a page of one file."),
@@ -17,14 +17,14 @@ COMMANDS = {
     "info": ("info:info", "Show unit, scale and range of a depth file."),
     "probe": ("probe:probe", "Show the depth at pixels, in boxes or masks of a depth file."),
     "calibrate": ("calibrate:calibrate", "Measure the scale of a camera, once, and keep it."),
-    "eval": ("eval:app", "Measure accuracy on NYU Depth v2 or your pairs."),
-    "render": ("render:app", "Render rooms with exact depth as training data."),
+    "eval": ("eval:COMMANDS", "Measure accuracy on NYU Depth v2 or your pairs."),
+    "render": ("render:COMMANDS", "Render rooms with exact depth as training data."),
     "train": ("train:train", "Train a model; can be resumed."),
     "export-onnx": ("export:export_onnx", "Export a checkpoint to ONNX with a model card."),
     "bench": ("bench:bench", "Benchmark a model: latency, throughput, memory."),
     "serve": ("serve:serve", "Serve depth over HTTP with one loaded model."),
     "doctor": ("doctor:doctor", "Check the installation: provider, model, codecs."),
-}  #: name -> (module in ``commands/`` and function or app of several, one line of help)
+}  #: name -> (module in ``commands/`` and its function or functions by name, one line of help)
 PROFILE_COMMANDS = ("predict", "batch", "video")  #: commands that accept ``--profile``
 
 _HELP = """\
@@ -58,7 +58,8 @@ def plain_command(name: str) -> "Any":  # noqa: ANN401 - typer's own types
 
     from depthcli.cli.groups import command_of
 
-    command = command_of(resolve_name(f"depthcli.cli.commands.{COMMANDS[name][0]}"))
+    place, summary = COMMANDS[name]
+    command = command_of(resolve_name(f"depthcli.cli.commands.{place}"), summary)
     command.name = name
     return command
 

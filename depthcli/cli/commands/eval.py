@@ -8,7 +8,7 @@ import typer
 
 from depthcli.cli import completion
 from depthcli.cli import options as groups
-from depthcli.cli.groups import Command, group, grouped
+from depthcli.cli.groups import group
 from depthcli.cli.screen import console
 from depthcli.core import options as choices
 from depthcli.datasets.base import SplitName
@@ -19,13 +19,6 @@ if TYPE_CHECKING:
     from depthcli.evaluation.protocol import EvalProtocol
     from depthcli.io.depth.read import DepthReadOptions
     from depthcli.jobs.evaluate import EvalRequest, EvalResult, ReportFiles
-
-app = typer.Typer(
-    rich_markup_mode=None,
-    add_completion=False,
-    no_args_is_help=True,
-    help="Compare models on a data set.",
-)
 
 
 @group
@@ -170,8 +163,6 @@ class TableOptions:
 _TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignore the image.")]
 
 
-@app.command(cls=Command)
-@grouped
 def nyu(
     *,
     data: Path = typer.Option(
@@ -205,8 +196,6 @@ def nyu(
     return _run(replace(request, split=split), table)
 
 
-@app.command(cls=Command)
-@grouped
 def pairs(
     data: Path = typer.Argument(
         ...,
@@ -263,8 +252,6 @@ def pairs(
     return _run(replace(request, split=None, truth=truth, patterns=names.patterns), table)
 
 
-@app.command(cls=Command)
-@grouped
 def runs(
     folder: Path = typer.Argument(..., metavar="RUNS", help="The --out folder of depthcli train."),
     *,
@@ -304,8 +291,6 @@ def runs(
     return _run(request, table)
 
 
-@app.command(cls=Command)
-@grouped
 def compare(
     first: Path = typer.Argument(..., metavar="A.json", help="A report of eval --json."),
     second: Path = typer.Argument(..., metavar="B.json", help="Another one, of the same data."),
@@ -401,3 +386,6 @@ def _run(request: "EvalRequest", table: TableOptions) -> int:
         count = "1 run is" if len(done.failed) == 1 else f"{len(done.failed)} runs are"
         console.error(f"{count} skipped: {'; '.join(done.failed)}")
     return ExitCode.SOME_FAILED if done.failed else ExitCode.OK
+
+
+COMMANDS = {"nyu": nyu, "pairs": pairs, "runs": runs, "compare": compare}

@@ -11,19 +11,11 @@ from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
 from depthcli.io.manifest import FAILED
 
-app = typer.Typer(
-    rich_markup_mode=None,
-    add_completion=False,
-    no_args_is_help=True,
-    help="Sum up, search and merge the manifests of a batch.",
-)
-
 _Manifest = Annotated[
     str, typer.Argument(metavar="OUT", help="Output folder of a batch, or a manifest in it.")
 ]
 
 
-@app.command("summary")
 def show_summary(out: _Manifest, as_json: JsonOption = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
     from depthcli.io.storage.paths import path_of
@@ -42,7 +34,6 @@ def show_summary(out: _Manifest, as_json: JsonOption = False) -> int:
     return ExitCode.OK
 
 
-@app.command("failed")
 def list_failed(out: _Manifest, as_json: JsonOption = False) -> int:
     """List the inputs that failed, each with the reason."""
     from depthcli.io.storage.paths import path_of
@@ -58,7 +49,6 @@ def list_failed(out: _Manifest, as_json: JsonOption = False) -> int:
     return ExitCode.OK
 
 
-@app.command("merge")
 def merge_parts(
     out: str = typer.Argument(..., metavar="OUT", help="Output folder of a batch."),
     as_json: JsonOption = False,
@@ -73,3 +63,6 @@ def merge_parts(
     else:
         console.out(one_line(f"manifest: {path}"))
     return ExitCode.OK
+
+
+COMMANDS = {"summary": show_summary, "failed": list_failed, "merge": merge_parts}

@@ -4,23 +4,11 @@ from pathlib import Path
 
 import typer
 
-from depthcli.cli.groups import Command, grouped
 from depthcli.cli.options import MAX_THREADS, ScreenOptions
 from depthcli.core.options import Sensor
 from depthcli.errors import ExitCode
 
-app = typer.Typer(
-    rich_markup_mode=None, add_completion=False, no_args_is_help=True, help="Render training data."
-)
 
-
-@app.callback()
-def _render_group() -> None:
-    """Render training data."""
-
-
-@app.command(cls=Command)
-@grouped
 def rooms(
     out: Path = typer.Option(
         ...,
@@ -69,3 +57,6 @@ def rooms(
     elif not screen.quiet:
         console.out(f"{out}: {count} rooms, {rendered} rendered now")
     return ExitCode.OK
+
+
+COMMANDS = {"rooms": rooms}
