@@ -144,9 +144,14 @@ class TrainingError(DepthcliError):
 def os_errors_as(
     kind: type[DepthcliError], problem: str, advice: str = "", *, option: str = ""
 ) -> Iterator[None]:
-    """Raise an OSError of the block as an error of ours, whose problem ends in the reason."""
+    """Raise an OSError of the block as an error of ours, whose problem ends in the reason.
+
+    BrokenPipeError stays: the reader has exited, which is not an error.
+    """
     try:
         yield
+    except BrokenPipeError:
+        raise
     except OSError as error:
         raise kind(f"{problem}: {error.strerror or error}", advice, option=option) from error
 

@@ -41,13 +41,9 @@ def write_stream(
         with os_errors_as(OutputError, problem, "set TMPDIR to a folder with room"):
             warnings = _write(options, name, depth, frame, path)
             data = path.read_bytes()
-    try:
+    with os_errors_as(OutputError, "cannot write standard output"):
         stream.write(data)
         stream.flush()
-    except BrokenPipeError:
-        raise  # the reader has exited, which is not an error
-    except OSError as error:
-        raise OutputError(f"cannot write standard output: {error.strerror}") from error
     return warnings
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 
 from depthcli.core.options import one_line
 from depthcli.core.progress import exit_hook
-from depthcli.errors import Message, OutputError, about
+from depthcli.errors import Message, OutputError, about, os_errors_as
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -74,13 +74,9 @@ def out(text: str) -> None:
 
 def out_json(values: Mapping[str, object]) -> None:
     """Print a JSON object as one line to standard output, and flush."""
-    try:
+    with os_errors_as(OutputError, "cannot write standard output"):
         sys.stdout.write(json.dumps(values, ensure_ascii=True, allow_nan=False) + "\n")
         sys.stdout.flush()
-    except BrokenPipeError:
-        raise  # the reader has exited, which is not an error
-    except OSError as error:
-        raise OutputError(f"cannot write standard output: {error.strerror}") from error
 
 
 def worded(text: str) -> str:
