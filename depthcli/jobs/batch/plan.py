@@ -242,9 +242,7 @@ def plan_folder(
             collector.skip(file)
         else:  # a data set in archives alone
             media.append(listing.InputFile(file.name, paths.join(root, file.name)))
-    plan = collector.plan(media, paths.safe_name(root), loops=tuple(tree.loops))
-    _check_outside(plan, root)
-    return plan
+    return collector.plan(media, paths.safe_name(root), loops=tuple(tree.loops))
 
 
 def plan_files(
@@ -275,15 +273,3 @@ def plan_files(
     plan = collector.plan(pictures(), f"the list {paths.safe_name(source)}", is_list=True)
     # So that nothing depends on the order of the list.
     return replace(plan, inputs=tuple(sorted(plan.inputs)))
-
-
-def _check_outside(plan: BatchPlan, root: str) -> None:
-    """Refuse outputs that would lie among the inputs, through a link for example."""
-    inside, out = (Path(os.path.realpath(folder)) for folder in (root, plan.out))
-    for folder in plan.folders():
-        real = Path(os.path.realpath(folder))
-        # The output folder itself may lie in the input folder, as it is not read.
-        apart = real.is_relative_to(out) and not inside.is_relative_to(out)
-        if real.is_relative_to(inside) and not apart:
-            problem = f"outputs in {folder} would lie among the inputs"
-            raise UsageError(problem, "choose another {out}")
