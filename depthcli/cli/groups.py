@@ -66,17 +66,24 @@ class Command(TyperCommand):
                     formatter.write_dl(records, col_max=_COLUMNS[1], col_spacing=_COLUMNS[0])
 
 
-def command_of(
-    made: Callable[..., int] | Mapping[str, Callable[..., int]] | typer.Typer, text: str = ""
-) -> Any:  # noqa: ANN401 - typer's own
-    """The command of a function, whose parameters may be groups, or that of several by name."""
-    if isinstance(made, typer.Typer):
-        return get_command(made)
-    app = typer.Typer(rich_markup_mode=None, add_completion=False, help=text, no_args_is_help=True)
+def command_of(made: Callable[..., int] | Mapping[str, Callable[..., int]], text: str = "") -> Any:  # noqa: ANN401 - typer's own
+    """The command of a function, whose parameters may be groups, or that of several by name.
+
+    Without a name, that of "" is called, if there is one.
+    """
+    usual = made.get("") if isinstance(made, Mapping) else None
+    app = typer.Typer(
+        rich_markup_mode=None, add_completion=False, help=text, no_args_is_help=usual is None
+    )
+
+    def begin(context: typer.Context) -> None:
+        if usual is not None and context.invoked_subcommand is None:
+            usual()
+
     if isinstance(made, Mapping):
-        app.callback()(lambda: None)  # a group even of one
-        for name, one in made.items():
-            app.command(name, cls=Command)(grouped(one))
+        app.callback(invoke_without_command=usual is not None)(begin)
+        for name in filter(None, made):
+            app.command(name, cls=Command)(grouped(made[name]))
     else:
         app.command(cls=Command)(grouped(made))
     return get_command(app)

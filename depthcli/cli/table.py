@@ -11,7 +11,7 @@ COMMANDS = {
     "batch": ("batch:batch", "Depth maps for a folder tree; can be resumed."),
     "manifest": ("manifest:COMMANDS", "Sum up, search and merge the manifests of a batch."),
     "video": ("video:video", "Depth video: lossless 16-bit, preview, or image sequence."),
-    "models": ("models:app", "List, inspect, verify, add and remove models."),
+    "models": ("models:COMMANDS", "List, inspect, verify, add and remove models."),
     "view": ("view:view", "Show a depth file in three dimensions, as a page of one file."),
     "convert": ("convert:convert", "Convert depth files and report the conversion error."),
     "info": ("info:info", "Show unit, scale and range of a depth file."),

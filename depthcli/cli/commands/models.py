@@ -18,13 +18,6 @@ from depthcli.errors import DepthcliError, ExitCode
 if TYPE_CHECKING:
     from depthcli.models.card import ModelCard, WeightsSpec
 
-app = typer.Typer(
-    rich_markup_mode=None,
-    add_completion=False,
-    invoke_without_command=True,
-    help="List, inspect, verify, add and remove models.",
-)
-
 _Name = Annotated[
     str,
     typer.Argument(
@@ -34,7 +27,6 @@ _Name = Annotated[
 ]
 
 
-@app.command("add")
 def add_model_file(
     file: str = typer.Argument(
         ...,
@@ -114,7 +106,6 @@ def add_model_file(
     return ExitCode.OK
 
 
-@app.command("remove")
 def remove_models(
     models: list[str] = typer.Argument(
         ...,
@@ -133,7 +124,6 @@ def remove_models(
     return ExitCode.OK
 
 
-@app.command("cards")
 def list_cards(
     names: list[str] | None = typer.Argument(
         None,
@@ -221,14 +211,6 @@ def output_text(card: ModelCard) -> str:
     return f"{card.output.kind} depth, no unit"
 
 
-@app.callback()
-def _models_group(context: typer.Context) -> None:
-    """The models that are bundled or installed; without a command, their list."""
-    if context.invoked_subcommand is None:
-        list_models()
-
-
-@app.command("list")
 def list_models(as_json: JsonOption = False) -> int:
     """List the models available by name.
 
@@ -259,7 +241,6 @@ def list_models(as_json: JsonOption = False) -> int:
     return code
 
 
-@app.command("show")
 def show_model(model: _Name = "default") -> int:
     """Show a model's card, or a ready card, as JSON."""
     from depthcli.models.catalog import find_model, list_locations, ready_fields, ready_names
@@ -271,7 +252,6 @@ def show_model(model: _Name = "default") -> int:
     return ExitCode.OK
 
 
-@app.command()
 def verify(
     models: list[str] | None = typer.Argument(
         None,
@@ -299,3 +279,14 @@ def verify(
         else:
             console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
     return code
+
+
+COMMANDS = {
+    "": list_models,
+    "add": add_model_file,
+    "remove": remove_models,
+    "cards": list_cards,
+    "list": list_models,
+    "show": show_model,
+    "verify": verify,
+}
