@@ -1,7 +1,4 @@
-"""Exporting a checkpoint to an ONNX file and its card, after a parity check.
-
-Training runs are exported for evaluation once per checkpoint.
-"""
+"""Exporting a checkpoint to an ONNX file and its card, after a parity check."""
 
 import dataclasses
 import hashlib
@@ -13,11 +10,10 @@ from typing import Any
 
 from onnx import helper
 
-from depthcli._version import __version__
 from depthcli.core.options import Weights
 from depthcli.core.types import DepthKind
 from depthcli.datasets import base as datasets
-from depthcli.errors import ModelError, OutputError, UsageError
+from depthcli.errors import ModelError, UsageError
 from depthcli.export import graph, int8
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.metrics.pixels import MIN_DEPTH_M
@@ -208,9 +204,6 @@ def _parity_cases(spec: cards.InputSpec) -> tuple[tuple[int, int, int], ...]:
     )
 
 
-CACHE_NAMES = {Weights.AVERAGED: "evaluated.onnx", Weights.RAW: "evaluated-raw.onnx"}
-
-
 def find_runs(folder: Path) -> tuple[Path, ...]:
     """The folder itself or its subfolders that have a checkpoint, sorted by name."""
     if (folder / CHECKPOINT).is_file():
@@ -228,29 +221,7 @@ def open_run(folder: Path) -> TrainedRun:
     return TrainedRun(folder, saved.config, saved.state, saved.provenance, parameters)
 
 
-def export_run(run: TrainedRun, fallback_folder: Path, weights: Weights = Weights.AVERAGED) -> Path:
-    """Export a run's model, unless that was done already for the same checkpoint.
-
-    The file is in the run's folder, or in ``fallback_folder`` if that cannot be written.
-    """
-    checkpoint, cached = run.folder / CHECKPOINT, run.folder / CACHE_NAMES[weights]
-    with checkpoint.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()[:16]
-    version = f"checkpoint-{digest}-{__version__}"  # other versions may export other models
-    if _version(cached) == version:
-        return cached
-    options = ExportOptions(name=run.name, version=version, weights=weights)
-    try:
-        return export_checkpoint(checkpoint, cached, options).path
-    except OutputError:
-        return export_checkpoint(checkpoint, fallback_folder / run.name / cached.name, options).path
-
-
-def _version(model: Path) -> str | None:
-    """The version in the card inside an ONNX file; None if there is no valid file."""
-    if not model.is_file():
-        return None
-    try:
-        return catalog.read_model(catalog.ModelLocation(onnx=model, card=None)).card.version
-    except ModelError:
-        return None
+def export_run(run: TrainedRun, folder: Path, weights: Weights = Weights.AVERAGED) -> Path:
+    """Export a run's model into a folder, and return the path of its file."""
+    options = ExportOptions(name=run.name, weights=weights)
+    return export_checkpoint(run.folder / CHECKPOINT, folder / f"{run.name}.onnx", options).path

@@ -94,11 +94,11 @@ def run_evaluation(
         table.check_against(options.against, [*trivial, *group_by_seed(runs)], options.protocol)
     if options.protocol.mask is Mask.RAW:
         task.dataset.raw_depth_m(task.test[0])  # before the models are loaded
-    with temporary_folder() as fallback_folder:
+    with temporary_folder() as folder:
         known = request.prompt, request.anchors_fit
         models = [open_model(loader, request.detail, *known) for loader in request.models]
         if runs:
-            models += _load_runs(request, runs, fallback_folder, progress, failed)
+            models += _load_runs(request, runs, folder, progress, failed)
         files = [
             open_predictions(folder, task.samples, request.predictions_reading)
             for folder in request.predictions
@@ -166,7 +166,7 @@ def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
 def _load_runs(
     request: EvalRequest,
     runs: Sequence[TrainedRun],
-    fallback_folder: Path,
+    folder: Path,
     progress: Progress,
     failed: list[str],
 ) -> list[ModelPredictor]:
@@ -176,7 +176,7 @@ def _load_runs(
     advance, exported = progress.begin("exporting runs", len(runs)), list[tuple[TrainedRun, Path]]()
     for run in runs:
         with _noted(run.name, failed):
-            exported.append((run, export_run(run, fallback_folder, request.weights)))
+            exported.append((run, export_run(run, folder, request.weights)))
         advance(1)
     if not exported:
         raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")

@@ -13,7 +13,6 @@ from depthcli.core.options import Weights
 from depthcli.datasets.base import NYU
 from depthcli.datasets.training_data import NYU_PAPER
 from depthcli.errors import DepthcliError, OutputError, ParityError, UsageError
-from depthcli.export import onnx as exporting
 from depthcli.export.onnx import (
     ExportOptions,
     card_of,
@@ -294,31 +293,7 @@ def test_runs_are_the_folder_itself_or_those_in_it(folder: Path) -> None:
         find_runs(folder.parent / "notes")
 
 
-def test_a_run_is_exported_once_a_checkpoint(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = open_run(folder)
-    model = export_run(run, tmp_path)
-    card = find_model(model).card
-    assert (model, card.name) == (folder / "evaluated.onnx", run.name)
-    made = model.stat().st_mtime_ns
-    assert export_run(run, tmp_path).stat().st_mtime_ns == made
-    model.write_bytes(b"torn")
-    assert find_model(export_run(run, tmp_path)).card == card
-    write_checkpoint(folder / "last.ckpt", small_network(seed=1))
-    assert find_model(export_run(run, tmp_path)).card.version != card.version
-
-    def refused(*_: object) -> None:
-        raise ParityError("apart")
-
-    monkeypatch.setattr(exporting, "export_checkpoint", refused)
-    assert export_run(run, tmp_path) == model
-    with pytest.raises(ParityError):
-        export_run(run, tmp_path, Weights.RAW)
-
-
-def test_a_run_whose_folder_is_full_is_exported_elsewhere(folder: Path, tmp_path: Path) -> None:
-    (folder / "evaluated-raw.onnx").mkdir()
-    model = export_run(open_run(folder), tmp_path / "spare", Weights.RAW)
-    assert model == tmp_path / "spare" / "proposed-seed7" / "evaluated-raw.onnx"
-    assert find_model(model).card.version.startswith("checkpoint-")
+def test_a_run_is_exported_by_its_name(folder: Path, tmp_path: Path) -> None:
+    model = export_run(open_run(folder), tmp_path, Weights.RAW)
+    assert find_model(model).card.name == "proposed-seed7"
+    assert not list(folder.glob("*.onnx"))
