@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -42,8 +43,8 @@ def test_a_worker_takes_the_folder_and_the_threads_that_it_is_given(
 
 
 def test_a_video_that_lost_its_worker_stays_one_call() -> None:
-    video = BatchTask(InputFile("a.mp4", "in/a.mp4"), {})
-    assert list(Call(video=video, lost_workers=1).split()) == [Call(video=video, lost_workers=2)]
+    call = Call(((BatchTask(InputFile("a.mp4", "in/a.mp4"), {}),),), is_video=True)
+    assert list(call.split()) == [replace(call, lost_workers=1)]
 
 
 @pytest.mark.parametrize(

@@ -64,13 +64,11 @@ def add_model_file(
     from depthcli.io.storage.paths import is_remote, path_of
     from depthcli.jobs.models import add_model, add_published, published_model
     from depthcli.models.card import check_command, preprocessing_check, verification_text
-    from depthcli.models.catalog import location_at
 
     published = published_model(file) if card is None else None
     if published and not (as_json or quiet):
         size = size_text(published.weights) or "of unknown size"
         console.note(one_line(f"{published.url}, {size}, licence {published.card.license}"))
-    beside = None if card or published or is_remote(file) else location_at(path_of(file))
     add = (
         partial(add_published, published) if published else partial(add_model, path_of(file), card)
     )
@@ -92,8 +90,6 @@ def add_model_file(
     verified = "not verified" if check is None else f"verified: {check.verified}"
     facts = f"{metres_text(model.card)}; licence {model.card.license}; {verified}"
     console.note(one_line(facts))
-    if beside and beside.card:
-        console.note(one_line(f"with the card {beside.card}"))
     if sha256 is None and (is_remote(file) or (published and published.weights.sha256 is None)):
         console.note(f"to get exactly this file again: --sha256 {model.sha256}")
     if model.card.verification and model.card.verification.difference is not None:

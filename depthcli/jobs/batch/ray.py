@@ -38,22 +38,19 @@ from depthcli.jobs.batch.workers import ImageWorker, VideoWorker, WorkerSpec
 class Call:
     """One request to a worker: chunks of images, or a video."""
 
-    chunks: tuple[Sequence[BatchTask], ...] = ()
-    video: BatchTask | None = None
+    chunks: tuple[Sequence[BatchTask], ...]
+    is_video: bool = False  #: whether they are one video
     lost_workers: int = 0  #: workers that died with it
 
     def split(self) -> Iterator[Call]:
         """One call for each input, after its worker was lost."""
-        lost = self.lost_workers + 1
-        if self.video is not None:
-            yield Call(video=self.video, lost_workers=lost)
         for task in chain(*self.chunks):
-            yield Call(chunks=((task,),), lost_workers=lost)
+            yield Call(((task,),), self.is_video, self.lost_workers + 1)
 
     @property
     def task(self) -> BatchTask:
         """The first input."""
-        return self.video or self.chunks[0][0]
+        return self.chunks[0][0]
 
 
 class RemoteWorker:
@@ -83,8 +80,8 @@ class RemoteWorker:
 
     def work(self, call: Call) -> list[BatchResult]:
         """Process the inputs of a call."""
-        if call.video is not None:
-            return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.video)]
+        if call.is_video:
+            return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.task)]
         return [result for chunk in call.chunks for result in self._worker.work(chunk)]
 
 
@@ -258,7 +255,7 @@ class RayEngine:
         pool = WorkerPool(self._ray, lambda: kind.remote(spec, here, self._cpus), self._poll)
         rest = iter(chunks)
         groups = iter(lambda: tuple(islice(rest, _CHUNKS_PER_CALL)), ())
-        calls = chain(map(Call, groups), (Call(video=video) for video in videos))
+        calls = chain(map(Call, groups), (Call(((one,),), is_video=True) for one in videos))
         try:
             for results in pool.results(calls, self._workers):
                 record(results)
