@@ -260,7 +260,7 @@ def area(word: str) -> tuple[int, ...] | str:
 
 def _anchor(word: str) -> Anchor:
     def holds(x: float, y: float, depth_m: float) -> bool:
-        return _are_indices(x, y) and DEPTH_M.holds(depth_m)
+        return _are_indices(x, y) and bool(DEPTH_M.holds(depth_m))
 
     x, y, depth_m = numbers(word, "X,Y,METRES", "320,240,2.5", holds, "anchor")
     return Anchor(int(x), int(y), depth_m)
@@ -309,7 +309,7 @@ def listed(words: Sequence[str] | None) -> tuple[str, ...]:
 _NORMALIZED = "png16 with --png-normalize or --png-inverse"
 _RANGE_OPTIONS = {_NORMALIZED: Format.PNG16.facts.range_options}
 CLOUDS, _DISTANCES = "clouds of known depth", "known distances along the ray"
-OUTPUT_OPTIONS: dict[str, Collection[str]] = {
+OUTPUT_OPTIONS: Mapping[str, Collection[str]] = {
     **{str(name): facts.parameters for name, facts in FORMATS.items()},
     CLOUDS: ("centre_px", "extrinsics"),
     _DISTANCES: ("centre_px",),
@@ -321,7 +321,7 @@ def unused_by_outputs(
     formats: Iterable[str],
     writing: WriterOptions,
     known: AnchorFiles | tuple[Anchor, ...] = (),
-    used_by: dict[str, Collection[str]] = OUTPUT_OPTIONS,
+    used_by: Mapping[str, Collection[str]] = OUTPUT_OPTIONS,
 ) -> list[str]:
     """Warnings about options of other formats, and of known depth that there is not.
 
@@ -333,9 +333,9 @@ def unused_by_outputs(
     if not isinstance(known, tuple):
         kinds |= {CLOUDS} if known.may_be_clouds else set()
         kinds |= {_DISTANCES} if known.may_be_distances else set()
-    warnings = []
+    warnings, used = [], {**used_by, **_RANGE_OPTIONS}
     for name, word in given.items():
-        users = [kind for kind, options in (used_by | _RANGE_OPTIONS).items() if name in options]
+        users = [kind for kind, options in used.items() if name in options]
         if users and kinds.isdisjoint(users):
             warnings.append(f"{word} has no effect: it is for {', '.join(users)}")
     return warnings
