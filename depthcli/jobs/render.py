@@ -1,7 +1,6 @@
 """Rendering rooms into a training folder: pictures, depth and cameras."""
 
 import json
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -22,37 +21,32 @@ SETTINGS_NAME = "rooms.json"
 _PER_FOLDER = 100
 
 
-@dataclass(frozen=True, slots=True)
-class RenderRequest:
-    """Which rooms to render."""
+def render(
+    out: Path,
+    count: int,
+    settings: RoomSettings,
+    workers: int = 1,
+    progress: Progress = NO_PROGRESS,
+) -> int:
+    """Render the missing ones of ``count`` rooms by processes, and return how many there were.
 
-    out: Path  #: receives ``rgb/``, ``depth/``, ``cameras.csv`` and ``rooms.json``
-    count: int  #: total number of rooms, including existing ones
-    settings: RoomSettings
-    workers: int = 1  #: processes
-
-
-def render(request: RenderRequest, progress: Progress = NO_PROGRESS) -> int:
-    """Render the missing rooms, and return how many there were.
-
-    The same options give the same bytes, independent of count and workers. UsageError if the folder
-    holds other images, or rooms made with other options.
+    The folder receives ``rgb/``, ``depth/``, ``cameras.csv`` and ``rooms.json``. The same settings
+    give the same bytes, independent of count and workers. UsageError if the folder holds other
+    images, or rooms made with other settings.
     """
-    _check_folder(request)
-    missing = [
-        i for i in range(request.count) if not all(f.is_file() for f in _pair_files(request.out, i))
-    ]
+    _check_folder(out, settings)
+    _write_cameras(out, count, settings)
+    missing = [i for i in range(count) if not all(f.is_file() for f in _pair_files(out, i))]
     done = progress.begin("", len(missing), "rooms")
-    write = partial(_write_pair, request.out, request.settings)
-    for _ in process_map(write, missing, workers=min(request.workers, len(missing))):
+    write = partial(_write_pair, out, settings)
+    for _ in process_map(write, missing, workers=min(workers, len(missing))):
         done(1)
     return len(missing)
 
 
-def _check_folder(request: RenderRequest) -> None:
-    """Check that the folder is for these settings, and write the settings and the cameras."""
-    out, path = request.out, request.out / SETTINGS_NAME
-    text = json.dumps({"version": VERSION, **request.settings._asdict()})
+def _check_folder(out: Path, settings: RoomSettings) -> None:
+    """Check that the folder is for these settings, and write them."""
+    path, text = out / SETTINGS_NAME, json.dumps({"version": VERSION, **settings._asdict()})
     if path.exists():
         with os_errors_as(OutputError, f"cannot read {path}", "give another {out}"):
             held = path.read_bytes()
@@ -62,9 +56,12 @@ def _check_folder(request: RenderRequest) -> None:
     elif any((out / name).exists() for name in ("rgb", "depth", CAMERAS_NAME)):
         raise UsageError(f"{out} holds other images", "give another {out}")
     write_text(text + "\n", path)
+
+
+def _write_cameras(out: Path, count: int, settings: RoomSettings) -> None:
     cameras = out / CAMERAS_NAME
     rows = cameras.read_bytes().count(b"\n") - 1 if cameras.is_file() else 0
-    focal = ((i, room_focal_px(request.settings, i)) for i in range(max(request.count, rows)))
+    focal = ((i, room_focal_px(settings, i)) for i in range(max(count, rows)))
     lines = (f"{_pair_name(i)},{focal_px:.6f}\n" for i, focal_px in focal)
     write_text("id,focal_px\n" + "".join(lines), cameras)
 

@@ -21,7 +21,7 @@ from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.camera import intrinsics_of, metric_scale
 from depthcli.inference.transforms import input_layout
-from depthcli.jobs.render import RenderRequest, render
+from depthcli.jobs.render import render
 from depthcli.models.catalog import find_model
 
 ROOT = Path(__file__).parents[2]
@@ -32,18 +32,18 @@ COUNT = 4
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("rendered") / "rooms"
-    render(RenderRequest(out, COUNT, SETTINGS))
+    render(out, COUNT, SETTINGS)
     return out
 
 
 def test_workers_count_and_interruptions_change_no_byte(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "again"
-    assert render(RenderRequest(out, 1, SETTINGS)) == 1
-    assert render(RenderRequest(out, COUNT, SETTINGS, workers=2)) == COUNT - 1
+    assert render(out, 1, SETTINGS) == 1
+    assert render(out, COUNT, SETTINGS, workers=2) == COUNT - 1
     (out / "depth/0000/000002.png").unlink()
     (out / "rgb/0000/000001.jpg").unlink()
-    assert render(RenderRequest(out, COUNT, SETTINGS)) == 2
-    assert render(RenderRequest(out, 2, SETTINGS)) == 0
+    assert render(out, COUNT, SETTINGS) == 2
+    assert render(out, 2, SETTINGS) == 0
     assert contents(out) == contents(folder)
 
 
@@ -65,7 +65,7 @@ def test_a_folder_holds_a_hundred_rooms_and_missing_ones_are_told(tmp_path: Path
             (tmp_path / path).touch()
     watched = Watched()
     (tmp_path / "rooms.json").write_text(json.dumps({"version": VERSION, **SETTINGS._asdict()}))
-    rendered = render(RenderRequest(tmp_path, 102, SETTINGS), watched)
+    rendered = render(tmp_path, 102, SETTINGS, progress=watched)
     assert (rendered, watched.begun, watched.counts) == (2, [("", 2, "rooms")], [[1, 1]])
     assert {path.stem for path in tmp_path.glob("*/0001/*")} == {"000100", "000101"}
 
@@ -81,7 +81,7 @@ def test_files_contain_the_rendered_pair(folder: Path) -> None:
 def test_rooms_of_other_options_do_not_mix(folder: Path) -> None:
     before = contents(folder)
     with pytest.raises(UsageError):
-        render(RenderRequest(folder, COUNT, SETTINGS._replace(seed=5)))
+        render(folder, COUNT, SETTINGS._replace(seed=5))
     assert contents(folder) == before
 
 
@@ -89,13 +89,13 @@ def test_rooms_of_other_options_do_not_mix(folder: Path) -> None:
 def test_rooms_of_another_version_are_not_mixed(tmp_path: Path, held: bytes) -> None:
     (tmp_path / "rooms.json").write_bytes(held)
     with pytest.raises(UsageError):
-        render(RenderRequest(tmp_path, 1, SETTINGS))
+        render(tmp_path, 1, SETTINGS)
 
 
 def test_other_pictures_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "rgb").mkdir()
     with pytest.raises(UsageError):
-        render(RenderRequest(tmp_path, 1, SETTINGS))
+        render(tmp_path, 1, SETTINGS)
 
 
 def test_a_model_that_learns_the_rooms_gives_their_metres(folder: Path) -> None:

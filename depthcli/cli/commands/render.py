@@ -46,12 +46,11 @@ def rooms(
     from depthcli.cli.screen.progress import show_progress
     from depthcli.core.parallel import share_cores
     from depthcli.datasets.rooms.render import RoomSettings
-    from depthcli.jobs.render import RenderRequest, render
+    from depthcli.jobs.render import render
 
     settings = RoomSettings(seed, parse.size(size), parse.hfov_range(hfov), sensor)
-    request = RenderRequest(out, count, settings, share_cores(workers)[0])
     with show_progress(silent=screen.quiet or screen.as_json) as progress:
-        rendered = render(request, progress)
+        rendered = render(out, count, settings, share_cores(workers)[0], progress)
     if screen.as_json:
         console.out_json({"out": str(out), "rooms": count, "rendered": rendered})
     elif not screen.quiet:
