@@ -103,31 +103,6 @@ class CardDraft(NamedTuple):
     is_ready: bool  #: whether it is a ready card, whose input size may differ from the model's
 
 
-def add_model(
-    path: Path,
-    card: str | None = None,
-    *,
-    name: str | None = None,
-    force: bool = False,
-    sha256: str | None = None,
-    progress: Progress = NO_PROGRESS,
-) -> Model:
-    """Copy a model into the user's folder with its completed card, after running it once.
-
-    A remote ONNX file is downloaded, which advances ``progress``. The card is a ``card.json`` or
-    the name of a ready one; None if it is inside the file, or beside it on this machine. ``force``
-    replaces a model of this name, by default the card's, or overrides a bundled one; ``sha256`` is
-    the checksum that the file must have.
-    """
-    if name is not None:
-        folder_to_add(valid_name(name), force=force)  # before anything is downloaded
-    try:
-        with paths.local_copy(path, progress, max_bytes=catalog.MAX_BYTES) as file:
-            return _install(file, card, name=name, force=force, sha256=sha256)
-    except InputError as error:
-        raise ModelError(str(error)) from error
-
-
 class PublishedModel(NamedTuple):
     """A card whose ONNX file can be downloaded."""
 
@@ -154,34 +129,59 @@ def published_model(name: str) -> PublishedModel | None:
     return PublishedModel(name, card, card.weights, url)
 
 
-def add_published(
-    model: PublishedModel,
+def add_model(
+    source: Path | PublishedModel,
+    card: str | None = None,
     *,
     name: str | None = None,
     force: bool = False,
     sha256: str | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> Model:
-    """Download a model of :func:`published_model`, and add it as :func:`add_model` does.
+    """Copy a model into the user's folder with its completed card, after running it once.
 
-    The checksum is the published one, if none is given. If it is known, a download that was
-    interrupted goes on where it stopped. Progress is of megabytes.
+    A remote ONNX file is downloaded, which advances ``progress``. The card is a ``card.json`` or
+    the name of a ready one; None if it is inside the file, or beside it on this machine; a
+    published model has its own. ``force`` replaces a model of this name, by default the card's, or
+    overrides a bundled one; ``sha256`` is the checksum that the file must have, by default the
+    published one.
     """
-    name = valid_name(name or model.card.name)
-    folder_to_add(name, force=force)
-    sha256 = sha256 or model.weights.sha256
-    part = catalog.user_root() / f".{name}.part"
-    with _locked_file(part) as file, paths.errors_about(model.url, part):
-        if sha256 is None:  # the part may be that of another file
-            file.truncate(0)
-        _download(model, file, progress)
+    if isinstance(source, PublishedModel):
+        card, sha256 = source.source, sha256 or source.weights.sha256
+        name = name or source.card.name
+    if name is not None:
+        folder_to_add(valid_name(name), force=force)  # before anything is downloaded
+    with _opened(source, name or "", sha256, progress) as file:
+        return _install(file, card, name=name, force=force, sha256=sha256)
+
+
+@contextmanager
+def _opened(
+    source: Path | PublishedModel, name: str, sha256: str | None, progress: Progress
+) -> Iterator[Path]:
+    """The local file of a model, or a download, removed after the block.
+
+    If the checksum of a published one is known, a download that was interrupted goes on where it
+    stopped.
+    """
+    if not isinstance(source, PublishedModel):
         try:
-            added = _install(part, model.source, name=name, force=force, sha256=sha256)
+            with paths.local_copy(source, progress, max_bytes=catalog.MAX_BYTES) as file:
+                yield file
+        except InputError as error:
+            raise ModelError(str(error)) from error
+        return
+    part = catalog.user_root() / f".{name}.part"
+    with _locked_file(part) as download, paths.errors_about(source.url, part):
+        if sha256 is None:  # the part may be that of another file
+            download.truncate(0)
+        _download(source, download, progress)
+        try:
+            yield part
         except ModelError:
-            file.truncate(0)
+            download.truncate(0)
             raise
-        file.truncate(0)
-    return added
+        download.truncate(0)
 
 
 @contextmanager

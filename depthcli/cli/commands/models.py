@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -62,18 +61,16 @@ def add_model_file(
     """
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import is_remote, path_of
-    from depthcli.jobs.models import add_model, add_published, published_model
+    from depthcli.jobs.models import add_model, published_model
     from depthcli.models.card import check_command, preprocessing_check, verification_text
 
     published = published_model(file) if card is None else None
     if published and not (as_json or quiet):
         size = size_text(published.weights) or "of unknown size"
         console.note(one_line(f"{published.url}, {size}, licence {published.card.license}"))
-    add = (
-        partial(add_published, published) if published else partial(add_model, path_of(file), card)
-    )
     with show_progress(silent=as_json or quiet) as progress:
-        model = add(name=name, force=force, sha256=sha256, progress=progress)
+        source = published or path_of(file)
+        model = add_model(source, card, name=name, force=force, sha256=sha256, progress=progress)
     name, folder, check = model.card.name, model.path.parent, preprocessing_check(model.card)
     if as_json:
         added: dict[str, object] = {"name": name, "path": str(folder), "sha256": model.sha256}
