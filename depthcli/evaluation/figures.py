@@ -14,15 +14,17 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.datasets.base import DepthDataset
 from depthcli.errors import UsageError
 from depthcli.evaluation.predictors import Predictor, Sample
+from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.evaluation.task import EvalTask
 from depthcli.io.formats.preview import PreviewWriter, colour_table, contact_sheet, with_legend
 from depthcli.io.images.png import encode_png
-from depthcli.metrics.alignment import SUITABLE, align
+from depthcli.metrics.alignment import SUITABLE
 
 PICTURES = 6
 _CELL_WIDTH_PX = 240
 _CLIPPED_PERCENT = 2
 _COLORMAP = Colormap.INFERNO
+_ALL_DEPTH = EvalProtocol(full_size_px=None, min_m=0.0, max_m=np.inf)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +106,9 @@ def _fit_to_truth(depth: DepthMap, truth_m: Float32Array) -> DepthMap:
     """A map of another kind aligned to the ground truth (H, W) float32 metres, 0 for none."""
     if depth.kind is DepthKind.METRIC:
         return depth
-    height, width = truth_m.shape
-    valid_mask = truth_m > 0
-    values = resize_area(depth.values, width, height)[valid_mask].astype(np.float64)
-    metres = np.full(truth_m.shape, np.nan, np.float32)
-    metres[valid_mask] = align(
-        values, truth_m[valid_mask].astype(np.float64), SUITABLE[depth.kind][0], depth.kind
-    )
+    truth, metres = _ALL_DEPTH.truth(truth_m), np.full(truth_m.shape, np.nan, np.float32)
+    pixels = _ALL_DEPTH.compare(depth, truth, SUITABLE[depth.kind][0])
+    metres[truth.valid] = pixels.prediction
     return DepthMap(metres)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from threading import Event
-from typing import NamedTuple
+from typing import TypeAlias
 
 from watchfiles import watch
 
@@ -14,10 +14,8 @@ from depthcli.io.listing.folder import NameFilter, list_folder
 _SETTLE_MS = 1000
 
 
-class _Stamp(NamedTuple):
-    size: int
-    modified_ns: int
-    inode: int
+_Stamp: TypeAlias = tuple[int, int, int]
+"""Size, time of the last change in nanoseconds, and inode of a file."""
 
 
 class FolderChanges:
@@ -66,5 +64,5 @@ class FolderChanges:
                     found = os.stat(file.path)  # noqa: PTH116 - a path as text
                 except OSError:
                     continue  # it has gone again
-                stamps[file.name] = _Stamp(found.st_size, found.st_mtime_ns, found.st_ino)
+                stamps[file.name] = found.st_size, found.st_mtime_ns, found.st_ino
         return stamps
