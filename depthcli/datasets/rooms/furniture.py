@@ -228,7 +228,6 @@ def _tap(x: float, top: float, material: Material) -> list[Part]:
     ]
 
 
-_FRUSTUM = tuple((x, 0.35, z) for x, z in ((0.9, 0.0), (-0.9, 0.0), (0.0, 0.9), (0.0, -0.9)))
 _SOFT = (0.4, 0.4, 0.4)  # a cushion: a box with its corners off
 
 
@@ -387,7 +386,7 @@ def floor_lamp(random: np.random.Generator, materials: Materials) -> Piece:
     parts = [
         Part((0, 0.015, 0.2), (0.14, 0.015, 0.14), materials.metal, CYLINDER_Y),
         Part((0, height / 2, 0.2), (0.012, height / 2, 0.012), materials.metal, CYLINDER_Y),
-        Part((0, height, 0.2), (0.2, 0.14, 0.2), shade, CYLINDER_Y, _FRUSTUM),
+        Part((0, height, 0.2), (0.2, 0.14, 0.2), shade, CYLINDER_Y),
     ]
     return Piece(parts, 0.4, 0.4, height + 0.15)
 

@@ -425,7 +425,7 @@ def _projector_shadow(depth_m: Floats, focal_px: float) -> npt.NDArray[np.bool_]
     return np.asarray(lit_by > disparity + _SAME_SURFACE_PX, np.bool_)
 
 
-VERSION = 2
+VERSION = 3
 """Increases when the same settings give other pictures."""
 TYPICAL_HFOV_DEG = 63.0
 

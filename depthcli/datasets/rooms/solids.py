@@ -1,7 +1,7 @@
 """Convex solids, and ray casting.
 
-A solid is a box in its own frame, optionally intersected with a quadric or with planes: cylinders,
-ellipsoids, wedges, frustums. Directions: x right, y up, z ahead, in metres.
+A solid is a box in its own frame, or its intersection with a quadric: a cylinder or an ellipsoid.
+Directions: x right, y up, z ahead, in metres.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,6 @@ CYLINDER_Y: Vector = (1.0, 0.0, 1.0)
 CYLINDER_X: Vector = (0.0, 1.0, 1.0)
 CYLINDER_Z: Vector = (1.0, 1.0, 0.0)
 SPHERE: Vector = (1.0, 1.0, 1.0)
-MAX_CUTS = 4
 
 
 class Part(NamedTuple):
@@ -34,7 +33,6 @@ class Part(NamedTuple):
     half: Vector  #: half of its size along its own axes, metres
     material: Material  #: what it is made of
     quadric: Vector = _NO_QUADRIC  #: weights w of the quadric Σ w q² ≤ 1; zeros for none
-    cuts: tuple[Vector, ...] = ()  #: planes n of n · q ≤ 1, at most four
     axes: npt.NDArray[np.float64] = np.eye(3)  #: its own axes as rows, orthonormal
 
     def moved(self, at: Vector, yaw_deg: float = 0.0) -> Self:
@@ -95,9 +93,6 @@ class Solids:
         self.offset = -np.einsum("sij,sj->si", matrix, centre).astype(np.float32)
         self.half = half.astype(np.float32)
         self.quadric = np.array([part.quadric for part in self.parts], np.float32)
-        self.cuts = np.zeros((len(self.parts), MAX_CUTS, 3), np.float32)
-        for i, part in enumerate(self.parts):
-            self.cuts[i, : len(part.cuts)] = np.reshape(part.cuts, (-1, 3))
         reach = np.einsum("sij,si->sj", np.abs(axes), half)
         # Consecutive parts are near each other: a row of books, the legs of a table.
         lengths = [
@@ -153,7 +148,7 @@ class Solids:
         enter = -_min_of_rows(np.moveaxis(behind + inverse, 1, 0))
         leave = -_max_of_rows(np.moveaxis(behind - inverse, 1, 0))
         for i, solid in enumerate(range(members.start, members.stop)):
-            if self.parts[solid].quadric != _NO_QUADRIC or self.parts[solid].cuts:
+            if self.parts[solid].quadric != _NO_QUADRIC:
                 some = np.flatnonzero(enter[i] < leave[i])
                 interval = self._interval(
                     solid, _take_columns(start[i], some), step[i].take(some, 1)
@@ -166,7 +161,7 @@ class Solids:
         return Hits(distance, (best + members.start).astype(np.int32))
 
     def _interval(self, solid: int, start: Floats, step: Floats) -> tuple[Floats, Floats]:
-        """Intervals of rays (3, N) in the solid's frame that are inside its quadric and cuts."""
+        """Intervals of rays (3, N) in the solid's frame that are inside its quadric."""
         weight = self.quadric[solid][:, None]
         a = (weight * step * step).sum(0)
         b = (weight * start * step).sum(0)
@@ -175,12 +170,6 @@ class Solids:
         along = a == 0
         enter = np.where(along, np.where(c > 0, np.inf, -np.inf), (-b - root) / a)
         leave = np.where(along, np.inf, (-b + root) / a)
-        for plane in self.parts[solid].cuts:
-            normal = np.array(plane, np.float32)
-            towards = _matmul(normal[None], step)[0]
-            at = (1 - _matmul(normal[None], start)[0]) / towards
-            enter = np.where(towards < 0, np.maximum(enter, at), enter)
-            leave = np.where(towards > 0, np.minimum(leave, at), leave)
         return enter.astype(np.float32), leave.astype(np.float32)
 
 
@@ -237,8 +226,7 @@ def _surface(solids: Solids, points: Floats, solid: npt.NDArray[np.int32]) -> tu
     matrix = solids.matrix[solid]
     q = np.einsum("nij,jn->ni", matrix, points) + solids.offset[solid]
     quadric = np.sqrt((solids.quadric[solid] * q * q).sum(1))
-    cuts = np.einsum("nkj,nj->nk", solids.cuts[solid], q)
-    values = np.concatenate([np.abs(q), quadric[:, None], cuts], 1)
+    values = np.concatenate([np.abs(q), quadric[:, None]], 1)
     active = values.argmax(1)  # the bound on which a point lies has the value 1
     axis = np.minimum(active, 2)
     every = np.arange(len(q))
@@ -246,9 +234,7 @@ def _surface(solids: Solids, points: Floats, solid: npt.NDArray[np.int32]) -> tu
     normal[every, axis] = np.sign(q[every, axis])
     curved = active == 3
     normal[curved] = (solids.quadric[solid] * q)[curved]
-    cut = np.flatnonzero(active > 3)
-    normal[cut] = solids.cuts[solid[cut], active[cut] - 4]
-    axis[curved | (active > 3)] = np.abs(normal[curved | (active > 3)]).argmax(1)
+    axis[curved] = np.abs(normal[curved]).argmax(1)
     world = np.einsum("nij,ni->jn", matrix, normal)
     world /= np.linalg.norm(world, axis=0)
     local = q * solids.half[solid]

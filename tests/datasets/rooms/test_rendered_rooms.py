@@ -212,7 +212,7 @@ def inside(part: Part, eye: npt.NDArray, ray: npt.NDArray) -> tuple[float, float
     step = part.axes @ ray / np.array(part.half)
     first, last = -math.inf, math.inf
     planes = [sign * row for row in np.eye(3) for sign in (1, -1)]
-    for plane in [*planes, *map(np.array, part.cuts)]:
+    for plane in planes:
         room, speed = 1 - plane @ start, plane @ step
         if speed > 0:
             last = min(last, room / speed)
@@ -271,7 +271,6 @@ def test_depth_of_a_plane_is_that_of_a_plane() -> None:
         (Part((0, 0, 3), (1, 1, 1), GRAY, SPHERE), (0, 0, 1), 2.0, (0, 0, -1)),
         (Part((0, 0, 3), (1, 2, 1), GRAY, CYLINDER_Y), (0, 0.3, 1), 2.0, (0, 0, -1)),
         (Part((0, -2, 3), (1, 1, 1), GRAY, CYLINDER_Y), (0, -0.4, 1), 2.5, (0, 1, 0)),
-        (Part((0, 0, 3), (1, 1, 1), GRAY, cuts=((0, 0, -2.0),)), (0, 0, 1), 2.5, (0, 0, -1)),
         (Part((0, 0, 3), (1, 1, 1), GRAY).tilted(45, 1), (0.01, 0, 1), 1.6, None),
     ],
 )
