@@ -19,9 +19,5 @@ def preset_file(name: str, method: str | None = None) -> Path:
     if name not in PRESETS:
         raise UsageError(f"no preset '{name}'; choose from {', '.join(PRESETS)}")
     if method and PRESETS[name] not in ("", method):
-        fitting = [other for other, own in PRESETS.items() if own in ("", method)]
-        raise UsageError(
-            f"the preset {name} is for the method {PRESETS[name]}, not {method}; "
-            f"choose from {', '.join(fitting)}"
-        )
+        raise UsageError(f"the preset {name} is for the method {PRESETS[name]}, not {method}")
     return FOLDER / f"{name}.toml"
