@@ -1,30 +1,24 @@
 """The frames of a video, upright and with their times."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 import av
-import numpy as np
 from av.container import InputContainer
-from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
-from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 from av.video.stream import VideoStream
 
-from depthcli.core.arrays import UInt8Array, UInt16Array
-from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
-from depthcli.core.types import Frame, pixel_aspect_of
+from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
+from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.formats.table import LABEL_PREFIX
-from depthcli.io.images.pixels import full_range, upright
-from depthcli.io.images.read import masked
 from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
+from depthcli.video.converter import FrameConverter
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
-from depthcli.video.facts import camera_warnings, focal_lengths, side_data, view_of
+from depthcli.video.facts import focal_lengths
 from depthcli.video.numbering import is_sequence
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
@@ -55,113 +49,7 @@ def _stated_frames(container: InputContainer, stream: VideoStream, rate: Fractio
     return stream.frames or round(length_s * rate) or None
 
 
-_EIGHT_BIT = 8
-_UNSPECIFIED = 2
-_SD_ROWS = 576
-_TOLERANCE = 0.02
-# Scales and shears of the display matrices of the EXIF orientations 1 to 8.
-_UPRIGHT = ((1, 0, 0, 1), (-1, 0, 0, 1), (-1, 0, 0, -1), (1, 0, 0, -1))
-_MATRICES = (*_UPRIGHT, (0, 1, 1, 0), (0, 1, -1, 0), (0, -1, -1, 0), (0, -1, 1, 0))
-_EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
-
-
-def rgb_pixels(
-    frame: VideoFrame, reformatter: VideoReformatter, *, has_alpha: bool = False
-) -> UInt8Array | UInt16Array:
-    """A frame converted to RGB from its own colour space and range, not rotated.
-
-    If it states no colour space, that is BT.601 up to 576 rows and BT.709 above, as in players.
-    The pixels are (H, W, 3), or (H, W, 4) with alpha: uint8 of 8-bit video, else uint16 up to
-    65535. Raises av.FFmpegError if the format cannot be converted.
-    """
-    is_deep = any(component.bits > _EIGHT_BIT for component in frame.format.components)
-    guessed = Colorspace.ITU709 if frame.height > _SD_ROWS else Colorspace.ITU601
-    formats = ("rgba", "rgba64le") if has_alpha else ("rgb24", "rgb48le")
-    rgb = reformatter.reformat(
-        frame,
-        format=formats[is_deep],
-        src_colorspace=guessed if frame.colorspace == _UNSPECIFIED else None,
-        dst_color_range=ColorRange.JPEG,
-        interpolation=Interpolation.BICUBIC,
-    )
-    return rgb.to_ndarray()  # type: ignore[return-value]
-
-
-def orientation_of(frame: VideoFrame) -> int:
-    """The EXIF orientation (1-8) of a frame's display matrix; 1 for other angles."""
-    data = side_data(frame, Type.DISPLAYMATRIX)
-    if data is None:  # or beside a kind that PyAV does not know, such as that of EXIF
-        return _EXIF_OF_ANGLE.get(frame.rotation % 360, 1)
-    a, b, _, c, d = np.frombuffer(data, "<i4")[:5].tolist()
-    across, down = math.hypot(a, c) or 1, math.hypot(b, d) or 1  # the matrix may scale as well
-    shares = a / across, b / down, c / across, d / down
-    turns = (np.allclose(shares, matrix, atol=_TOLERANCE) for matrix in _MATRICES)
-    return next((number for number, fits in enumerate(turns, start=1) if fits), 1)
-
-
 _MISSING_SHARE = 200
-_RGB = 3
-_TRANSPOSED = 5  # the first EXIF orientation that swaps rows and columns
-
-
-class FrameConverter:
-    """Makes upright images of decoded frames, which all have the facts of the first one.
-
-    Attributes:
-        width: columns of an upright frame.
-        height: rows of an upright frame.
-        warnings: one line each about the first frame, but not about its pixels.
-    """
-
-    def __init__(
-        self, first: VideoFrame, pixel_aspect: Fraction | None, options: ReadOptions
-    ) -> None:
-        """Read what only a decoded frame states."""
-        self._options, self._reformatter = options, VideoReformatter()
-        self._orientation = orientation_of(first)
-        self._view = rows, columns = view_of(first, options.eye)
-        size = len(range(first.width)[columns]), len(range(first.height)[rows])
-        is_turned = self._orientation >= _TRANSPOSED
-        self.width, self.height = size[::-1] if is_turned else size
-        self._pixel_aspect = pixel_aspect_of(pixel_aspect, is_turned=is_turned)
-        self._is_begun = False
-        self.warnings = tuple(camera_warnings(first, options.eye, options.projection))
-
-    def image(self, decoded: VideoFrame, index: int, time_s: Fraction) -> Frame:
-        """A frame, upright; where it is transparent, with the colours around that.
-
-        The first one has the warnings about its pixels. InputError if it cannot be converted, or
-        has another size than the first one.
-        """
-        options, components = self._options, decoded.format.components
-        has_alpha = any(one.is_alpha for one in components) and not options.ignore_alpha
-        try:
-            pixels = rgb_pixels(decoded, self._reformatter, has_alpha=has_alpha)
-        except av.FFmpegError as error:
-            told = "a frame cannot be converted; the frames before it are done"
-            raise InputError(told) from error
-        pixels = upright(pixels[self._view], self._orientation)
-        rgb, warnings = pixels[..., :_RGB], tuple[str, ...]()
-        if rgb.shape[:2] != (self.height, self.width):
-            raise InputError("the frames change their size; those before are done")
-        is_first, self._is_begun = not self._is_begun, True
-        if is_first or options.white_level is not None or options.black_level:
-            rgb, warnings = full_range(rgb, None, options.white_level, options.black_level)
-        frame = Frame(
-            rgb if rgb.flags.c_contiguous else rgb.copy(),
-            index=index,
-            timestamp_s=float(time_s),
-            orientation=self._orientation,
-            warnings=warnings,
-            pixel_aspect=self._pixel_aspect,
-            projection=options.projection or Projection.PINHOLE,
-        )
-        if has_alpha:
-            try:
-                frame = masked(frame, pixels[..., _RGB])
-            except InputError:  # nothing is seen, as before a fade
-                frame = replace(frame, transparent=np.ones(rgb.shape[:2], np.bool_))
-        return frame if is_first else replace(frame, warnings=())
 
 
 class VideoSource(clock.FrameSource):
