@@ -26,7 +26,7 @@ def many(cli: Cli) -> None:
     """Pictures that take a while, no two alike, in two folders."""
     random = np.random.default_rng(0)
     for number in range(COUNT):
-        pixels = random.integers(0, 256, (300, 300), dtype=np.uint8)
+        pixels = random.integers(0, 256, (350, 350), dtype=np.uint8)
         picture(cli, f"{number % 2}/{number:03}.png", pixels)
 
 
