@@ -140,7 +140,7 @@ def _plain_run(folder: Path, config: TrainConfig = SUPERVISED) -> Path:
 
 def _config(init: Path, *settings: str) -> TrainConfig:
     usual = ("generator.prompt=[8,8,8,8]", "precision=32-true", "optim.batch_size=4")
-    small = ("validate_every=1", "data.holdout_every=4", "data.holdout_offset=1", "data.aspects=()")
+    small = ("validate_every=1", "data.holdout_every=4", "data.holdout_offset=1", "data.aspects=[]")
     return resolve_config("prompted", settings=(*usual, *small, *settings), init=init)
 
 
@@ -181,7 +181,7 @@ def test_exported_models_give_their_settings(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "setting", ["generator.name=resnet", "output.coding=linear", "generator.prompt=()"]
+    "setting", ["generator.name=resnet", "output.coding=linear", "generator.prompt=[]"]
 )
 def test_networks_without_a_decoder_and_other_codings_are_refused(setting: str) -> None:
     with pytest.raises(UsageError):
