@@ -35,9 +35,7 @@ def depth(model: depthcli.DepthModel) -> depthcli.DepthMap:
 
 
 def metric(values: list[list[float]], **known: Any) -> depthcli.DepthMap:
-    return depthcli.DepthMap(
-        np.array(values, np.float32), provenance=depthcli.Provenance(**known) if known else None
-    )
+    return depthcli.DepthMap(np.array(values, np.float32), provenance=depthcli.Provenance(**known))
 
 
 # Pictures

@@ -67,37 +67,37 @@ class DepthMap(types.DepthMap):
     @property
     def model(self) -> str | None:
         """Name of the model; None if it is not known."""
-        return self.provenance.model if self.provenance else None
+        return self.provenance.model
 
     @property
     def focal_px(self) -> float | None:
         """Focal length that the metres were made for, in pixels of the map; None if unknown."""
-        return self.provenance.focal_px if self.provenance else None
+        return self.provenance.focal_px
 
     @property
     def centre_px(self) -> tuple[float, float] | None:
         """Principal point in pixels of the map; None for the middle of the map."""
-        return self.provenance.centre_px if self.provenance else None
+        return self.provenance.centre_px
 
     @property
     def camera_source(self) -> CameraSource | None:
         """Where the focal length comes from: given, EXIF, or assumed to be the model's own."""
-        return self.provenance.camera_source if self.provenance else None
+        return self.provenance.camera_source
 
     @property
     def time_s(self) -> float | None:
         """Time in its video, in seconds from the video's first frame; None for a still picture."""
-        return self.provenance.time_s if self.provenance else None
+        return self.provenance.time_s
 
     @property
     def anchors(self) -> tuple[Anchor, ...]:
         """The known points that metres were fitted to; none if they are from a map."""
-        return self.provenance.anchors if self.provenance else ()
+        return self.provenance.anchors
 
     @property
     def anchor_fit(self) -> types.AnchorFit | None:
         """Residual of the fit to known points; None if there was none."""
-        return self.provenance.anchor_fit if self.provenance else None
+        return self.provenance.anchor_fit
 
     def fit_anchors(self, anchors: Anchors, *, fit: str = AnchorsFit.LOCAL) -> Self:
         """Metric depth that fits known points best.
@@ -148,9 +148,9 @@ class DepthMap(types.DepthMap):
         """
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
         source = depth.provenance
-        if source is not None and source.projection.is_other:
+        if source.projection.is_other:
             focal_px = 1.0  # of no meaning
-        elif source is None or source.focal_px is None:
+        elif source.focal_px is None:
             raise UsageError("no focal length is known; give focal_px or hfov_deg")
         else:
             focal_px = source.focal_px

@@ -22,7 +22,6 @@ from depthcli.core.types import (
     AnchorFit,
     DepthKind,
     DepthMap,
-    Provenance,
     Windows,
     displayed_depth,
     doubt_of_metres,
@@ -296,7 +295,7 @@ def fit_anchors(
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
     source = replace(
-        depth.provenance or Provenance(),
+        depth.provenance,
         anchors=inside.listed(),
         anchor_fit=AnchorFit(int(used.sum()), given, float(np.median(errors_m)), how),
     )

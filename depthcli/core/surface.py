@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
-from depthcli.core.types import DepthMap, Frame, Provenance, panorama_rays
+from depthcli.core.types import DepthMap, Frame, panorama_rays
 from depthcli.errors import UsageError
 
 # Chosen with benchmarks/edge_points.py: of points more than 10 cm off any surface, one in eight
@@ -89,7 +89,7 @@ def surface_of(
         max_depth_m: pixels beyond have no point; None for no limit.
         keep_edges: whether pixels between near and far, where an edge is smeared, have a point.
     """
-    source = depth.provenance or Provenance()
+    source = depth.provenance
     if source.projection.is_other:
         focal_px = depth.width / (2 * math.pi)
     valid = depth.valid if max_depth_m is None else depth.valid & (depth.values <= max_depth_m)
@@ -136,7 +136,7 @@ def _tangents(xyz_m: Float32Array, right: BoolArray) -> Float32Array:
 
 def _rays(depth: DepthMap, focal_px: float) -> Float32Array:
     """Points at a depth of 1, (H, W, 3) float32."""
-    source = depth.provenance or Provenance()
+    source = depth.provenance
     if source.projection.is_other:
         return panorama_rays(depth.width, depth.height)
     centre_x, centre_y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)

@@ -277,7 +277,7 @@ class DepthMap:
     #: another program, also infinity, and for metres 0 and below
     values: Float32Array
     kind: DepthKind = DepthKind.METRIC  #: what the numbers mean
-    provenance: Provenance | None = None  #: the model behind them, if any
+    provenance: Provenance = Provenance()  #: how they were made, as far as that is known
 
     def __post_init__(self) -> None:
         if self.values.ndim != 2 or self.values.dtype != np.float32:  # noqa: PLR2004
@@ -317,7 +317,7 @@ class DepthMap:
         known = self.values[self.valid]
         unit = " m" if self.is_metric else ""
         spread = f"{known.min():.3g} to {known.max():.3g}{unit}" if known.size else "no depth"
-        model = f", {self.provenance.model}" if self.provenance and self.provenance.model else ""
+        model = f", {self.provenance.model}" if self.provenance.model else ""
         return f"<{type(self).__name__} {self.width}×{self.height}, {self.kind}, {spread}{model}>"
 
 
@@ -414,7 +414,7 @@ def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
     given = {name: value for name, value in given.items() if value is not None}
     if "focal_px" in given:
         given |= {"camera_source": CameraSource.OPTION, "is_cropped": False}
-    source = depth.provenance or Provenance()
+    source = depth.provenance
     found = replace(source, **given)
     return depth if found == source else replace(depth, provenance=found)
 

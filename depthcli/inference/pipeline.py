@@ -239,7 +239,7 @@ class Pipeline:
         def predict(one: Frame) -> Float32Array:
             nonlocal size_px
             depth = self._predict_batch([one], [view], [None])[0].depth
-            size_px = (depth.provenance and depth.provenance.input_size_px) or size_px
+            size_px = depth.provenance.input_size_px or size_px
             return depth.values
 
         values = panorama_distance(frame, predict)
@@ -346,7 +346,7 @@ def _finished(
 
 def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
     """A warning of an EXIF without the image's own focal length; else none."""
-    source = depth.provenance and depth.provenance.camera_source
+    source = depth.provenance.camera_source
     width, height = frame.display_size_px
     if source is CameraSource.CARD and frame.focal_mm is not None:
         told = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"

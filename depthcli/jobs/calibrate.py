@@ -13,7 +13,7 @@ import numpy as np
 from depthcli.core.anchors import AnchorPoints, Pairs, ScaleShift, robust
 from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
-from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.datasets.training_data import open_pairs
 from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
@@ -121,7 +121,7 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
 
 def _camera(depth: DepthMap, frame: Frame, given: Intrinsics) -> Intrinsics:
     """What an image of a camera says of it, for others of any size."""
-    size_px, source = frame.display_size_px, depth.provenance or Provenance()
+    size_px, source = frame.display_size_px, depth.provenance
     return Intrinsics(
         hfov_deg=source.focal_px and hfov_deg(source.focal_px, size_px[0]),
         centre_px=source.centre_px,

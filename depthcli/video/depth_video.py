@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
+from depthcli.core.types import DepthMap, Frame, Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.depth import metadata, read
 from depthcli.io.formats.table import LABEL_PREFIX
@@ -101,7 +101,7 @@ class DepthVideo:
         Raises:
             InputError: a frame is damaged or missing; those before it have been yielded.
         """
-        source, scale = metadata.provenance_of(self.labels) or Provenance(), self.scale
+        source, scale = metadata.provenance_of(self.labels), self.scale
         first_s, last = None, self._first.index - 1
         origin = _ORIGIN.fullmatch(self.labels.get("display_origin", ""))
         code, rate = self._first.time_code, self._source_rate

@@ -121,7 +121,7 @@ def test_a_file_states_the_given_camera(
         told["centre_px"] = told["centre_px"] and tuple(told["centre_px"])
     else:
         depth = read_stored_depth(files / name).displayed
-        told = asdict(depth.provenance or Provenance())
+        told = asdict(depth.provenance)
         np.testing.assert_array_equal(depth.values, DEPTH.values)
     assert told["focal_px"] == pytest.approx(focal_px)
     assert (told["centre_px"], told["camera_source"]) == (centre_px, "option")

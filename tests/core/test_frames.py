@@ -181,7 +181,7 @@ def test_map_states_what_of_its_camera_is_given() -> None:
     option = CameraSource.OPTION
     wanted = replace(source, focal_px=pytest.approx(4), is_cropped=False, camera_source=option)
     assert found == wanted
-    bare = replace(depth, provenance=None)
+    bare = DepthMap(depth.values)
     assert with_camera(bare, Intrinsics(5.0)).provenance == Provenance(
         focal_px=5.0, camera_source=option
     )

@@ -142,7 +142,7 @@ def write_map(path: Path, values: np.ndarray) -> None:
 
 def is_used(stored: StoredDepth) -> bool:
     """Whether a sidecar adds its facts; if not, a warning names it."""
-    if stored.depth.provenance is not None and stored.depth.provenance.orientation == 6:
+    if stored.depth.provenance.orientation == 6:
         assert stored.warnings == ()
         return True
     (warning,) = stored.warnings
@@ -162,7 +162,7 @@ def test_a_sidecar_of_another_size_is_ignored(suffix: str, tmp_path: Path) -> No
         stored = read_stored_depth(path)
         assert is_used(stored) is expected
         assert ("focal_px" in read_metadata(path)) is expected
-        assert (stored.depth.provenance is not None) is expected
+        assert (stored.depth.provenance.orientation == 6) is expected
 
 
 def test_a_sidecar_of_another_camera_is_not_that_of_a_png(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]
-_UNKNOWN = Provenance()
 _SOURCE_TEXTS = {
     CameraSource.OPTION: "given",
     CameraSource.EXIF: "from EXIF",
@@ -39,14 +38,14 @@ ORIGIN_FIELDS = (
 
 def origin_fields(depth: DepthMap) -> dict[str, _Value | None]:
     """The facts about model and camera, ``ORIGIN_FIELDS``, by name; None where one is unknown."""
-    source = depth.provenance or _UNKNOWN
+    source = depth.provenance
     stated = {name: getattr(source, name) for name in ORIGIN_FIELDS[:-1]}
     return {**stated, "camera": camera_text(depth)}
 
 
 def anchor_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
     """Fit to known points for JSON, None without one; with a calibrated camera, also its scale."""
-    source = depth.provenance or _UNKNOWN
+    source = depth.provenance
     fit, scale = source.anchor_fit, source.camera_scale
     found = {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
     return found if scale is None else {**found, "camera_scale": asdict(scale)}
@@ -58,7 +57,7 @@ def metadata_texts(depth: DepthMap) -> dict[str, str]:
     What is unknown is left out, and the shape of square pixels. The unit of a map without one is
     ``none``.
     """
-    source = depth.provenance or _UNKNOWN
+    source = depth.provenance
     texts = {"kind": depth.kind.value, "unit": depth.unit or "none", "software": SOFTWARE}
     if source.time_s is not None:
         texts["time_s"] = f"{source.time_s:.12g}"
@@ -85,7 +84,7 @@ def _value_text(value: _Value) -> str:
 
 def camera_text(depth: DepthMap) -> str | None:
     """The camera that a map's metres are for, its source, and use of anchors; None if unknown."""
-    source = depth.provenance or _UNKNOWN
+    source = depth.provenance
     fitted = _fit_text(source.anchor_fit) if source.anchor_fit else ""
     if source.projection.is_other:
         return f"{source.projection.value}, metres along the ray{fitted}"
@@ -157,11 +156,11 @@ def of_size(
     return texts, (Message(problem, "give {focal_px} in its pixels for a point cloud"),)
 
 
-def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
-    """The provenance of a map, as far as its metadata state it; None if they state nothing."""
+def provenance_of(metadata: Mapping[str, str]) -> Provenance:
+    """The provenance of a map, as far as its metadata state it."""
     orientation, source = metadata.get("orientation"), metadata.get("camera_source")
     stated = metadata.get("projection")
-    found = Provenance(
+    return Provenance(
         model=metadata.get("model"),
         model_sha256=metadata.get("model_sha256"),
         input_size_px=_size_px(metadata.get("network_size_px")),
@@ -175,7 +174,6 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance | None:
         projection=Projection(stated) if stated in tuple(Projection) else Projection.PINHOLE,
         is_cropped="camera_size_px" in metadata and not {"focal_px", "centre_px"} & set(metadata),
     )
-    return None if found == Provenance() else found
 
 
 def kind_named(text: str | None) -> DepthKind:

@@ -17,7 +17,6 @@ from depthcli.core.types import (
     DepthMap,
     DepthRange,
     Frame,
-    Provenance,
     Window,
     displayed_depth,
     doubt_of_metres,
@@ -219,7 +218,7 @@ def _seen_by(
     pixels = shown = Window(0, 0, columns, rows)
     if frame is not None and frame.windows is not None:
         pixels, shown = frame.windows.pixels, frame.windows.display  # that the camera is of
-    source = depth.provenance or Provenance()
+    source = depth.provenance
     focal_px = options.camera.focal_for(shown.width) or source.focal_px
     if focal_px is None:
         raise InputError(f"{name} holds {encoding}, which needs a focal length", "give {focal_px}")

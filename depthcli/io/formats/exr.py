@@ -30,13 +30,13 @@ class ExrWriter(WriterOptions):
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
         shown, stored, windows = _windowed(depth, frame)
         channels, warnings = self._channels(shown, stored, windows)
-        states_aspect: Provenance | Frame = depth.provenance or frame or Provenance()
+        source = depth.provenance if depth.provenance != Provenance() else frame or Provenance()
         exr_file.write_exr(
             path,
             channels,
             own_texts(metadata_texts(shown)),
             frame.rate if frame else None,
-            pixel_aspect=states_aspect.pixel_aspect,
+            pixel_aspect=source.pixel_aspect,
             windows=windows,
             time_code=frame.time_code if frame else None,
         )
@@ -62,7 +62,7 @@ class NormalsExrWriter(ExrWriter):
     def _channels(
         self, shown: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
     ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
-        (focal_px, warnings), source = camera_of(shown), shown.provenance or Provenance()
+        (focal_px, warnings), source = camera_of(shown), shown.provenance
         x, y = source.centre_px or ((shown.width - 1) / 2, (shown.height - 1) / 2)
         if windows is not None:
             data, display = windows

@@ -13,7 +13,7 @@ from depthcli.core.arrays import Float32Array
 from depthcli.core.camera import CameraSource, focal_px_of_hfov, hfov_deg
 from depthcli.core.options import one_line
 from depthcli.core.surface import Surface, surface_of
-from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import SOFTWARE, metadata_texts, own_texts
 from depthcli.io.formats.table import KEY_PREFIX, SOFTWARE_KEY, WriterOptions
@@ -47,7 +47,7 @@ def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
             f"a point in space needs metres, and {depth.kind} depth has none",
             "fit it to known depth with {anchors}",
         )
-    source = depth.provenance or Provenance()
+    source = depth.provenance
     if source.is_cropped:
         raise OutputError(
             "the focal length of the depth is for an image of another size",

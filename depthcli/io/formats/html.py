@@ -14,7 +14,7 @@ import numpy as np
 
 from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.surface import Surface
-from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.geometry import SurfaceWriter, camera_of
 from depthcli.io.formats.preview import PreviewWriter
@@ -60,7 +60,7 @@ class HtmlWriter(SurfaceWriter):
 def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
     """Points and camera for the script: log depth in 16 bits, 0 where there is none."""
     focal_px, _ = camera_of(depth)
-    source = depth.provenance or Provenance()
+    source = depth.provenance
     height, width = surface.depth_m.shape
     nearest_m, farthest_m = (float(end(surface.depth_m)) for end in (np.nanmin, np.nanmax))
     log_step = max(math.log(farthest_m / nearest_m), 1e-6) / (_STEPS - 1)

@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame, Provenance
+from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame
 from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import Message, OutputError, os_errors_as
 from depthcli.io.depth import metadata
@@ -28,7 +28,7 @@ class SidecarWriter(WriterOptions):
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
-        source = depth.provenance or Provenance()
+        source = depth.provenance
         found, ends = DepthRange.of(depth), dict[str, float]()
         if self.is_normalized and found.min is not None and found.max is not None:
             ends = dict(zip(_ENDS, self.range_of((found.min, found.max)), strict=True))

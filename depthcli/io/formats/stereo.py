@@ -7,7 +7,7 @@ import numpy as np
 
 from depthcli.core.arrays import Float32Array, FloatArray, Int64Array, UInt8Array
 from depthcli.core.options import StereoLayout
-from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.geometry import camera_of
@@ -40,7 +40,7 @@ class StereoWriter(WriterOptions):
         """Draw (H, 2 W, 3) RGB uint8, or (H, W, 3) in one; ``spread`` is that of a video."""
         if frame is None:
             raise OutputError("a stereo pair is made of the image", "give it with {picture}")
-        if (depth.provenance or Provenance()).projection.is_other:
+        if depth.provenance.projection.is_other:
             raise OutputError("a panorama gives no stereo pair of flat images")
         disparity_px = _sharpened(self._disparity_px(depth, spread or percentiles(depth)))
         low, high = float(disparity_px.min()), float(disparity_px.max())

@@ -115,7 +115,7 @@ class ImageWorker:
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return task.failed_result(error, self.key, start_s, sha256)
         made, anchors = found.depth.provenance, None
-        if made is not None and (fit := made.anchor_fit) and points is not None:
+        if (fit := made.anchor_fit) and points is not None:
             residual_m = round(fit.residual_m, 6)
             model = None if made.model == self.key.model else made.model
             anchors = AnchorEntry(fit.given, fit.used, residual_m, points.sha256(), fit.fit, model)
