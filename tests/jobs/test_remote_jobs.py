@@ -396,10 +396,3 @@ def test_a_failed_batch_leaves_no_copy_of_its_rows(
         rows.clear()
     end()
     assert not copy.exists()
-
-
-def test_outputs_do_not_lie_among_the_inputs_of_a_bucket(bucket: Bucket) -> None:
-    bucket.put("in/in/a.png", b"")
-    assert len(plan_folder(bucket.uri("in"), bucket.uri("in/out")).inputs) == 1
-    with pytest.raises(UsageError):
-        plan_folder(bucket.uri("in"), bucket.uri(""))
