@@ -38,6 +38,7 @@ def write_names(folder: Path, names: str) -> None:
     [
         ("p.1001.exr p.1002.exr", {"p.%04d.exr": "p", "p.####.exr": "p", "p.%d.exr": "p"}),
         ("P.1001.exr p.mov", {"P.%04d.exr": "P.exr", "p.mov": "p"}),
+        ("p.1001.exr p.1001.png", {"p.%04d.exr": "p.exr", "p.%04d.png": "p"}),
         ("p.1001.exr p.jpg", {"p.%04d.exr": "p.exr"}),
         ("p.1001_l.exr p.1001_r.exr", {"p.%04d_l.exr": "p_l", "p.%04d_r.exr": "p_r"}),
         ("1001.exr q.mov", {"%04d.exr": "sequence", "q.mov": "q"}),

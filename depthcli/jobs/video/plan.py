@@ -236,11 +236,22 @@ def video_base(source: Path | None) -> str:
 
     An image sequence counts as one file, ``plate.exr`` for ``plate.%04d.exr`` and for a folder
     ``plate`` of such images. As of any file, its suffix is kept if another input of its folder has
-    its stem.
+    its stem, or another sequence of it has its numbered names.
     """
     if source is not None and numbering.is_sequence(source):
-        source = _as_one_file(source)
+        first, source = _first_image(source), _as_one_file(source)
+        if first is not None and output_bases([first]) == [first.name]:
+            return source.name
     return output_bases([source])[0]
+
+
+def _first_image(pattern: Path) -> Path | None:
+    """The image of a pattern whose name is the first; None of a folder."""
+    with suppress(OSError):  # which reading it reports
+        for name in () if pattern.is_dir() else numbering.listed_names(pattern.parent):
+            if numbering.number_in(pattern.name, name) is not None:
+                return pattern.with_name(name)
+    return None
 
 
 def _as_one_file(sequence: Path) -> Path:
