@@ -1,9 +1,11 @@
 """Known depth of the frames of a video."""
 
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -117,6 +119,18 @@ def test_a_scan_is_read_once_for_the_frames_near_it(
     run(clip, loader, tmp_path / "known", anchors_within_s=0.05)
     assert depths_m(clip) == pytest.approx([4, 4, 4, 5, 5, 5], abs=0.05)
     assert count == {"0001": 1, "0004": 1}
+
+
+def test_files_of_two_frames_are_read_at_one_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in (1, 2):
+        (tmp_path / f"{number}.csv").touch()
+    together, points = Barrier(2, timeout=10), AnchorPoints.of([Anchor(5, 4, 4)])
+    monkeypatch.setattr(known_depth, "read_known_depth", lambda *_: together.wait() < 2 and points)
+    anchors = known_depth.FrameAnchors(VideoSettings(anchors=AnchorFiles(str(tmp_path))))
+    with ThreadPoolExecutor(2) as pool:
+        assert all(pool.map(lambda number: anchors.of_frame(number, 0.0, 10.0), (1, 2)))
 
 
 @pytest.mark.parametrize("column", ["frame", "time_s"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -50,7 +51,8 @@ class FrameAnchors:
         self._of_all: AnchorPoints | None = None
         self._each: Mapping[float, _Points] = {}
         self._is_timed = False
-        self._reading, self._read = Lock(), lru_cache(maxsize=2)(read_known_depth)
+        self._read = lru_cache(maxsize=2)(read_known_depth)
+        self._reading = defaultdict[Path, Lock](Lock)
         if isinstance(stated, tuple):
             self._of_all = AnchorPoints.of(stated) if stated else None
             return
@@ -82,7 +84,7 @@ class FrameAnchors:
             within = within_s if self._is_timed else within_s * (numbers_a_second or rate)
             found = self._each[nearest] if abs(nearest - at) <= within else None
         if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
-            with self._reading:  # once for all frames near a scan
+            with self._reading[found]:  # once for all frames near a scan
                 found = self._read(found, self._stated)
         return replace(found, fit=self._fit) if isinstance(found, AnchorPoints) else None
 
