@@ -283,6 +283,12 @@ def test_no_pixel_that_counts_is_an_error(data: Path, capsys: pytest.CaptureFixt
     assert main([*words, "--rgb", "*.png"]) == ExitCode.USAGE
 
 
+def test_patterns_need_no_index(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (data / "index.csv").write_text("filename,width\n")  # of another program
+    words = (str(data), "--model", str(data.parent / "tiny"), "--depth", "depth/*/*.png")
+    assert _table(capsys, *words, "--rgb", "rgb/*/*.png")[0]["rows"]
+
+
 def test_crop_and_range_choose_pixels(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tiny = ("--model", str(data.parent / "tiny"))
     (row,) = _table(capsys, str(data), *tiny, "--crop", "garg")[0]["rows"]
