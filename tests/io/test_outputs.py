@@ -24,7 +24,7 @@ from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import FORMATS, Format
 from depthcli.io.listing.folder import is_own_picture
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.output_names import TreeNames
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
 from depthcli.jobs.predict import picture_destination
@@ -33,6 +33,13 @@ from depthcli.jobs.predict import picture_destination
 def planned(sources: Sequence[Path | None], out: str | None) -> list[OutputPlan[Format]]:
     """Outputs in 16-bit PNG."""
     return plan_outputs(sources, picture_destination(out, (Format.PNG16,)))
+
+
+def test_an_input_is_not_replaced_under_another_name(tmp_path: Path) -> None:
+    one, other = write_picture(tmp_path / "a.png"), tmp_path / "b.png"
+    other.hardlink_to(one)
+    with pytest.raises(OutputError):
+        Guard.of([one], overwrite=True).check(other)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])

@@ -217,6 +217,13 @@ def test_predict_replaces_no_input_that_links_lead_to(
             predict(predict_request(names, f"{out}/", model=loader))
 
 
+def test_a_batch_into_the_folder_of_its_inputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
+    (tmp_path / "out").symlink_to(tmp_path / "in")
+    for out in ("in", "out"):
+        with pytest.raises(UsageError):
+            plan_folder(str(pair[0].parents[1]), str(tmp_path / out))
+
+
 def test_a_batch_whose_folder_leads_to_inputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "hall").symlink_to(pair[0].parent)
