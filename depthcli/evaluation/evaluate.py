@@ -204,12 +204,17 @@ def _mean_row(
     seeds = [row for row in rows if row.alignment is alignment]
     values = np.array([row.scores.values for row in seeds])
     std = Scores(tuple(map(float, values.std(0, ddof=1)))) if len(seeds) > 1 else None
-    return replace(
-        seeds[0],
+    first = seeds[0]
+    return report.ReportRow(  # not all that is of the first seed is of the mean
         name=line.name,
+        source=first.source,
+        alignment=first.alignment,
+        image_count=first.image_count,
         scores=Scores(tuple(map(float, values.mean(0)))),
+        empty_count=first.empty_count,
+        stated=first.stated,
+        pixel_count=first.pixel_count,
         note="; ".join(dict.fromkeys(row.note for row in seeds if row.note)),
-        model_sha256=None,
         training=_training_of(line),
         seeds=tuple(seeds),
         std=std,
