@@ -100,7 +100,7 @@ def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
         bucket.put(f"p/p.{number:04}.png", picture)
     sensor = {".png": picture, ".exr": b"v/1\x01 and more"}[suffix]
     names = [bucket.put(f"{name}{suffix}", sensor) for name in ("in/a.depth", "p/d.0002")]
-    problem = "exists and was not written by depthcli"
+    problem = "exists and does not state that depthcli wrote it"
     formats = (Format.NPY, Format.PNG16, Format.EXR)
     for _ in range(2):  # its own outputs are replaced
         bad, good = predict(predict_request(uris, None, formats, model=loader))

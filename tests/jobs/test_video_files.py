@@ -109,7 +109,7 @@ def test_a_batch_does_not_replace_it_in_any_run(folder: Path) -> None:
     asked = request(folder.parent)
     for _ in range(2):
         (result,) = Batch(asked)
-        assert "was not written by depthcli" in result.row.error
+        assert "does not state that depthcli wrote it" in result.row.error
         (would,) = dry_run(asked, asked.model.load())
         assert (would.would, would.error) == ("fail", result.row.error)
     assert place.read_bytes() == before

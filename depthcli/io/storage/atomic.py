@@ -41,7 +41,7 @@ class Guard:
             if self.inputs and _identity(path) in self.inputs:
                 raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
             if not self.overwrite and self._is_foreign(path):
-                told = f"{path} exists and was not written by depthcli"
+                told = f"{path} exists and does not state that depthcli wrote it"
                 raise OutputError(told, f"{_ADVICE}, or replace it with {{overwrite}}")
 
     def _is_foreign(self, path: Path) -> bool:
