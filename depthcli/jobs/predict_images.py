@@ -77,10 +77,8 @@ def _predict_picture(
         else:
             warnings += write.write_output(request.writing, name, depth, frame, path)
     shown, outputs = displayed_depth(depth, frame.windows), tuple(map(str, plan.outputs.values()))
-    seconds = time.perf_counter() - start
-    return PictureResult(
-        plan.name, outputs, shown, session.provider, seconds, warnings=tuple(warnings)
-    )
+    seconds, texts = time.perf_counter() - start, tuple(dict.fromkeys(warnings))
+    return PictureResult(plan.name, outputs, shown, session.provider, seconds, warnings=texts)
 
 
 def _points_of_all(request: PredictRequest) -> AnchorPoints | None:

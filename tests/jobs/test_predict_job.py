@@ -18,6 +18,9 @@ from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.jobs.batch.plan import plan_folder
+from depthcli.jobs.batch.run import Batch, BatchRequest
+from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.predict import PredictRequest, predict
 from depthcli.jobs.write import FailedInput, write_output
 
@@ -49,6 +52,17 @@ def test_a_picture_is_out_when_its_result_is_there(tmp_path: Path, loader: Sessi
     stream = BufferedWriter(passed, 1_000_000)
     next(predict(predict_request([name], "-", model=loader, stdout=stream)))
     assert passed.getvalue().endswith(b"IEND\xaeB`\x82")
+
+
+def test_formats_that_assume_a_camera_warn_once(tmp_path: Path, loader: SessionLoader) -> None:
+    name = str(write_picture(tmp_path / "in" / "a.png"))
+    formats = (Format.NORMALS, Format.PLY)
+    done = next(predict(predict_request([name], None, formats, model=loader)))
+    plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"))
+    (result,) = Batch(BatchRequest(plan, BatchOptions(formats), loader))
+    assert result.row.warnings == done.warnings
+    (warning,) = done.warnings
+    assert warning.startswith("no focal length is known")
 
 
 class Broken(BytesIO):

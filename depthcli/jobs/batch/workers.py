@@ -124,7 +124,7 @@ class ImageWorker:
             start_s,
             sha256,
             outputs=files,
-            warnings=tuple(warnings),
+            warnings=tuple(dict.fromkeys(warnings)),
             camera=camera_text(displayed_depth(found.depth, frame.windows)),
             anchors=anchors,
         )
@@ -214,7 +214,7 @@ class VideoWorker:
             warnings += write_stream(options.writing, which, depth, frame, stream)
             files[which] = stream.getvalue()
         shown = displayed_depth(depth, frame.windows)
-        return files, camera_text(shown), (*frame.warnings, *warnings)
+        return files, camera_text(shown), tuple(dict.fromkeys((*frame.warnings, *warnings)))
 
     def _write_video(self, task: BatchTask, source: Path, sha256: str) -> dict[str, Any]:
         """Write the outputs of a video; returns fields of its row."""
