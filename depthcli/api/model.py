@@ -261,7 +261,7 @@ def _maps(batches: Generator[list[_Displayed | Exception], None, None]) -> Itera
 
 def _check_several(pictures: object, batch_size: int, workers: int) -> None:
     if batch_size < 1 or workers < 0:
-        raise UsageError(f"a batch of {batch_size} by {workers} threads is none")
+        raise UsageError("give a batch_size of 1 or more, and workers of 0 or more")
     is_single = getattr(pictures, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
     if is_single or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
         raise UsageError("predict_many takes several images", "use predict for one")
