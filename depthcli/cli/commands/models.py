@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _Name = Annotated[
     str,
     typer.Argument(
+        metavar="[MODEL]",
         autocompletion=completion.models_and_cards,
         help="Model name, .onnx file, folder with a card.json, or name of a ready card.",
     ),
@@ -248,6 +249,7 @@ def show_model(model: _Name = "default") -> int:
 def verify(
     models: list[str] | None = typer.Argument(
         None,
+        metavar="[MODEL...]",
         autocompletion=completion.models,
         help="Model names or paths. Default: all listed models.",
     ),
