@@ -11,7 +11,7 @@ import pytest
 from helpers.runs import finished, inside, write_run
 
 from depthcli.cli.app import main
-from depthcli.cli.screen.training import TextCallback
+from depthcli.cli.screen.training import EpochCallback
 from depthcli.core.parallel import usable_cores
 from depthcli.training.checkpoint import Checkpoint
 from depthcli.training.provenance import TrainState
@@ -145,7 +145,7 @@ def test_the_line_of_an_epoch_has_rate_and_time_to_go(
     clock_s = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: clock_s[0])
     with ExitStack() as stack:
-        text = TextCallback(stack)
+        text = EpochCallback(stack)
         for step in (1, 2):
             text.on_step_end(TrainState(step=step), 4, {"l1": 0.5})
             clock_s[0] += 40

@@ -25,8 +25,8 @@ def callback_for(*, as_json: bool, quiet: bool, run: str | None) -> Iterator[Cal
     if run and not (quiet or as_json):
         console.note(f"training {run}")
     with ExitStack() as stack:
-        text = Callback() if quiet else TextCallback(stack)
-        yield JsonCallback(run) if as_json else text
+        is_silent = quiet and not as_json
+        yield Callback() if is_silent else EpochCallback(stack, run, as_json=as_json)
 
 
 def show_config(config: TrainConfig) -> None:
@@ -56,56 +56,39 @@ def print_result(result: TrainResult, out: Path) -> None:
     console.note(f"{steps} in {done.seconds / 60:.1f} min; checkpoint in {out}{best}")
 
 
-class _Reporter(Callback):
-    """Warns before the first step, and stores the losses of the last one."""
+class EpochCallback(Callback):
+    """Prints each epoch as a line, with a progress bar on a terminal, or as a JSON object.
 
-    def __init__(self) -> None:
-        self._losses: dict[str, float] = {}
+    ``stack`` closes the bar; ``run`` is a name of one of several runs, for JSON.
+    """
+
+    def __init__(self, stack: ExitStack, run: str | None = None, *, as_json: bool = False) -> None:
+        self._stack, self._run, self._as_json = stack, run, as_json
+        self._steps, self._losses = 0, dict[str, float]()
+        self._stage: Stage | None = None
 
     def on_train_start(self, warnings: tuple[str, ...]) -> None:
         """Warn of what the user may not expect of data, validation and init weights."""
         console.warn_all(warnings)
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
-        """Store the losses for the end of the epoch."""
-        del state, steps
-        self._losses = losses
-
-
-class JsonCallback(_Reporter):
-    """Prints one JSON object per epoch to standard output, with the name of one of several runs."""
-
-    def __init__(self, run: str | None = None) -> None:
-        super().__init__()
-        self._run = run
-
-    def on_epoch_end(self, state: TrainState) -> None:
-        """Print step, seconds, scores, and the losses of the last step."""
-        values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores)}
-        values["losses"] = self._losses
-        console.out_json(values if self._run is None else {"run": self._run, **values})
-
-
-class TextCallback(_Reporter):
-    """Prints one line per epoch, and on a terminal a progress bar, which ``stack`` closes."""
-
-    def __init__(self, stack: ExitStack) -> None:
-        super().__init__()
-        self._stack, self._steps = stack, 0
-        self._stage: Stage | None = None
-
-    def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Advance the bar; the time of the first step is not measured."""
-        super().on_step_end(state, steps, losses)
+        self._losses = losses
         if self._stage is None:
-            shown = self._stack.enter_context(show_progress(silent=not sys.stderr.isatty()))
+            silent = self._as_json or not sys.stderr.isatty()
+            shown = self._stack.enter_context(show_progress(silent=silent))
             self._steps, self._stage = steps, shown.begin("training", steps, "steps")
             self._stage.skip(state.step)
         else:
             self._stage(1)
 
     def on_epoch_end(self, state: TrainState) -> None:
-        """Print losses, scores, rate and remaining time."""
+        """Print scores, and the losses of the last step; as text also rate and remaining time."""
+        if self._as_json:
+            values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores)}
+            values["losses"] = self._losses
+            console.out_json(values if self._run is None else {"run": self._run, **values})
+            return
         losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
         scores = " ".join(f"{name} {state.scores[name]:.4f}" for name in _SHOWN if state.scores)
         held_out = f"  held out: {scores}" if scores else ""
