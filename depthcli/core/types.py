@@ -361,9 +361,6 @@ def _cut(frame: Frame, windows: Windows, window: Window) -> Frame:
     return replace(frame, pixels=pixels, windows=replace(windows, pixels=window))
 
 
-_STEP = 64
-
-
 class DepthRange(NamedTuple):
     """Least, median and largest depth, in the map's unit; None where it has no depth at all."""
 
@@ -391,17 +388,6 @@ def doubt_of_metres(median_m: float) -> str:
     """The fact that numbers are hardly metres, but too large or too small; else empty."""
     low_m, high_m = PLAUSIBLE_M
     return "" if low_m <= median_m <= high_m else f"as metres its median is {median_m:.3g} m"
-
-
-def flat_warnings(depth: DepthMap) -> tuple[str, ...]:
-    """A warning about a map whose pixels all have the same depth; none for other maps."""
-    values, first = depth.values, depth.values[0, 0]
-    is_varied = values.size == 1 or (values[::_STEP, ::_STEP] != first).any()  # of nearly all maps
-    if is_varied or values.min() != values.max():
-        return ()
-    where = f"{first:.6g} m" if depth.is_metric else f"{first:.6g}"
-    advice = "if other pictures give the same, the scale or the range in the model's card is wrong"
-    return (f"all pixels have the same depth, {where}; {advice}",)
 
 
 def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:

@@ -19,7 +19,7 @@ from depthcli.core.camera import (
     hfov_deg,
 )
 from depthcli.core.options import DEFAULT_UPSAMPLING, DepthMask, UpsamplingOptions
-from depthcli.core.types import DepthMap, Frame, Provenance, flat_warnings, masked_to_data_window
+from depthcli.core.types import DepthMap, Frame, Provenance, masked_to_data_window
 from depthcli.errors import InputError, Message, ModelError, UsageError
 from depthcli.inference import camera as lenses
 from depthcli.inference import transforms
@@ -101,17 +101,9 @@ class Pipeline:
         cameras: Sequence[Intrinsics],
         anchors: Sequence[AnchorPoints | None],
     ) -> list[Prediction]:
-        if any(frame.projection is options.Projection.EQUIRECTANGULAR for frame in frames):
-            tasks = zip(frames, cameras, anchors, strict=True)
-            return [
-                self._predict_batch([frame], [camera], [points])[0]
-                if frame.projection is options.Projection.PINHOLE
-                else _finished(self._panorama(frame, camera), frame, points)
-                for frame, camera, points in tasks
-            ]
-        if self.session.load_known_depth and any(map(_is_for_network, anchors)):
-            tasks = zip(frames, cameras, anchors, strict=True)
-            return [self._of_known_depth(*task) for task in tasks]
+        is_panorama = any(frame.projection.is_other for frame in frames)
+        if is_panorama or (self.session.load_known_depth and any(map(_is_for_network, anchors))):
+            return [self._alone(*task) for task in zip(frames, cameras, anchors, strict=True)]
         own = [lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
         frames = [
             frame
@@ -134,15 +126,13 @@ class Pipeline:
         made = zip(found, frames, anchors, strict=True)
         return [_finished(one, f, points, followed) for (one, followed), f, points in made]
 
-    def _of_known_depth(
-        self, frame: Frame, camera: Intrinsics, anchors: AnchorPoints | None
-    ) -> Prediction:
-        """Depth by the network that takes known depth, or by this one where there is too little."""
+    def _alone(self, frame: Frame, camera: Intrinsics, anchors: AnchorPoints | None) -> Prediction:
+        """Depth of a panorama, or by the network that takes known depth where there is enough."""
+        if frame.projection.is_other:
+            return _finished(self._panorama(frame, camera), frame, anchors)
         session = self.session.known_depth if _is_for_network(anchors) else None
-        if session is None:
-            return self._predict_batch([frame], [camera], [anchors])[0]
-        pipeline = Pipeline(session, self.detail)
-        return pipeline._predict_batch([frame], [camera], [anchors])[0]
+        pipeline = self if session is None else Pipeline(session, self.detail)
+        return pipeline.predict(frame, camera, anchors)
 
     def _known(self, frame: Frame, anchors: AnchorPoints | None) -> AnchorPoints | None:
         """Known depth for the network; None if it takes none, or there is too little."""
@@ -211,7 +201,7 @@ class Pipeline:
             values[transforms.without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
         source = self._provenance(frame, (layout.width, layout.height), camera)
         depth = DepthMap(values, self.card.output.kind, source)
-        warnings = flat_warnings(depth) or _range_warnings(spec, depth, scale)
+        warnings = _range_warnings(spec, depth, scale)
         if self.detail.tile_px and tile_px is None:
             wide = f"the image is {frame.width} pixels wide"
             warnings += (Message("it has no effect", wide, option="tile"),)

@@ -29,7 +29,6 @@ from depthcli.core.types import (
     Windows,
     displayed_depth,
     displayed_frame,
-    flat_warnings,
     masked_to_data_window,
     over_window,
     panorama_rays,
@@ -156,19 +155,6 @@ def test_highlights_are_white_to_people() -> None:
 def test_unknown_projection_is_refused() -> None:
     with pytest.raises(UsageError):
         Frame(np.zeros((4, 8), np.uint8), projection="fisheye")
-
-
-def test_map_of_one_depth_is_told() -> None:
-    flat = np.full((70, 130), 2.5, np.float32)
-    (told,) = flat_warnings(DepthMap(flat))
-    assert ", 2.5 m;" in told
-    (told,) = flat_warnings(DepthMap(flat, DepthKind.RELATIVE))
-    assert ", 2.5;" in told
-    for row, column in ((64, 64), (1, 1), (69, 129)):
-        varied = flat.copy()
-        varied[row, column] = 2
-        assert flat_warnings(DepthMap(varied)) == ()
-    assert flat_warnings(DepthMap(flat[:1, :1])) == ()
 
 
 def test_map_states_what_of_its_camera_is_given() -> None:
