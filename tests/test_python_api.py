@@ -526,3 +526,5 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
         depth.colorize("jet")
     with pytest.raises(depthcli.UsageError):
         depth.colorize("gray", near="cold")
+    with pytest.raises(depthcli.UsageError):
+        depth.save("a.stereo.png", stereo_layout="cold")

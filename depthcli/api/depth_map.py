@@ -14,7 +14,7 @@ from depthcli.core import types
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.arrays import AnyArray, UInt8Array
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-from depthcli.core.options import AnchorsFit, Colormap, Near, StereoLayout, short_repr
+from depthcli.core.options import AnchorsFit, Colormap, Near, StereoLayout, chosen, short_repr
 from depthcli.core.surface import PointCloud, point_cloud
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
@@ -190,13 +190,8 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: there is no such colormap, or no such end.
         """
-        if colormap not in tuple(Colormap):
-            raise UsageError(f"no colormap named {colormap!r}; choose {', '.join(Colormap)}")
-        if near not in tuple(Near):
-            raise UsageError(f"near is {' or '.join(Near)}, not {near!r}")
-        writer = PreviewWriter(
-            colormap=Colormap(colormap), near=Near(near), vmin=vmin, vmax=vmax, legend=legend
-        )
+        colours, end = chosen(Colormap, colormap, "colormap"), chosen(Near, near, "near")
+        writer = PreviewWriter(colormap=colours, near=end, vmin=vmin, vmax=vmax, legend=legend)
         return writer.render(self)
 
     def view(
@@ -305,7 +300,7 @@ class DepthMap(types.DepthMap):
             "max_depth_m": max_depth_m,
             "keep_edges": keep_edges,
             "faces": faces,
-            "stereo_layout": stereo_layout and StereoLayout(stereo_layout),
+            "stereo_layout": stereo_layout and chosen(StereoLayout, stereo_layout, "stereo_layout"),
             "eye_distance_m": eye_distance_m,
             "convergence_m": convergence_m,
         }
@@ -323,9 +318,8 @@ class DepthMap(types.DepthMap):
 
 def anchor_points(anchors: Anchors, fit: str | None) -> AnchorPoints:
     """The points of :meth:`DepthMap.fit_anchors`, and their fit; UsageError if there is none."""
-    if fit not in {None, *AnchorsFit}:
-        raise UsageError(f"the fit is {', '.join(AnchorsFit)}, not {fit!r}")
-    return replace(_points(anchors), fit=None if fit is None else AnchorsFit(fit))
+    how = None if fit is None else chosen(AnchorsFit, fit, "the fit")
+    return replace(_points(anchors), fit=how)
 
 
 def _points(anchors: Anchors) -> AnchorPoints:

@@ -10,9 +10,9 @@ import numpy as np
 from depthcli.api.depth_map import DepthMap
 from depthcli.core import types
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, Eye, ReadOptions
+from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, Eye, ReadOptions, chosen
 from depthcli.core.types import Frame
-from depthcli.errors import DepthcliWarning, InputError, UsageError
+from depthcli.errors import DepthcliWarning, InputError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.storage.paths import path_of
 from depthcli.video import depth_video as depth_videos
@@ -94,11 +94,9 @@ def read_depth(
             or disparity without a camera.
         UsageError: there is no such kind, or the camera is not valid.
     """
-    if kind is not None and kind not in tuple(DepthEncoding):
-        raise UsageError(f"no kind of depth named {kind!r}; choose {', '.join(DepthEncoding)}")
     options = depth_files.DepthReadOptions(
         png_scale,
-        None if kind is None else DepthEncoding(kind),
+        None if kind is None else chosen(DepthEncoding, kind, "kind"),
         camera=Intrinsics.given(focal_px, hfov_deg, centre_px),
         baseline_m=baseline_m,
         layer=layer,

@@ -11,10 +11,11 @@ from __future__ import annotations
 import itertools
 import os
 import warnings
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
-from typing import TypeAlias
+from functools import partial
+from typing import NoReturn, TypeAlias
 
 from depthcli.api.depth_map import Anchors, DepthMap, anchor_points
 from depthcli.core.anchors import AnchorPoints
@@ -32,37 +33,32 @@ from depthcli.io.images.read import Picture, frame_of
 from depthcli.models.card import ModelCard
 
 _Task: TypeAlias = tuple[Picture, AnchorPoints | None]
+_Reader: TypeAlias = tuple[Callable[[], Frame], AnchorPoints | None]
 
 
-def _batches(
-    tasks: Iterable[_Task], size: int, white_level: int | None
-) -> Iterator[list[_Task | Exception]]:
-    """Up to ``size`` images and their points at a time; what ends the iterator is the last one.
+def _readers(tasks: Iterable[_Task], white_level: int | None) -> Iterator[_Reader]:
+    """What reads each image, and its points; what ends the iterator is raised by the last one.
 
     Pixels in memory are copied here, since the caller may overwrite a buffer, or close a PIL
-    image, before the batch is processed; files are not read.
+    image, before they are processed; files are not read.
     """
-    rest = iter(tasks)
-    batch: list[_Task | Exception] = []
-    while not (batch and isinstance(batch[-1], Exception)):
-        batch = []
-        try:
-            for picture, points in itertools.islice(rest, size):
-                if isinstance(picture, (bytearray, memoryview)):
-                    batch.append((bytes(picture), points))
-                elif isinstance(picture, (str, bytes, os.PathLike)):
-                    batch.append((picture, points))
-                else:
-                    frame = frame_of(picture, white_level)
-                    if frame is picture:
-                        frame = replace(frame, pixels=frame.pixels.copy())
-                    batch.append((frame, points))
-        except Exception as error:  # noqa: BLE001 - raised at its position
-            batch.append(error)
-        if batch:
-            yield batch
-        else:
-            return
+    try:
+        for picture, points in tasks:
+            if isinstance(picture, (bytearray, memoryview)):
+                yield partial(frame_of, bytes(picture), white_level), points
+            elif isinstance(picture, (str, bytes, os.PathLike)):
+                yield partial(frame_of, picture, white_level), points
+            else:
+                frame = frame_of(picture, white_level)
+                if frame is picture:
+                    frame = replace(frame, pixels=frame.pixels.copy())
+                yield partial(frame_of, frame), points
+    except Exception as error:  # noqa: BLE001 - raised at its position
+        yield partial(_fail, error), None
+
+
+def _fail(error: Exception) -> NoReturn:
+    raise error
 
 
 _Displayed: TypeAlias = tuple[DepthMap, tuple[str, ...]]
@@ -215,18 +211,15 @@ class DepthModel:
             for text in focal_warnings(self.card, camera):
                 warnings.warn(text, DepthcliWarning, stacklevel=2)
 
-        def predicted(batch: list[_Task | Exception]) -> list[_Displayed | Exception]:
+        def predicted(batch: list[_Reader]) -> list[_Displayed | Exception]:
             frames, problem = list[Frame](), list[_Displayed | Exception]()
-            for task in batch:
+            for read, _ in batch:
                 try:
-                    if isinstance(task, Exception):
-                        raise task  # noqa: TRY301 - as one that is raised here
-                    level = None if isinstance(task[0], Frame) else white_level
-                    frames.append(frame_of(task[0], level))
+                    frames.append(read())
                 except Exception as error:  # noqa: BLE001 - raised at its position
                     problem.append(error)
                     break
-            own = [task[1] for task in batch[: len(frames)] if not isinstance(task, Exception)]
+            own = [points for _, points in batch[: len(frames)]]
             found = self.pipeline.predict_many(frames, [camera] * len(frames), own)
             done = zip(found, frames, strict=True)
             return [
@@ -234,8 +227,8 @@ class DepthModel:
                 *problem,
             ]
 
-        tasks = zip(pictures, known, strict=anchors_each is not None)
-        batches = _batches(tasks, batch_size, white_level)
+        readers = _readers(zip(pictures, known, strict=anchors_each is not None), white_level)
+        batches = iter(lambda: list(itertools.islice(readers, batch_size)), [])
         return _maps(ordered_map(predicted, batches, workers=workers))
 
 

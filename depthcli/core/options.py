@@ -3,9 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from depthcli.errors import InputError, UsageError
+
+_Choice = TypeVar("_Choice", bound=StrEnum)
 
 
 class Rule(NamedTuple):
@@ -14,6 +16,13 @@ class Rule(NamedTuple):
     what: str  #: what the value has to be, for messages
     holds: Callable[[Any], object]  #: whether a value satisfies it
     is_finite: bool = True  #: whether not-a-number and infinity are refused before
+
+
+def chosen(kind: type[_Choice], value: str, what: str) -> _Choice:
+    """A value as one of an enumeration; UsageError, which says what it is, if it is none."""
+    if value not in tuple(kind):
+        raise UsageError(f"{what} is {' or '.join(kind)}, not {short_repr(value)}")
+    return kind(value)
 
 
 class Upsampling(StrEnum):
@@ -151,13 +160,9 @@ class UpsamplingOptions:
     mask: DepthMask = DepthMask.NONE  #: which pixels get no depth
 
     def __post_init__(self) -> None:
-        if self.upsampling not in tuple(Upsampling):
-            names = " or ".join(Upsampling)
-            raise UsageError(f"upsampling is {names}, not {self.upsampling!r}")
-        object.__setattr__(self, "upsampling", Upsampling(self.upsampling))
-        if self.mask not in tuple(DepthMask):
-            raise UsageError(f"mask is {' or '.join(DepthMask)}, not {self.mask!r}")
-        object.__setattr__(self, "mask", DepthMask(self.mask))
+        upsampling = chosen(Upsampling, self.upsampling, "upsampling")
+        object.__setattr__(self, "upsampling", upsampling)
+        object.__setattr__(self, "mask", chosen(DepthMask, self.mask, "mask"))
         if self.tile_px is not None and self.tile_px < 0:
             raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
 

@@ -19,8 +19,8 @@ from depthcli.core.arrays import (
     UInt16Array,
 )
 from depthcli.core.camera import Anchor, CameraScale, CameraSource, Intrinsics
-from depthcli.core.options import AnchorsFit, Projection
-from depthcli.errors import InputError, UsageError
+from depthcli.core.options import AnchorsFit, Projection, chosen
+from depthcli.errors import InputError
 
 _GRAY_RANK, _COLOUR_RANK = 2, 3
 _RGB = 3
@@ -199,9 +199,7 @@ class Frame:
         (low, high), aspect = PIXEL_ASPECTS, self.pixel_aspect
         if not low <= aspect <= high:
             raise InputError(f"a pixel aspect of {aspect:g} is not from {low:g} to {high:g}")
-        if self.projection not in tuple(Projection):
-            raise UsageError(f"projection is {' or '.join(Projection)}, not {self.projection!r}")
-        object.__setattr__(self, "projection", Projection(self.projection))
+        object.__setattr__(self, "projection", chosen(Projection, self.projection, "projection"))
 
     @property
     def height(self) -> int:
