@@ -1,7 +1,6 @@
 """Progress reports of long-running work."""
 
 import contextlib
-import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -12,7 +11,7 @@ from typing import Protocol, Self
 class Progress(Protocol):
     """Receives the progress of work that has one or more stages."""
 
-    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[float], None]:
         """Begin a stage, which may have no name if it is the only one, of a number of units.
 
         What is returned is called with the number of units done since the last call.
@@ -22,25 +21,13 @@ class Progress(Protocol):
 class _NoProgress:
     """Ignores progress."""
 
-    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[float], None]:
         """Nothing."""
         del what, total, unit
         return lambda _count: None
 
 
 NO_PROGRESS: Progress = _NoProgress()
-
-
-def begin_bytes(progress: Progress, what: str, size: int) -> Callable[[int], None]:
-    """Begin a stage that is shown in megabytes; the result is called with numbers of bytes."""
-    show, done = progress.begin(what, math.ceil(size / 1e6), "MB"), 0
-
-    def advance(count: int) -> None:
-        nonlocal done
-        show(math.ceil((done + count) / 1e6) - math.ceil(done / 1e6))
-        done += count
-
-    return advance
 
 
 Handler = Callable[[int, FrameType | None], object] | int | None

@@ -6,7 +6,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from helpers.watched import Watched
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +18,6 @@ from depthcli.core.imageops import (
     resize_cubic,
 )
 from depthcli.core.options import one_line, short_repr
-from depthcli.core.progress import begin_bytes
 from depthcli.core.types import (
     DepthKind,
     DepthMap,
@@ -202,11 +200,3 @@ def test_text_of_strangers_is_short_and_printable() -> None:
     assert one_line("a\x1b[2J\n\u202eé") == "a\\x1b[2J\\n\\u202eé"
     assert short_repr("é") == "'\\xe9'"
     assert [len(short_repr("a" * n)) for n in (58, 59)] == [60, 63]
-
-
-def test_bytes_are_shown_in_megabytes() -> None:
-    watched = Watched()
-    advance = begin_bytes(watched, "a", 2_500_001)
-    for count in (1, 999_999, 1_500_000, 1):
-        advance(count)
-    assert (watched.begun, watched.counts) == ([("a", 3, "MB")], [[1, 0, 2, 0]])

@@ -374,7 +374,7 @@ def test_a_copy_is_of_a_size_and_is_told_of(bucket: Bucket) -> None:
     path, watched = remote(bucket.put("a.bin", data)), Watched()
     with local_copy(path, watched, max_bytes=len(data)) as copy:
         assert copy.read_bytes() == data
-    assert (watched.begun, sum(watched.counts[0])) == ([("a.bin", 3, "MB")], 3)
+    assert (watched.begun, sum(watched.counts[0])) == ([("a.bin", 3, "MB")], 2.5)
     with pytest.raises(InputError), local_copy(path, max_bytes=4):
         pass
 

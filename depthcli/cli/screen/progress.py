@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from contextlib import contextmanager
@@ -32,26 +33,26 @@ class Stage:
         self._what = one_line(what)
         self._total, self._shown = total, shown
         self._per_second = f" {unit}/s" if unit else "/s"
-        self._done = self._skipped = 0
+        self._done = self._skipped = 0.0
         self._start_s = self._shown_s = time.monotonic()
         if shown.bars is not None:
             self._task = shown.bars.add_task(self._what, total=total, speed="")
             shown.bars.refresh()
 
-    def __call__(self, count: int) -> None:
+    def __call__(self, count: float) -> None:
         """Advance by ``count`` units."""
         self._done += count
-        now_s, bars = time.monotonic(), self._shown.bars
+        now_s, bars, done = time.monotonic(), self._shown.bars, math.ceil(self._done)
         is_due = now_s - self._shown_s >= (_LINE_EVERY_S if bars is None else _BAR_EVERY_S)
-        if self._shown.silent or not (is_due or (bars is not None and self._done == self._total)):
+        if self._shown.silent or not (is_due or (bars is not None and done == self._total)):
             return
         self._shown_s = now_s
         if bars is not None:
-            bars.update(self._task, completed=self._done, speed=self.speed(), refresh=True)
+            bars.update(self._task, completed=done, speed=self.speed(), refresh=True)
             return
         name = f"{self._what}: " if self._what else ""
         of = "" if self._total is None else f"/{self._total}"
-        console.note(f"{name}{self._done}{of}  {self.speed()}")
+        console.note(f"{name}{done}{of}  {self.speed()}")
 
     def skip(self, count: int) -> None:
         """Advance by ``count`` units that took no time and do not count for the rate."""

@@ -36,7 +36,7 @@ class StopOnSignal:
 
     interrupt: Interrupt  #: records the signal
 
-    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[int], None]:
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[float], None]:
         """A stage that checks for a signal after each unit."""
         del what, total, unit
         return lambda _count: self.check()

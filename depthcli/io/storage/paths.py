@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import math
 import os
 import re
 import stat
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import unquote, urlsplit
 
-from depthcli.core.progress import NO_PROGRESS, Progress, begin_bytes
+from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, InputError, UsageError, os_errors_as
 from depthcli.io.storage import objects
 from depthcli.io.storage.objects import RemotePath
@@ -23,6 +24,7 @@ __all__ = ["RemotePath"]
 SCHEMES = ("s3", "gs", "az", "http", "https")
 _HTTP = ("http", "https")
 _STREAMS = ("rtsp", "rtsps")
+_MB = 1e6
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 
 
@@ -205,10 +207,10 @@ def download(
     """Append to an open file what it lacks of an object, with a few megabytes in memory."""
     done = file.seek(0, os.SEEK_END)
     size, content = objects.fetch(path, max_bytes, done)
-    advance = begin_bytes(progress, path.name, size - done)
+    advance = progress.begin(path.name, math.ceil((size - done) / _MB), "MB")
     for part in content:
         file.write(part)
-        advance(len(part))
+        advance(len(part) / _MB)
 
 
 @contextmanager
