@@ -157,12 +157,7 @@ def anchors(
     path = options.anchors
     _refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
-        for name in ("anchors_scale", "anchors_kind", "baseline", "extrinsics"):
-            if getattr(options, name) is not None:
-                raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
-        if getattr(options, "anchors_fit", None) and not options.anchor:
-            raise UsageError("", "{anchors_fit} is for {anchors} and {anchor}: give one of them")
-        return tuple(map(_anchor, options.anchor or ()))
+        return _listed_anchors(options)
     from depthcli.io.depth.anchors import SELF, AnchorFiles
 
     if path == SELF and (options.anchors_scale or options.anchors_kind):
@@ -178,6 +173,8 @@ def anchors(
         path_of(options.extrinsics) if options.extrinsics else None,
     )
     place = path_of(path)
+    if options.extrinsics and not files.may_be_clouds:
+        raise UsageError("", "{extrinsics} is for clouds: leave it out, or name one in {anchors}")
     if path == SELF and is_folder is None:
         raise UsageError("the frames of a video have no depth of their own", option="anchors")
     if camera.is_undistorted and files.is_by_image:
@@ -258,6 +255,15 @@ def area(word: str) -> tuple[int, ...] | str:
     return tuple(map(int, numbers(word, *form, _are_indices)))
 
 
+def _listed_anchors(options: groups.KnownDepthOptions) -> tuple[Anchor, ...]:
+    for name in ("anchors_scale", "anchors_kind", "baseline", "extrinsics"):
+        if getattr(options, name) is not None:
+            raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
+    if getattr(options, "anchors_fit", None) and not options.anchor:
+        raise UsageError("", "{anchors_fit} is for {anchors} and {anchor}: give one of them")
+    return tuple(map(_anchor, options.anchor or ()))
+
+
 def _anchor(word: str) -> Anchor:
     def holds(x: float, y: float, depth_m: float) -> bool:
         return _are_indices(x, y) and bool(DEPTH_M.holds(depth_m))
@@ -308,31 +314,23 @@ def listed(words: Sequence[str] | None) -> tuple[str, ...]:
 
 _NORMALIZED = "png16 with --png-normalize or --png-inverse"
 _RANGE_OPTIONS = {_NORMALIZED: Format.PNG16.facts.range_options}
-CLOUDS, _DISTANCES = "clouds of known depth", "known distances along the ray"
-OUTPUT_OPTIONS: Mapping[str, Collection[str]] = {
-    **{str(name): facts.parameters for name, facts in FORMATS.items()},
-    CLOUDS: ("centre_px", "extrinsics"),
-    _DISTANCES: ("centre_px",),
-}  #: the options that each format, or kind of known depth, uses, by parameter name
+OUTPUT_OPTIONS = {str(name): facts.options for name, facts in FORMATS.items()}
+"""The options that each format uses, by parameter name."""
 
 
 def unused_by_outputs(
     given: Mapping[str, str],
     formats: Iterable[str],
     writing: WriterOptions,
-    known: AnchorFiles | tuple[Anchor, ...] = (),
     used_by: Mapping[str, Collection[str]] = OUTPUT_OPTIONS,
 ) -> list[str]:
-    """Warnings about options of other formats, and of known depth that there is not.
+    """Warnings about options of other formats.
 
     Options of a profile, which serves several runs, are left out.
     """
     kinds = {*formats}
     if writing.is_normalized and kinds & {name for name in FORMATS if FORMATS[name].range_options}:
         kinds.add(_NORMALIZED)
-    if not isinstance(known, tuple):
-        kinds |= {CLOUDS} if known.may_be_clouds else set()
-        kinds |= {_DISTANCES} if known.may_be_distances else set()
     warnings, used = [], {**used_by, **_RANGE_OPTIONS}
     for name, word in given.items():
         users = [kind for kind, options in used.items() if name in options]

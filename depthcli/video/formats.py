@@ -48,7 +48,7 @@ def _preview(file_suffix: str) -> VideoFormatFacts:
 def _frames(image: Format, name: str = "depth") -> VideoFormatFacts:
     facts = FORMATS[image]
     suffix = f".{name}.{FRAME_NUMBER}{PurePath(facts.suffix).suffix}"
-    return VideoFormatFacts(suffix, None, image, facts.parameters)
+    return VideoFormatFacts(suffix, None, image, facts.options)
 
 
 class VideoFormat(StrEnum):
@@ -68,9 +68,7 @@ class VideoFormat(StrEnum):
     # Lossless 16-bit video.
     MKV = (
         "mkv",
-        VideoFormatFacts(
-            ".depth.mkv", ".mkv", None, ("png_scale", "centre_px", "lock", "vmin", "vmax")
-        ),
+        VideoFormatFacts(".depth.mkv", ".mkv", None, ("png_scale", "lock", "vmin", "vmax")),
     )
     MP4 = "mp4", _preview(".mp4")
     WEBM = "webm", _preview(".webm")
@@ -78,7 +76,7 @@ class VideoFormat(StrEnum):
     STEREO = (
         "stereo",
         VideoFormatFacts(
-            *(".stereo.mp4", None, Format.STEREO), (*Format.STEREO.facts.parameters, *_OF_PREVIEWS)
+            *(".stereo.mp4", None, Format.STEREO), (*Format.STEREO.facts.options, *_OF_PREVIEWS)
         ),
     )
     PNG16 = "png16", _frames(Format.PNG16)
@@ -87,7 +85,7 @@ class VideoFormat(StrEnum):
     NORMALS = "normals", _frames(Format.NORMALS, "normals")
     NORMALS_EXR = "normals-exr", _frames(Format.NORMALS_EXR, "normals")
     # What the numbers of the others mean.
-    JSON = "json", VideoFormatFacts(".depth.json", ".json", None, Format.JSON.facts.parameters)
+    JSON = "json", VideoFormatFacts(".depth.json", ".json", None, Format.JSON.facts.options)
     # Every other format of images that is read back is that of a sequence as well.
     _ignore_ = "image"
     for image in Format:

@@ -69,31 +69,10 @@ def test_option_without_effect_is_a_warning(
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-@pytest.mark.parametrize(
-    ("known", "without"),
-    [
-        (("--anchors", "known.ply", "--centre-px", "31.5,23.5", "--extrinsics", "pose.txt"), ""),
-        (("--anchors", "known.npy", "--anchors-kind", "distance", "--centre-px", "31,23"), ""),
-        (("--anchors", "known.npy", "--centre-px", "31,23"), "--centre-px"),
-        (("--anchors", "known.csv", "--extrinsics", "pose.txt"), "--extrinsics"),
-    ],
-)
-def test_options_of_clouds_and_distances_have_no_effect_on_other_known_depth(
-    inside: Cli, known: tuple[str, ...], without: str
-) -> None:
-    pytest.importorskip("trimesh")
-    write_picture(inside.folder / "room.png")
-    np.save(inside.folder / "known.npy", np.full((48, 64), 2, np.float32))
+def test_extrinsics_are_refused_with_known_depth_in_pixels(inside: Cli) -> None:
     (inside.folder / "known.csv").write_text("x,y,depth_m\n5,4,2\n")
-    (inside.folder / "pose.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n")
-    assert inside("predict", "room.png", "--focal-px", "50", "-o", "known.ply").returncode == 0
-    write_video(inside.folder / "clip.avi", flat_frames(range(1)))
-    done = inside("video", "clip.avi", "--focal-px", "50", *known, "-o", "x.mkv", code=0)
-    assert (b"--extrinsics has no effect" in done.stderr) == (without == "--extrinsics")
-    assert b"--centre-px" not in done.stderr  # which is stored in the video
-    done = inside("predict", "room.png", "--focal-px", "50", *known, "-o", "x.npy", code=0)
-    told = [line for line in done.stderr.decode().splitlines() if "no effect" in line]
-    assert [line.split()[2] for line in told] == ([without] if without else [])
+    done = inside("predict", "a.png", "--anchors", "known.csv", "--extrinsics", "pose.txt", code=2)
+    assert b"--extrinsics is for clouds: leave it out, or name one in --anchors" in done.stderr
 
 
 def test_normalized_png_has_the_range_of_every_command(inside: Cli) -> None:

@@ -197,8 +197,7 @@ def batch(
         max_failures=engine.max_failures,
     )
     if not screen.quiet:
-        unused = parse.unused_by_outputs(given, formats, options.writing, options.anchors)
-        console.warn_all(unused)
+        console.warn_all(parse.unused_by_outputs(given, formats, options.writing))
         if inputs.watch and not output.dry_run:
             console.note(f"watching {folder}; Ctrl-C ends")
     if output.dry_run:

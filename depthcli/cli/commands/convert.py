@@ -39,7 +39,7 @@ def _options_of(name: Format) -> tuple[str, ...]:
     """The options that a format uses, by parameter name."""
     camera = _CAMERA if name.facts.has_camera else ()
     picture = ["picture"] if name.facts.shows_image else []
-    return (*name.facts.parameters, *camera, *picture)
+    return (*name.facts.options, *camera, *picture)
 
 
 FORMAT_OPTIONS = {str(name): _options_of(name) for name in FORMATS}

@@ -79,8 +79,7 @@ def predict(
     results = job.predict(request)
     if not screen.quiet:
         console.warn_all(request.warnings)
-        how = request.writing, request.anchors
-        console.warn_all(parse.unused_by_outputs(given, destination.wanted, *how))
+        console.warn_all(parse.unused_by_outputs(given, destination.wanted, request.writing))
         console.warn_all(f"{safe_name(name)} was written by depthcli; skipped" for name in own)
     from depthcli.cli.screen.results import print_result
     from depthcli.jobs.write import FailedInput

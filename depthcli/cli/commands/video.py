@@ -230,8 +230,7 @@ def video(
     if not screen.quiet:
         console.warn_all(settings.camera.warnings)
         formats = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
-        used_by = FORMAT_OPTIONS | {parse.CLOUDS: ("extrinsics",)}
-        how = settings.writing, settings.anchors, used_by
+        how = settings.writing, FORMAT_OPTIONS
         console.warn_all(parse.unused_by_outputs(given, formats, *how))
     result: VideoResult | FailedInput
     try:

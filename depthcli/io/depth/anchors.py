@@ -64,11 +64,6 @@ class AnchorFiles:
         is_map = suffix in SUFFIXES and suffix not in (*_CLOUDS, ".bin")
         return not (self.is_by_image or is_map)
 
-    @property
-    def may_be_distances(self) -> bool:
-        """Whether its numbers are distances along the ray, or may be, as those of a phone."""
-        return self.kind is DepthEncoding.DISTANCE or self.path == SELF
-
     def read(self, image: Path | None = None) -> AnchorPoints:
         """Depth of the file, or within the image or of its reconstruction; none without metres."""
         path = path_of(self.path)

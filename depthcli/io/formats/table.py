@@ -82,11 +82,6 @@ class FormatFacts(NamedTuple):
         """Fields of :class:`WriterOptions` that have an effect."""
         return self.options + self.range_options if is_normalized else self.options
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Parameters of the commands that it uses besides those of all formats."""
-        return (*self.options, "centre_px") if self.has_camera else self.options
-
 
 _ALIASES = {".tif": ".tiff"}  # other suffixes of files, and those that they stand for
 
