@@ -77,6 +77,7 @@ class Checkpoint:
             raise CheckpointError(f"{path} was not made by 'depthcli train'")
         if content.pop("version", None) != _VERSION:
             raise CheckpointError(f"{path} was made by another version of depthcli", "use that one")
+        content.pop("others", None)  # of further processes, by 0.16 and 0.17
         try:
             content["config"] = merged(TrainConfig(), content["config"])
             check_config(content["config"])

@@ -91,6 +91,13 @@ def test_run_of_0_24_resumes_with_its_numbers(tmp_path: Path) -> None:
     assert Checkpoint.load(path).provenance.init_weights.startswith("last.ckpt ")
 
 
+def test_weights_to_start_from_that_the_repository_has_are_read() -> None:
+    starts = Path(__file__).parents[2] / "models" / "starts" / "lite0.ckpt"  # "others", of 0.17
+    generator, saved = load_generator(starts)
+    assert sum(weight.numel() for weight in generator.parameters()) == 3_765_585
+    assert (saved.state.step, len(saved.provenance.train_ids)) == (1193, 866)
+
+
 def test_other_users_may_read_checkpoints_as_other_files(tmp_path: Path) -> None:
     (tmp_path / "other").touch()
     assert _saved(tmp_path).stat().st_mode == (tmp_path / "other").stat().st_mode
