@@ -29,7 +29,7 @@ from depthcli.evaluation.predictors import (
 )
 from depthcli.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundaries
 from depthcli.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
-from depthcli.metrics.alignment import SUITABLE, is_reversed
+from depthcli.metrics.alignment import SUITABLE, align
 from depthcli.metrics.boundary import BoundaryScores, mean_boundary_scores
 from depthcli.metrics.depth import METRICS, PixelSums, Scores, mean_scores
 from depthcli.training.provenance import TrainedRun
@@ -408,7 +408,7 @@ def _score_image(
             if entry.predictor.source is report.Source.FILES and alignment is Alignment.NONE:
                 predicted, true_m = pixels.prediction, pixels.truth
                 exact = predicted.astype(np.float64), true_m.astype(np.float64)
-                turned = is_reversed(*exact, Alignment.DEPTH)
+                _, turned = align(*exact, Alignment.DEPTH)
             sums, parts = PixelSums.of(pixels), sums_by_distance(pixels, ranges_m)
             found.append(_ImageSums(sums, boundary, turned, missing, outside, parts))
     return found

@@ -9,7 +9,7 @@ from depthcli.core.imageops import resize_bilinear
 from depthcli.core.options import AUTO_TILE, Alignment, Averaging, Crop, Mask, Upsampling
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
-from depthcli.metrics.alignment import align, is_reversed
+from depthcli.metrics.alignment import align
 from depthcli.metrics.boundary import BoundaryScores, boundary_scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
 
@@ -120,8 +120,7 @@ class EvalProtocol:
         turned = False
         if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
             exact = predicted.astype(np.float64), truth.depth_m.astype(np.float64)
-            predicted = align(*exact, alignment, depth.kind)
-            turned = is_reversed(*exact, alignment, depth.kind)
+            predicted, turned = align(*exact, alignment, depth.kind)
         return DepthPixels(truth.depth_m, predicted, self.min_m, self.max_m, is_reversed=turned)
 
 

@@ -27,38 +27,25 @@ def align(
     truth_m: Float64Array,
     alignment: Alignment,
     kind: DepthKind = DepthKind.METRIC,
-) -> Float64Array:
+) -> tuple[Float64Array, bool]:
     """Depth in metres after the fit of a prediction of some kind to metres > 0; (N,) float64.
 
-    Pixels that are not finite are not fitted. The result is not clamped: NaN where there was no
-    prediction, infinity where the fitted disparity is not positive. A prediction without a usable
-    pixel is returned unchanged.
+    And whether a fit by least squares exchanges near and far. Pixels that are not finite are not
+    fitted. The result is not clamped: NaN where there was no prediction, infinity where the fitted
+    disparity is not positive. A prediction without a usable pixel is returned unchanged.
     """
     if alignment not in SUITABLE[kind]:
         raise ValueError(f"{kind} depth cannot be aligned by {alignment}")
     match alignment:
         case Alignment.NONE:
-            return predicted
+            return predicted, False
         case Alignment.MEDIAN:
-            return _scale_median(predicted, truth_m)
+            return _scale_median(predicted, truth_m), False
         case Alignment.DEPTH:
             return _fit_line(predicted, truth_m)
         case Alignment.DISPARITY:
-            return _depth_of_disparity(_fit_line(_disparity(predicted, kind), 1 / truth_m))
-
-
-def is_reversed(
-    predicted: Float64Array,
-    truth_m: Float64Array,
-    alignment: Alignment,
-    kind: DepthKind = DepthKind.METRIC,
-) -> bool:
-    """Whether the least-squares fit of :func:`align` exchanges near and far."""
-    if alignment is Alignment.DEPTH:
-        return _slope(predicted, truth_m) < 0
-    if alignment is Alignment.DISPARITY:
-        return _slope(_disparity(predicted, kind), 1 / truth_m) < 0
-    return False
+            fitted, is_reversed = _fit_line(_disparity(predicted, kind), 1 / truth_m)
+            return _depth_of_disparity(fitted), is_reversed
 
 
 def _scale_median(predicted: Float64Array, truth_m: Float64Array) -> Float64Array:
@@ -68,29 +55,20 @@ def _scale_median(predicted: Float64Array, truth_m: Float64Array) -> Float64Arra
     return predicted * (np.median(truth_m[usable]) / np.median(predicted[usable]))
 
 
-def _fit_line(x: Float64Array, y: Float64Array) -> Float64Array:
-    """``s·x + t`` with the s and t that minimize Σ(s·x + t − y)² over finite x."""
+def _fit_line(x: Float64Array, y: Float64Array) -> tuple[Float64Array, bool]:
+    """``s·x + t`` with the s and t that minimize Σ(s·x + t − y)² over finite x, and if s < 0."""
     usable = np.isfinite(x)
     if not usable.any():
-        return x
-    mean_x, mean_y, slope = x[usable].mean(), y[usable].mean(), _slope(x, y)
-    if slope == 0:
-        return np.where(np.isnan(x), np.nan, mean_y)
-    return np.asarray(slope * (x - mean_x) + mean_y)
-
-
-def _slope(x: Float64Array, y: Float64Array) -> float:
-    """Slope s of :func:`_fit_line`; 0 where x is constant or nowhere finite."""
-    usable = np.isfinite(x)
-    if not usable.any():
-        return 0.0
-    known_x, known_y = x[usable], y[usable]
-    mean_x = known_x.mean()
-    centred = known_x - mean_x
+        return x, False
+    mean_x, mean_y = x[usable].mean(), y[usable].mean()
+    centred = x[usable] - mean_x
     spread = float(centred @ centred)
     # A constant prediction has no slope to fit, only the mean.
-    negligible = 1e-24 * known_x.size * max(mean_x**2, np.finfo(np.float64).tiny)
-    return float(centred @ (known_y - known_y.mean())) / spread if spread > negligible else 0.0
+    negligible = 1e-24 * centred.size * max(mean_x**2, np.finfo(np.float64).tiny)
+    slope = float(centred @ (y[usable] - mean_y)) / spread if spread > negligible else 0.0
+    if slope == 0:
+        return np.where(np.isnan(x), np.nan, mean_y), False
+    return np.asarray(slope * (x - mean_x) + mean_y), slope < 0
 
 
 def _disparity(predicted: Float64Array, kind: DepthKind) -> Float64Array:
