@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -78,20 +78,6 @@ def read_image_rgb(path: Path) -> UInt8Array:
     if pixels.dtype != np.uint8:
         raise DatasetError(f"{path} has {pixels.dtype} pixels", "save it with 8 or 16 bits")
     return pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, axis=2)  # noqa: PLR2004
-
-
-def check_unit(
-    maps_m: Iterable[Float32Array],
-    where: Path,
-    range_m: tuple[float, float] = PLAUSIBLE_M,
-    advice: str = _UNIT_ADVICE,
-) -> None:
-    """Check the unit of a data set's depth, by the medians of some maps in metres."""
-    medians = [float(np.median(d[d > 0])) for d in maps_m if (d > 0).any()]
-    typical_m, (low_m, high_m) = float(np.median(medians or [0])), range_m
-    if not low_m <= typical_m <= high_m:
-        told = f"{where} has a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m"
-        raise DatasetError(told, advice)
 
 
 def sample_positions(count: int, at_most: int = 9) -> list[int]:
@@ -312,6 +298,11 @@ def open_unpaired_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> F
     return replace(dataset, warnings=dataset.stored(0).warnings_with_scale("png_scale"))
 
 
-def _check_unit(dataset: FolderDataset, plausible_m: tuple[float, float]) -> None:
-    samples = map(dataset.depth_m, sample_positions(len(dataset)))
-    check_unit(samples, dataset.root, plausible_m)
+def _check_unit(dataset: FolderDataset, range_m: tuple[float, float]) -> None:
+    """Check the unit of depth by the medians of some maps."""
+    maps_m = map(dataset.depth_m, sample_positions(len(dataset)))
+    medians = [float(np.median(d[d > 0])) for d in maps_m if (d > 0).any()]
+    typical_m, (low_m, high_m) = float(np.median(medians or [0])), range_m
+    if not low_m <= typical_m <= high_m:
+        where = f"{dataset.root} has a median depth of {typical_m:.3g} m"
+        raise DatasetError(f"{where}, outside {low_m:g}-{high_m:g} m", _UNIT_ADVICE)
