@@ -16,7 +16,7 @@ from depthcli.datasets.base import ALL_PAIRS, HELD_OUT, SplitName
 from depthcli.evaluation.protocol import EvalProtocol
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
-from depthcli.metrics.depth import METRICS, PixelSums, Scores
+from depthcli.metrics.depth import METRICS, PixelSums, Scores, finite_or_none
 
 PUBLISHED_COUNT = 449
 _TRAINING = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", "parameters", "ms")
@@ -208,7 +208,8 @@ class EvalReport:
         if self.breakdowns:
             document["breakdowns"] = {
                 one.by: [
-                    asdict(part) | {"scores": _scores_json(part.scores)} for part in one.scored
+                    asdict(part) | {"scores": finite_or_none(part.scores.items())}
+                    for part in one.scored
                 ]
                 for one in self.breakdowns
             }
@@ -283,7 +284,7 @@ def _row_json(row: ReportRow) -> dict[str, Any]:
     if row.images:
         entry["per_image"] = [{"id": i.id, **_all_scores_json(i)} for i in row.images]
     if row.training is not None:
-        entry["standard_deviation"] = row.std and _scores_json(row.std)
+        entry["standard_deviation"] = row.std and finite_or_none(row.std.items())
         entry["training"] = asdict(row.training) | {
             "latency_ms": round(row.training.latency_ms, 3),
             "minutes": [round(minutes, 4) for minutes in row.training.minutes],
@@ -293,8 +294,8 @@ def _row_json(row: ReportRow) -> dict[str, Any]:
 
 
 def _all_scores_json(scored: ReportRow | ImageScores) -> dict[str, float | None]:
-    boundary = _scores_json(scored.boundary) if scored.boundary else {}
-    return _scores_json(scored.scores) | boundary
+    boundary = finite_or_none(scored.boundary.items()) if scored.boundary else {}
+    return finite_or_none(scored.scores.items()) | boundary
 
 
 def _difference_json(difference: Difference) -> dict[str, Any]:
@@ -303,13 +304,8 @@ def _difference_json(difference: Difference) -> dict[str, Any]:
         "row": difference.name,
         "minus": difference.other,
         "align": difference.alignment,
-        "intervals": {metric: _scores_json(asdict(interval)) for metric, interval in intervals},
+        "intervals": {name: finite_or_none(asdict(found).items()) for name, found in intervals},
     }
-
-
-def _scores_json(scores: Scores | BoundaryScores | Mapping[str, float]) -> dict[str, float | None]:
-    """Scores by name; those that are not finite become None."""
-    return {name: value if math.isfinite(value) else None for name, value in scores.items()}
 
 
 _MISPRINT = (

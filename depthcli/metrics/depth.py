@@ -164,6 +164,11 @@ class Scores:
         return zip(METRICS, chain(self.values, repeat(math.nan)), strict=False)
 
 
+def finite_or_none(scores: Iterable[tuple[str, float]]) -> dict[str, float | None]:
+    """Scores by name for JSON; those that are not finite are None."""
+    return {name: value if math.isfinite(value) else None for name, value in scores}
+
+
 @dataclass(frozen=True, slots=True)
 class PixelSums:
     """Sums of every metric, which can be computed in parallel and added."""

@@ -16,7 +16,7 @@ from depthcli.core.types import DepthMap
 from depthcli.datasets.base import DepthDataset
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.metrics.depth import PixelSums, Scores, mean_scores
+from depthcli.metrics.depth import PixelSums, Scores, finite_or_none, mean_scores
 from depthcli.metrics.pixels import MAX_DEPTH_M, DepthPixels
 from depthcli.training.augment import Views
 from depthcli.training.config import TrainConfig
@@ -55,7 +55,7 @@ def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
         "step": state.step,
         "seconds": round(state.seconds, 1),
         "losses": losses,
-        "scores": finite_or_none(state.scores),
+        "scores": finite_or_none(state.scores.items()),
     }
     with path.open("ab", buffering=0) as file:
         append_whole(file, json.dumps(line).encode() + b"\n")
@@ -75,11 +75,6 @@ def _step(line: bytes) -> float:
         return float(json.loads(line)["step"])
     except (ValueError, TypeError, KeyError):
         return math.inf
-
-
-def finite_or_none(scores: dict[str, float]) -> dict[str, float | None]:
-    """Scores for JSON: a value that is not finite is None."""
-    return {name: value if math.isfinite(value) else None for name, value in scores.items()}
 
 
 class Validation:

@@ -22,7 +22,7 @@ from depthcli.errors import TrainingError
 from depthcli.training.callbacks import Callback, sample_path
 from depthcli.training.checkpoint import write_errors
 from depthcli.training.config import TrainConfig
-from depthcli.training.provenance import TrainState
+from depthcli.training.provenance import TrainState, named_settings
 
 _PROJECT = "depthcli"
 
@@ -153,10 +153,8 @@ class MlflowLogger(Logger):
         experiment = found.experiment_id if found else None
         experiment = experiment or self._client.create_experiment(_PROJECT, self._artifacts)
         run = self._client.create_run(experiment, run_name=self.folder.resolve().name)
-        for name, value in dataclasses.asdict(self.config).items():
-            group = value if isinstance(value, dict) else {"": value}
-            for key, one in group.items():
-                self._client.log_param(run.info.run_id, f"{name}.{key}".rstrip("."), one)
+        for name, value in named_settings(self.config):
+            self._client.log_param(run.info.run_id, name, value)
         return str(run.info.run_id)
 
     def log(self, values: Mapping[str, float], step: int) -> None:

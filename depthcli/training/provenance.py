@@ -142,10 +142,11 @@ def config_differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...
     >>> config_differences(TrainConfig(seed=0), TrainConfig(seed=1))
     ('seed is 0 there, 1 here',)
     """
-    return value_differences(dict(_flat(saved)), dict(_flat(given)))
+    return value_differences(dict(named_settings(saved)), dict(named_settings(given)))
 
 
-def _flat(config: TrainConfig) -> Iterator[tuple[str, Any]]:
+def named_settings(config: TrainConfig) -> Iterator[tuple[str, Any]]:
+    """Each setting by its name for ``--set``."""
     for name, value in dataclasses.asdict(config).items():
         if isinstance(value, dict):
             yield from ((f"{name}.{key}", item) for key, item in value.items())

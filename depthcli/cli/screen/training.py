@@ -12,7 +12,8 @@ from pathlib import Path
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import Stage, show_progress
 from depthcli.jobs.train import TrainResult
-from depthcli.training.callbacks import Callback, finite_or_none
+from depthcli.metrics.depth import finite_or_none
+from depthcli.training.callbacks import Callback
 from depthcli.training.config import TrainConfig
 from depthcli.training.provenance import TrainState
 
@@ -85,7 +86,7 @@ class EpochCallback(Callback):
     def on_epoch_end(self, state: TrainState) -> None:
         """Print scores, and the losses of the last step; as text also rate and remaining time."""
         if self._as_json:
-            values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores)}
+            values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores.items())}
             values["losses"] = self._losses
             console.out_json(values if self._run is None else {"run": self._run, **values})
             return
