@@ -186,16 +186,10 @@ class DepthFileOptions:
         "Layer or part of an EXR with depth, such as 'depth_left'. Default: the likeliest by its "
         "name, of the eye that its image is of."
     )
-
     frame: int | None = option(
         "The frame to read of a depth video (.mkv), or of several maps in NPY or NPZ, from 0.",
         min=0,
     )
-
-    @property
-    def needs_camera(self) -> bool:
-        """Whether depth depends on the camera."""
-        return self.from_kind in {choices.DepthEncoding.DISTANCE, choices.DepthEncoding.DISPARITY}
 
 
 @group

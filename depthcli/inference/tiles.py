@@ -6,9 +6,10 @@ low-frequency part of the remaining difference is subtracted, and overlapping ti
 """
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Self
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -26,14 +27,12 @@ _DRIFT_SIGMA_SHARE = 0.1
 _PRIOR_WEIGHT = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class TileGrid:
-    """The tiles of a picture, with all sizes in cells, which are pixels of the coarse map."""
+class TileGrid(NamedTuple):
+    """The tiles of a picture, in cells, which are pixels of the coarse map."""
 
     width: int  #: columns of the whole map
     height: int  #: rows of the whole map
-    tile_width: int  #: columns of a tile
-    tile_height: int  #: rows of a tile
+    tiles: tuple[tuple[slice, slice], ...]  #: (rows, columns) of each, from the top left
 
     @classmethod
     def plan(cls, frame_width: int, tile_px: int, coarse_shape: tuple[int, ...]) -> Self:
@@ -41,15 +40,13 @@ class TileGrid:
 
         Widths are in the picture's pixels; ``coarse_shape`` is that of the network's depth.
         """
-        rows, columns = coarse_shape
         zoom = frame_width / tile_px
-        return cls(round(columns * zoom), round(rows * zoom), columns, rows)
-
-    def __iter__(self) -> Iterator[tuple[slice, slice]]:
-        """(rows, columns) of each tile, from the top left."""
-        for top in _starts(self.height, self.tile_height):
-            for left in _starts(self.width, self.tile_width):
-                yield slice(top, top + self.tile_height), slice(left, left + self.tile_width)
+        height, width = (round(length * zoom) for length in coarse_shape)
+        down, across = (
+            [slice(start, start + tile) for start in _starts(size, tile)]
+            for size, tile in zip((height, width), coarse_shape, strict=True)
+        )
+        return cls(width, height, tuple(product(down, across)))
 
 
 def refine(
@@ -83,11 +80,11 @@ def _blend_tiles(
 ) -> Float32Array:
     """(grid.height, grid.width); tiles are added in a fixed order, so that rounding is too."""
     whole = resize_bilinear(overall, grid.width, grid.height)
-    tile_size, size = (grid.tile_width, grid.tile_height), (grid.width, grid.height)
+    tile_size, size = overall.shape[::-1], (grid.width, grid.height)
     small = tuple(max(1, round(n * n / m)) for n, m in zip(tile_size, size, strict=True))
-    weights = _blend_weights(grid.tile_height, grid.tile_width)
+    weights = _blend_weights(*overall.shape)
     total, weight = np.zeros_like(whole), np.zeros_like(whole)
-    for tile in grid:
+    for tile in grid.tiles:
         found = resize_bilinear(predict(_cropped(frame, grid, tile)), *tile_size)
         # A tile with holes is replaced by the whole picture's map.
         good = np.isfinite(found).all()

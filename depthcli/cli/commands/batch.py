@@ -122,11 +122,6 @@ class EngineOptions:
         """Whether a cluster processes the inputs."""
         return self.engine is EngineName.RAY
 
-    @property
-    def images_at_once(self) -> int | None:
-        """Images per inference; None for the provider's default."""
-        return self.batch_size or (GPU_BATCH if self.is_ray and self.gpus_per_worker else None)
-
 
 @group
 class CamerasOptions(groups.CameraOptions):
@@ -188,12 +183,13 @@ def batch(
         column=inputs.column,
         **how,
     )
+    on_gpu = engine.is_ray and engine.gpus_per_worker  # this machine need not have it
     request = BatchRequest(
         plan=plan,
         options=options,
         model=loader,
         workers=engine.workers,
-        batch_size=engine.images_at_once,
+        batch_size=engine.batch_size or (GPU_BATCH if on_gpu else None),
         max_failures=engine.max_failures,
     )
     if not screen.quiet:

@@ -8,6 +8,7 @@ import typer
 
 from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
+from depthcli.core.options import DepthEncoding
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import FORMATS, Format
 from depthcli.video.formats import VIDEOS, VideoFormat, video_format_of
@@ -32,6 +33,7 @@ class InputOptions:
     )
 
 
+_OF_CAMERA = (DepthEncoding.DISTANCE, DepthEncoding.DISPARITY)
 _CAMERA = tuple(field.name for field in fields(groups.CameraOptions))
 
 
@@ -111,7 +113,7 @@ def convert(
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
     if not screen.quiet:
         console.warn_all(seen_by.warnings)
-        of_camera = _CAMERA if depth_file.needs_camera else ()
+        of_camera = _CAMERA if depth_file.from_kind in _OF_CAMERA else ()
         written = {name: word for name, word in given.items() if name not in of_camera}
         unused = parse.unused_by_outputs(written, [format_], options, used_by=FORMAT_OPTIONS)
         console.warn_all(unused)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from typing import TextIO
 
-    from rich.progress import Progress, ProgressColumn
+    from rich.progress import Progress
 
 
 _CONTROL = r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]"
@@ -39,27 +39,14 @@ _bars: list[Progress] = []  #: the active progress bar, if there is one
 
 
 @contextmanager
-def progress_bar(*columns: ProgressColumn) -> Iterator[Progress]:
-    """A progress bar on standard error; other lines are printed above it.
-
-    It has no refresh thread, which would slow the workers down.
-    """
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(
-        *columns,
-        console=Console(stderr=True),
-        auto_refresh=False,
-        transient=True,
-        redirect_stdout=False,  # else redirected results would go to the terminal
-    ) as shown:
-        _bars.append(shown)
-        try:
-            with exit_hook(_clear_bar):
-                yield shown
-        finally:
-            _bars.remove(shown)
+def above(shown: Progress) -> Iterator[None]:
+    """Print lines above a progress bar, which is cleared if the process ends."""
+    _bars.append(shown)
+    try:
+        with exit_hook(_clear_bar):
+            yield
+    finally:
+        _bars.remove(shown)
 
 
 def _clear_bar() -> None:

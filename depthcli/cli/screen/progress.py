@@ -88,13 +88,18 @@ def show_progress(*, silent: bool) -> Iterator[ProgressDisplay]:
     if silent or not sys.stderr.isatty():
         yield ProgressDisplay(None, silent)
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-    columns = (
+    bars = Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[speed]}", markup=False),
+        console=Console(stderr=True),
+        auto_refresh=False,  # a thread for it would slow the workers down
+        transient=True,
+        redirect_stdout=False,  # else redirected results would go to the terminal
     )
-    with console.progress_bar(*columns) as bars:
+    with bars, console.above(bars):
         yield ProgressDisplay(bars, silent)

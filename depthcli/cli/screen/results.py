@@ -182,14 +182,18 @@ def picture_json(done: PictureResult) -> dict[str, object]:
 
 def picture_text(done: PictureResult) -> str:
     """One line: outputs, range of depth, camera."""
-    files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     spread = DepthRange.of(done.depth)
     if spread.min is None:
-        return f"{files}  no depth"
+        return _line(done, "no depth")
     unit = " m" if done.depth.is_metric else f" ({done.depth.kind}, no unit)"
     numbers = f"min {spread.min:.3f}, median {spread.median:.3f}, max {spread.max:.3f}{unit}"
-    camera = camera_text(done.depth)
-    return f"{files}  {numbers}" + (f"  camera: {camera}" if camera else "")
+    return _line(done, numbers)
+
+
+def _line(done: PictureResult | VideoResult, facts: str) -> str:
+    files, camera = ", ".join(map(one_line, done.outputs)), camera_text(done.depth)
+    seen_by = f"  camera: {camera}" if camera else ""
+    return f"{one_line(done.name)} -> {files}  {facts}{seen_by}"
 
 
 def video_json(done: VideoResult) -> dict[str, object]:
@@ -210,17 +214,13 @@ def video_json(done: VideoResult) -> dict[str, object]:
 
 def video_text(done: VideoResult) -> str:
     """One line: outputs, number of frames, flicker, camera."""
-    files = f"{one_line(done.name)} -> {', '.join(map(one_line, done.outputs))}"
     frames = "1 frame" if done.frames == 1 else f"{done.frames} frames"
     flicker = "" if done.flicker is None else f", flicker {done.flicker:.2%} per frame"
     before = done.flicker_unsmoothed
     smoothed = "" if before is None else f" ({before:.2%} before smoothing)"
     dropped = "" if done.live is None else f", {done.live.dropped} late frames dropped"
-    camera = camera_text(done.depth)
-    seen_by = f"  camera: {camera}" if camera else ""
     rate = f" at {done.rate} fps" if done.live is None else ""
-    speed = f"{frames}{rate} in {done.seconds:.1f} s"
-    return f"{files}  {speed}{dropped}{flicker}{smoothed}{seen_by}"
+    return _line(done, f"{frames}{rate} in {done.seconds:.1f} s{dropped}{flicker}{smoothed}")
 
 
 _NOT_READ_BACK = {"max_error": None, "mean_error": None, "lost": None}
