@@ -359,9 +359,8 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
 
     is_disparity = models.predictions_kind is choices.DepthEncoding.DISPARITY
     if is_disparity and models.baseline is None:
-        raise UsageError(
-            "it needs {baseline}", "disparity up to a factor is inverse", option="predictions_kind"
-        )
+        told = "disparity up to a factor is inverse"
+        raise UsageError(told, "give {baseline}, or inverse", option="predictions_kind")
     return DepthReadOptions(
         kind=models.predictions_kind,
         unstated_scale=models.predictions_scale,

@@ -150,11 +150,6 @@ def list_cards(
     headings = ("output", "license", "run with real weights", "verified", "weights", "summary")
     console.print_table(("card", *headings), rows)
     console.note("what a card says about its weights: depthcli models cards CARD")
-    console.note(
-        "a card that was never run with real weights may preprocess images incorrectly; check it "
-        "against known depth: depthcli eval nyu --data NYU --split val --limit 20 --model NAME, "
-        "with --align disparity for inverse depth"
-    )
     return ExitCode.OK
 
 
