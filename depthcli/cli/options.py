@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import field
-from enum import StrEnum
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -15,15 +15,6 @@ from depthcli.errors import UsageError
 
 _LARGEST_M = 1e9
 MAX_THREADS = 1024
-
-
-class ExrChannel(StrEnum):
-    """EXR channel names that other programs expect."""
-
-    Z = "Z"
-    Y = "Y"
-    R = "R"
-    DEPTH_Z = "depth.Z"
 
 
 def checked(rule: choices.Rule) -> Callable[[float | None], float | None]:
@@ -51,9 +42,7 @@ def option(text: str, *names: str, default: Any = None, **settings: Any) -> Any:
     return field(default=default, metadata={OPTION: made})
 
 
-def usual(text: str, *names: str, **settings: Any) -> Any:  # noqa: ANN401 - as typer.Option
-    """An option that stands first in the help, before the groups."""
-    return option(text, *names, rich_help_panel=USUAL, **settings)
+usual = partial(option, rich_help_panel=USUAL)  #: one that stands first in the help
 
 
 UpsampleOption = Annotated[
@@ -352,9 +341,9 @@ class PngOptions:
 class ExrOptions:
     """EXR."""
 
-    exr_channel: ExrChannel = option(
+    exr_channel: Literal["Z", "Y", "R", "depth.Z"] = option(
         "EXR channel name: most programs show Y; depth nodes of compositors expect Z or depth.Z.",
-        default=ExrChannel.Y,
+        default="Y",
     )
     half: bool = option("Write EXR as 16-bit half floats.", default=False)
 

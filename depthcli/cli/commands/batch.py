@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 from contextlib import closing, nullcontext
 from dataclasses import replace
-from enum import StrEnum
 from itertools import chain
 from threading import Event
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
@@ -29,13 +28,6 @@ if TYPE_CHECKING:
 
 _GRACE_PERIOD_S = 10.0  #: time to finish the current images after a signal
 _STDIO = "-"
-
-
-class EngineName(StrEnum):
-    """Names of the engines."""
-
-    THREADS = "threads"
-    RAY = "ray"
 
 
 @group
@@ -100,8 +92,8 @@ class EngineOptions:
     max_failures: int | None = groups.option(
         "Stop when more than N inputs have failed. Default: never.", min=0
     )
-    engine: EngineName = groups.option(
-        "What processes the inputs: this process, or a Ray cluster.", default=EngineName.THREADS
+    engine: Literal["threads", "ray"] = groups.option(
+        "What processes the inputs: this process, or a Ray cluster.", default="threads"
     )
     ray_address: str | None = groups.option(
         "Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
@@ -120,7 +112,7 @@ class EngineOptions:
     @property
     def is_ray(self) -> bool:
         """Whether a cluster processes the inputs."""
-        return self.engine is EngineName.RAY
+        return self.engine == "ray"
 
 
 @group
