@@ -3,8 +3,8 @@
 Plain actors rather than Ray Data: a dead worker must cost only its own pictures, a picture that
 kills its worker must fail alone, and results must reach the journal call by call.
 
-When a worker dies, the inputs of its calls are retried one by one, each on a worker that has no
-other call, so that an input that kills its worker is identified and no other one is blamed.
+A worker has one call at a time. When it dies, the inputs of the call are retried one by one, so
+that an input that kills its worker is identified and no other one is blamed.
 """
 
 from __future__ import annotations
@@ -86,7 +86,6 @@ class RemoteWorker:
 
 
 _LOSSES = 3
-_CALLS_PER_WORKER = 2  # one running and one queued
 
 
 class WorkerPool:
@@ -97,42 +96,50 @@ class WorkerPool:
         self._ray, self._make, self._poll = ray, make, poll
         #: worker and call of each; None for the call of a worker that starts
         self._futures: dict[Hashable, tuple[Any, Call | None]] = {}
-        self._assigned: dict[Any, list[Call]] = {}  # of the workers that have started
-        self._suspects: deque[Call] = deque()  # calls whose workers died
+        self._idle: list[Any] = []  # workers without a call
+        self._waiting: deque[Call] = deque()  # the next call, after those that lost a worker
         self._key: CacheKey | None = None
         self._failed_starts = 0
 
     def results(self, calls: Iterator[Call], workers: int) -> Iterator[Sequence[BatchResult]]:
         """The results of each call, in any order."""
-        following = deque(islice(calls, 1))
-        for _ in range(workers if following else 0):
+        self._waiting.extend(islice(calls, 1))
+        for _ in range(workers if self._waiting else 0):
             self._start_worker()
         # A call of a lost worker is pending, too, until its error is received.
-        while following or self._suspects or any(call for _, call in self._futures.values()):
-            self._assign(following, calls)
-            done: list[Hashable] = []
-            while not done:
-                futures = list(self._futures)
-                done = self._ray.wait(futures, num_returns=1, timeout=_POLL_INTERVAL_S)[0]
-                self._poll(0)
-            worker, call = self._futures.pop(done[0])
-            found = self._result(done[0])
-            if isinstance(found, CacheKey):
-                self._key, self._assigned[worker] = found, []
-            elif call is None:
-                self._handle_failed_start(found)
-            elif isinstance(found, list):
-                self._assigned[worker].remove(call)
-                yield found
-            else:
-                yield from self._handle_lost_worker(worker, call)
+        while self._waiting or any(call for _, call in self._futures.values()):
+            while self._waiting and self._idle:
+                worker, call = self._idle.pop(), self._waiting.popleft()
+                self._futures[worker.work.remote(call)] = worker, call
+                self._waiting.extend(() if self._waiting else islice(calls, 1))
+            yield from self._next_results()
 
     def close(self) -> None:
         """Kill all workers, and wait some seconds for their calls to end."""
-        for worker in {*self._assigned, *(worker for worker, _ in self._futures.values())}:
+        for worker in {*self._idle, *(worker for worker, _ in self._futures.values())}:
             self._ray.kill(worker)
         if running := [future for future, (_, call) in self._futures.items() if call]:
             self._ray.wait(running, num_returns=len(running), timeout=_SHUTDOWN_TIMEOUT_S)
+
+    def _next_results(self) -> Iterator[Sequence[BatchResult]]:
+        """Wait for a worker, and yield the results of its call."""
+        done: list[Hashable] = []
+        while not done:
+            done = self._ray.wait(list(self._futures), num_returns=1, timeout=_POLL_INTERVAL_S)[0]
+            self._poll(0)
+        worker, call = self._futures.pop(done[0])
+        found = self._result(done[0])
+        if isinstance(found, CacheKey):
+            self._key = found
+            self._idle.append(worker)
+        elif isinstance(found, list):
+            self._idle.append(worker)
+            yield found
+        elif call is None:
+            self._handle_failed_start(found)
+        else:
+            self._start_worker()
+            yield from self._handle_lost_worker(call)
 
     def _result(self, future: Hashable) -> object:
         """The result of a future that is done, or the error by which its worker was lost."""
@@ -152,21 +159,6 @@ class WorkerPool:
         worker = self._make()
         self._futures[worker.start.remote(__version__)] = (worker, None)
 
-    def _assign(self, following: deque[Call], calls: Iterator[Call]) -> None:
-        """Submit calls; a call that has lost a worker gets the next one for itself."""
-        for worker, load in self._assigned.items():
-            if self._suspects:
-                if not load:
-                    self._submit(worker, self._suspects.popleft())
-            elif not any(call.lost_workers for call in load):
-                while following and len(load) < _CALLS_PER_WORKER:
-                    self._submit(worker, following.popleft())
-                    following.extend(islice(calls, 1))
-
-    def _submit(self, worker: Any, call: Call) -> None:  # noqa: ANN401 - Ray's own
-        self._futures[worker.work.remote(call)] = (worker, call)
-        self._assigned[worker].append(call)
-
     def _handle_failed_start(self, error: object) -> None:
         self._failed_starts += 1
         if self._key is None and self._failed_starts >= _LOSSES:
@@ -177,11 +169,9 @@ class WorkerPool:
             )
         self._start_worker()
 
-    def _handle_lost_worker(self, worker: Any, call: Call) -> Iterator[Sequence[BatchResult]]:  # noqa: ANN401 - Ray's own
-        if self._assigned.pop(worker, None) is not None:
-            self._start_worker()
+    def _handle_lost_worker(self, call: Call) -> Iterator[Sequence[BatchResult]]:
         if call.lost_workers + 1 < _LOSSES:
-            self._suspects.extend(call.split())
+            self._waiting.extendleft(call.split())
         elif self._key is not None:
             error = InputError(
                 f"{call.task.input.path}: {_LOSSES} worker processes ended while it was processed; "
