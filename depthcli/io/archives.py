@@ -4,11 +4,12 @@ Images are read from them, and depth is written to a file of the same kind.
 """
 
 import json
+import os
 import tarfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from depthcli.errors import InputError, UsageError
@@ -25,6 +26,11 @@ class Member(NamedTuple):
 
     name: str  #: its path in the archive, or the number of its row
     data: bytes | None  #: None if the row holds no image
+
+    def output_name(self, which: Format) -> str:
+        """Its name with the suffix of a format."""
+        # The keys of webdataset keep "./", which a path would not.
+        return os.path.splitext(self.name)[0] + which.facts.suffix  # noqa: PTH122
 
 
 Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]  #: of one image
@@ -75,6 +81,10 @@ def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
                 if entry.isfile() and wanted and is_image and (folder, key) != last:
                     last, file = (folder, key), archive.extractfile(entry)
                     yield Member(entry.name, file.read() if file else None)
+            raw: Any = archive.fileobj
+            raw.seek(archive.offset)
+            if raw.read(tarfile.BLOCKSIZE) != tarfile.NUL * tarfile.BLOCKSIZE:
+                raise InputError(f"{path} is damaged: its end is missing", "copy it again")
     except (tarfile.TarError, EOFError) as error:
         raise InputError(f"{path} is damaged: {error}") from error
 
@@ -111,8 +121,7 @@ def _tar_writer(path: Path) -> Iterator[Write]:
 
         def write(member: Member, files: Mapping[Format, bytes]) -> None:
             for which, data in files.items():
-                stem = PurePosixPath(member.name).with_suffix("")
-                entry = tarfile.TarInfo(f"{stem}{which.facts.suffix}")
+                entry = tarfile.TarInfo(member.output_name(which))
                 entry.size = len(data)
                 archive.addfile(entry, BytesIO(data))
 
@@ -134,10 +143,9 @@ def _parquet_writer(path: Path, formats: tuple[Format, ...]) -> Iterator[Write]:
     with pq.ParquetWriter(path, schema) as file:
 
         def write(member: Member, files: Mapping[Format, bytes]) -> None:
-            stem = PurePosixPath(member.name).with_suffix("")
             rows.append(
                 {
-                    columns[which]: {"bytes": data, "path": f"{stem}{which.facts.suffix}"}
+                    columns[which]: {"bytes": data, "path": member.output_name(which)}
                     for which, data in files.items()
                 }
             )

@@ -186,6 +186,25 @@ def test_shard_without_a_readable_image_is_an_error(inside: Cli, files: dict[str
     assert not (inside.folder / "out" / "s.depth.tar").exists()
 
 
+@pytest.mark.parametrize("more", [0, 300])  # of the next header
+def test_shard_cut_off_between_members_is_damaged(inside: Cli, more: int) -> None:
+    """As in BobBuildTool/bob#636: Python's tarfile takes what is there for all of it."""
+    path = inside.folder / "s.tar"
+    write_tar(path, {"1.png": png(1), "2.png": png(2)})
+    with tarfile.open(path) as archive:
+        end = archive.getmember("2.png").offset
+    path.write_bytes(path.read_bytes()[: end + more])
+    assert inside("batch", "s.tar", "--out", "out").returncode == 1
+    assert not (inside.folder / "out" / "s.depth.tar").exists()
+
+
+def test_keys_of_a_shard_that_tar_made_of_a_folder_are_kept(inside: Cli) -> None:
+    """``tar cf s.tar -C DIR .`` puts "./" before all names, which webdataset keeps."""
+    write_tar(inside.folder / "s.tar", {"./a.b/1.png": png(1)})
+    inside("batch", "s.tar", "--out", "out", code=0)
+    assert [*read_tar(inside.folder / "out" / "s.depth.tar")] == ["./a.b/1.depth.png"]
+
+
 def test_rows_of_parquet_keep_their_place(inside: Cli) -> None:
     kind = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
     images = [{"bytes": png(1), "path": "a.png"}, {"bytes": b"x", "path": "b.png"}]
