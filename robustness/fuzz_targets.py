@@ -41,7 +41,7 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.images.png import encode_png
-from depthcli.io.images.read import image_size, read_image
+from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
@@ -450,7 +450,6 @@ def _read_setting(path: Path) -> None:
 def _read_headers(path: Path) -> None:
     data = path.read_bytes()
     parse_exif(data)
-    image_size(data)
 
 
 def _read_journal(path: Path) -> None:

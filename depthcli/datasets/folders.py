@@ -180,9 +180,10 @@ class FolderDataset(DepthDataset):
         path = _file(self.pairs[i].image)
         with as_dataset_error():
             data = read_bytes(path)
-        size_px = read.image_size(data)
-        if size_px and size_px[::-1] == (expected or size_px[::-1]) and not _may_be_turned(data):
-            return size_px[::-1]
+            if not _may_be_turned(data):
+                header = read.check(data, str(path)).header
+                if expected in {(), (header.height, header.width)}:
+                    return header.height, header.width
         height, width = read_image_rgb(path).shape[:2]
         return height, width
 

@@ -17,7 +17,7 @@ from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal, st
 from depthcli.io.formats.sidecar import with_sidecar
 from depthcli.io.formats.table import KEY_PREFIX, WriterOptions
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
-from depthcli.io.images.read import OPENCV_MAX_PIXELS, decode, image_size
+from depthcli.io.images.read import OPENCV_MAX_PIXELS, check, decode
 from depthcli.io.storage.paths import read_bytes
 
 _GRAY_RANK = 2
@@ -116,7 +116,8 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
 def read_metadata(path: Path) -> Mapping[str, str]:
     """Metadata of a PNG and its sidecar, texts by name; the pixels are not decoded."""
     data = read_bytes(path)
-    return with_sidecar(path, _own_texts(data), image_size(data) or (0, 0)).texts
+    header = check(data, str(path), OPENCV_MAX_PIXELS).header
+    return with_sidecar(path, _own_texts(data), (header.width, header.height)).texts
 
 
 def _own_texts(data: bytes) -> dict[str, str]:

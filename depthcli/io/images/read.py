@@ -128,19 +128,6 @@ def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> AnyArray:
     return check(data, name, max_pixels).decode().pixels
 
 
-def image_size(data: bytes) -> tuple[int, int] | None:
-    """(width, height) that a file states; None if it is not an image or its header is damaged."""
-    container = _container_of(data)
-    if container is None:
-        return None
-    try:
-        with reader_errors("it"):
-            header = container.call("{}_header", data)
-    except InputError:
-        return None
-    return header.width, header.height
-
-
 def _container_of(data: bytes) -> _Container | None:
     for one in _CONTAINERS:
         if data.startswith(one.starts) if one.starts else one.call("is_{}", data):
