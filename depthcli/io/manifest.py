@@ -403,7 +403,6 @@ class Journal(Rows):
 
     Attributes:
         manifest: the file that the rows are written to at the end.
-        was_interrupted: whether an earlier batch was killed and no other one is running.
     """
 
     def __init__(self, folder: Path, shard: Shard = WHOLE) -> None:
@@ -415,7 +414,6 @@ class Journal(Rows):
             if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _busy_error(folder)
             files = row_files(folder, shard)
-            self.was_interrupted = shard == WHOLE and any(map(is_journal, files))
             self._earlier = [path for path in files if path != self._path]
             super().__init__(self._earlier, shard)
             handle = open_locked(self._path)

@@ -84,7 +84,6 @@ def test_an_output_is_intact_until_it_changes(tmp_path: Path) -> None:
 
 def test_rows_become_the_manifest_in_the_order_of_the_inputs(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "new" / "out")
-    assert not journal.was_interrupted
     for name in ("c", "a", "b", "a"):
         journal.add(row(name, seconds=0.25))
     journal.add(row("a", seconds=1.5))
@@ -116,7 +115,6 @@ def test_a_killed_batch_leaves_its_rows(tmp_path: Path) -> None:
         file.write(row("b").as_line()[:40])
     assert known_rows(tmp_path).row("a") == row("a")
     again = Journal(tmp_path)
-    assert again.was_interrupted
     assert (again.row("a"), again.row("b")) == (row("a"), None)
     again.add(row("c"))
     again.finish(["a", "b", "c"])
@@ -171,7 +169,6 @@ def test_rows_of_shards_are_read_by_the_whole_batch(tmp_path: Path) -> None:
     assert names(tmp_path) == manifests  # those of another shard stay
     whole = Journal(tmp_path)
     assert whole.has_files
-    assert not whole.was_interrupted
     assert [found.input for found in known_rows(tmp_path)] != []
     whole.add(ManifestRow("bad", FAILED, ORIGIN))
     whole.finish(None)
@@ -182,14 +179,6 @@ def test_rows_of_shards_are_read_by_the_whole_batch(tmp_path: Path) -> None:
         "bad",
         *inputs[2:],
     ]
-
-
-def test_a_shard_or_a_whole_that_was_killed_is_cut_short(tmp_path: Path) -> None:
-    shard = Journal(tmp_path, Shard(1, 2))
-    shard.add(row("x"))
-    shard._opened.close()
-    assert not Journal(tmp_path, Shard(1, 2)).was_interrupted  # others may write here
-    assert Journal(tmp_path).was_interrupted
 
 
 def test_an_empty_manifest_is_replaced(tmp_path: Path) -> None:

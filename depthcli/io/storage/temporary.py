@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import islice
 from pathlib import Path
 
 from depthcli.core.progress import exit_hook
@@ -89,8 +88,6 @@ def open_locked(path: Path) -> int | None:
 
 
 _NAME = r"(?s)\.depthcli-[0-9a-f]{16}(?:\..*)?"
-_STALE_AGE_S = 86_400.0  # where locks are not supported, files of this age are taken for stale
-_MAX_ENTRIES = 10_000  # of a folder that are searched for stale files, which takes time
 _SETTLE_S = 0.02  # by then, threads that were about to open a temporary file have done so
 _LOCK_TIMEOUT_S = 1.0  # a thread may keep the lock while it waits for a disk or a reader
 
@@ -110,7 +107,7 @@ def temporary_beside(path: Path) -> Iterator[Path]:
         is_new = path.parent not in _searched
         _searched.add(path.parent)
     if is_new:
-        remove_stale(path.parent, most=_MAX_ENTRIES)
+        remove_stale(path.parent)
     temporary = path.with_name(f".depthcli-{os.urandom(8).hex()}{path.suffix}")
     handle = None
     with _lock:
@@ -143,10 +140,10 @@ def remove_own() -> None:
         _remove(path)
 
 
-def remove_stale(folder: Path, most: int | None = None) -> None:
-    """Remove temporary files of killed processes among a folder's (``most``) entries."""
+def remove_stale(folder: Path) -> None:
+    """Remove temporary files of killed processes in a folder."""
     with suppress(OSError), os.scandir(folder) as entries:
-        for entry in islice(entries, most):
+        for entry in entries:
             if re.fullmatch(_NAME, entry.name):
                 with suppress(OSError):  # a link, a folder, or another user's
                     _remove_stale(Path(entry.path))
@@ -158,10 +155,10 @@ def _remove_stale(path: Path) -> None:
         return
     try:
         second = open_locked(path)
-        if second is not None:  # locks are not supported here
-            os.close(second)
-        if second is None or time.time() - path.stat().st_mtime > _STALE_AGE_S:
+        if second is None:
             _remove(path)
+        else:  # locks are not supported here, so that it may be in use
+            os.close(second)
     finally:
         os.close(handle)
 
