@@ -261,7 +261,7 @@ class RowsFolder:
         with os_errors_as(OutputError, f"cannot use {out}"):
             for name in _row_objects(self._out):
                 self._download(self._out / name)
-        self._states = {name: _file_state(self.path / name) for name in self._objects}
+        self._uploaded = {name: (self.path / name).stat().st_size for name in self._objects}
 
     def sync(self) -> None:
         """Upload the journal's new rows, if the last upload was long enough ago."""
@@ -269,19 +269,15 @@ class RowsFolder:
             if self._out and time.monotonic() - self._uploaded_s >= _UPLOAD_INTERVAL_S:
                 self._upload_rows(self._out)
 
-    def finish(self) -> None:
-        """Upload the manifest and delete the parts of the journal, or upload the rest of it."""
+    def finish(self, manifest: Path) -> None:
+        """Upload the manifest, and delete the objects of the files that are in it and gone."""
         if self._out is None:
             return
         with self._lock:
-            self._upload_rows(self._out)
-            here = {file.name: file for file in self.path.iterdir()}
-            for name, file in sorted(here.items()):
-                if not is_journal(file) and _file_state(file) != self._states.get(name):
-                    with atomic_path(self._out / name) as temporary:
-                        shutil.copyfile(file, temporary)
+            with atomic_path(self._out / manifest.name) as temporary:
+                shutil.copyfile(manifest, temporary)
             for name, objects in self._objects.items():
-                for one in () if name in here else objects:
+                for one in () if (self.path / name).exists() else objects:
                     with os_errors_as(OutputError, f"cannot remove {one}"):
                         (self._out / one).unlink()
             self._exit_stack.close()
@@ -298,14 +294,14 @@ class RowsFolder:
     def _upload_rows(self, out: RemotePath) -> None:
         self._uploaded_s = time.monotonic()
         for file in self.path.glob(".depthcli-batch*.jsonl"):
-            size, uploaded = file.stat().st_size, self._states.get(file.name, (0, 0))[0]
+            size, uploaded = file.stat().st_size, self._uploaded.get(file.name, 0)
             if size <= uploaded:
                 continue
             part = f"{file.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
             with atomic_path(out / part) as temporary, file.open("rb") as journal:
                 journal.seek(uploaded)
                 temporary.write_bytes(journal.read(size - uploaded))
-            self._states[file.name] = size, 0
+            self._uploaded[file.name] = size
             self._objects.setdefault(file.name, []).append(part)
 
 
@@ -316,11 +312,6 @@ def _row_objects(out: RemotePath) -> Iterator[str]:
                 break
             if _NAME.fullmatch(_PART.sub("", name)):
                 yield name
-
-
-def _file_state(file: Path) -> tuple[int, int]:
-    status = file.stat()
-    return status.st_size, status.st_mtime_ns
 
 
 _SCHEMA = (

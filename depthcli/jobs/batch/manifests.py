@@ -74,5 +74,5 @@ def merge_manifests(folder: Path) -> Path:
             )
     journal = Journal(place.path)
     journal.finish(None)
-    place.finish()
+    place.finish(journal.manifest)
     return folder / journal.manifest.name

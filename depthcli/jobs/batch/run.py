@@ -159,7 +159,7 @@ class Batch(Iterator[BatchResult]):
         for result in self.late:
             self.tally.add(result)
         journal.finish(names, keep_failed=self._plan.is_part)
-        self._rows.finish()
+        self._rows.finish(journal.manifest)
 
 
 @dataclass(frozen=True, slots=True)
