@@ -180,10 +180,9 @@ class FolderDataset(DepthDataset):
         path = _file(self.pairs[i].image)
         with as_dataset_error():
             data = read_bytes(path)
-            if not _may_be_turned(data):
-                header = read.check(data, str(path)).header
-                if expected in {(), (header.height, header.width)}:
-                    return header.height, header.width
+            header = None if _may_be_turned(data) else read.check(data, str(path)).header
+        if header and expected in {(), (header.height, header.width)}:
+            return header.height, header.width
         height, width = read_image_rgb(path).shape[:2]
         return height, width
 
