@@ -16,10 +16,13 @@ from depthcli.cli import table
 from depthcli.cli.completion import profiles
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
-from depthcli.core.options import INSTALL_TRAIN
 from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
 
-_TRAIN_EXTRA = "torch lightning_fabric lightning_utilities onnx onnxscript h5py timm".split()  # noqa: SIM905
+_EXTRAS = {
+    "train": "torch lightning_fabric lightning_utilities onnx onnxscript h5py timm",
+    "serve": "starlette uvicorn prometheus_client",
+    "watch": "watchfiles",
+}  #: modules that commands import at once, by the extra that installs them
 # Metavars in help, instead of typer's type names, which depend on its version.
 _PLACEHOLDERS = {"int": "N", "integer": "N", "float": "X", "path": "PATH"}
 _PLACEHOLDERS |= dict.fromkeys(("str", "text"), "TEXT")
@@ -109,8 +112,10 @@ def _explain(error: Exception) -> tuple[str, int]:
 
 def _unexpected(error: Exception) -> str:
     """Message of an error that is not depthcli's own, or how to install what it needs."""
-    if isinstance(error, ModuleNotFoundError) and (error.name or "").split(".")[0] in _TRAIN_EXTRA:
-        return f"this command needs {error.name}; install it with: {INSTALL_TRAIN}"
+    if isinstance(error, ModuleNotFoundError):
+        module = (error.name or "").partition(".")[0]
+        for extra in (extra for extra, modules in _EXTRAS.items() if module in modules.split()):
+            return f"this needs {module}; install it with: pip install 'depthcli[{extra}]'"
     if isinstance(error, OSError) and error.strerror:
         return ": ".join(str(part) for part in (error.filename, error.strerror) if part)
     return f"unexpected {type(error).__name__}: {error}; run again with --debug for details"

@@ -238,7 +238,6 @@ def short_repr(value: object) -> str:
     return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
 
 
-INSTALL_TRAIN = "pip install 'depthcli[train]'"
 INSTALL_H5PY = "pip install h5py"
 INSTALL_RAY = "pip install 'depthcli[ray]'"
 INSTALL_PYARROW = "pip install 'depthcli[parquet]'"

@@ -160,7 +160,7 @@ def test_needs_a_local_folder_and_its_extra(inside: Cli, monkeypatch: pytest.Mon
     monkeypatch.delitem(sys.modules, "depthcli.jobs.batch.watch", raising=False)
     monkeypatch.setitem(sys.modules, "watchfiles", None)
     done = inside("batch", "in", "-o", "out", "--watch")
-    assert (done.returncode, b"[watch]" in done.stderr) == (2, True)
+    assert (done.returncode, b"[watch]" in done.stderr) == (3, True)
 
 
 def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:

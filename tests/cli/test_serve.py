@@ -216,7 +216,7 @@ def test_without_the_extra_it_says_what_to_add(
     monkeypatch.delitem(sys.modules, serve.__name__)
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     done = inside("serve")
-    assert (done.returncode, b"[serve]" in done.stderr) == (2, True)
+    assert (done.returncode, b"[serve]" in done.stderr) == (3, True)
 
 
 def test_no_file_is_written_beside_the_server(cli: Cli, tmp_path: Path) -> None:

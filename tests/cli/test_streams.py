@@ -253,7 +253,7 @@ def opencv_error(code: int) -> Exception:
         (opencv_error(-215), 3, "unexpected error: OpenCV"),
         (InputError("a.jpg is empty"), 1, "a.jpg is empty"),
         (ModuleNotFoundError("no tomli", name="tomli"), 3, "unexpected ModuleNotFoundError"),
-        (ModuleNotFoundError("no torch", name="torch.nn"), 3, "this command needs torch.nn"),
+        (ModuleNotFoundError("no torch", name="torch.nn"), 3, "this needs torch; install"),
         (typer.Abort(), 130, "interrupted"),
     ],
 )

@@ -224,14 +224,8 @@ def _changes(
     place = path_of(folder)
     if isinstance(place, RemotePath) or not place.is_dir():
         raise UsageError(f"{folder} is not a local folder", option="watch")
-    try:
-        from depthcli.jobs.batch.watch import FolderChanges
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f"it needs {error.name}",
-            "install it with: pip install 'depthcli[watch]'",
-            option="watch",
-        ) from error
+    from depthcli.jobs.batch.watch import FolderChanges
+
     wanted = NameFilter.of(inputs.include or (), inputs.exclude or ())
     found = FolderChanges(folder, out, wanted)
     return lambda stop: (

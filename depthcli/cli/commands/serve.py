@@ -90,13 +90,8 @@ def serve(
     """
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
+    from depthcli.jobs.serve import LOOPBACK, DepthServer, Limits
 
-    try:
-        from depthcli.jobs.serve import LOOPBACK, DepthServer, Limits
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f"serve needs {error.name}", "install it with: pip install 'depthcli[serve]'"
-        ) from error
     token = listen.token or os.environ.get(_TOKEN)
     if listen.host not in LOOPBACK and not token:
         raise UsageError(f"{listen.host} can be reached from other machines", "give a {token}")
