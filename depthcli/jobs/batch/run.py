@@ -19,8 +19,9 @@ from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.images.read import check
 from depthcli.io.listing.folder import InputFile, is_archive, is_video
-from depthcli.io.manifest import CacheKey, Journal, Rows, RowsFolder, known_rows
+from depthcli.io.manifest import WHOLE, CacheKey, Journal, Rows, RowsFolder, known_rows
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
+from depthcli.io.storage.temporary import remove_stale
 from depthcli.jobs.batch.plan import BatchPlan
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
 from depthcli.jobs.batch.workers import Engine, ThreadEngine, WorkerSpec, video_checksum
@@ -107,6 +108,8 @@ class Batch(Iterator[BatchResult]):
         self._rows = RowsFolder(plan.out)
         self._journal: Journal | None = Journal(self._rows.path, plan.shard)
         self.manifest = plan.out / self._journal.manifest.name
+        for folder in plan.folders() if plan.shard == WHOLE else ():
+            remove_stale(folder)
         self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings, *focal)
         self.tally = Tally(len(plan.inputs))
         self._max_failures = request.max_failures
