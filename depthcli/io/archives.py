@@ -85,6 +85,9 @@ def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
             raw.seek(archive.offset)
             if raw.read(tarfile.BLOCKSIZE) != tarfile.NUL * tarfile.BLOCKSIZE:
                 raise InputError(f"{path} is damaged: its end is missing", "copy it again")
+            if last is None:
+                advice = "if their names have several suffixes, give {column}, such as rgb.png"
+                raise InputError(f"{path} holds no image", advice)
     except (tarfile.TarError, EOFError) as error:
         raise InputError(f"{path} is damaged: {error}") from error
 

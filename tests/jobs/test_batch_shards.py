@@ -179,11 +179,13 @@ def test_failed_image_of_a_shard_costs_no_other(inside: Cli) -> None:
     assert (row["status"], "1.png" in row["error"]) == ("failed", True)
 
 
-@pytest.mark.parametrize("files", [{}, {"1.txt": b"x"}, {"1.png": b"x"}])
+@pytest.mark.parametrize("files", [{}, {"1.rgb.png": b"x"}, {"1.png": b"x"}])
 def test_shard_without_a_readable_image_is_an_error(inside: Cli, files: dict[str, bytes]) -> None:
     write_tar(inside.folder / "s.tar", files)
     assert inside("batch", "s.tar", "--out", "out").returncode == 1
     assert not (inside.folder / "out" / "s.depth.tar").exists()
+    (row,) = rows(inside, "out").values()
+    assert ("give column" in row["error"]) == ("1.png" not in files)
 
 
 @pytest.mark.parametrize("more", [0, 300])  # of the next header
@@ -242,6 +244,9 @@ def test_folder_of_shards_alone_is_read_and_its_tree_is_kept(inside: Cli) -> Non
     assert inside("batch", "in", "-o", "out").returncode == 0
     assert rows(inside, "out").keys() == {"train/0.tar", "1.tar"}
     assert (inside.folder / "out" / "train" / "0.depth.tar").exists()
+    assert inside("batch", "in", "-o", "in/one").returncode == 0
+    assert inside("batch", "in", "-o", "in/two").returncode == 0
+    assert rows(inside, "in/two").keys() == {"train/0.tar", "1.tar"}
     (inside.folder / "in" / "a.png").write_bytes(png(3))
     assert inside("batch", "in", "-o", "other").returncode == 0
     assert rows(inside, "other").keys() == {"a.png"}

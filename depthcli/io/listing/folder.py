@@ -20,7 +20,7 @@ _PICTURE_NAME = (
     r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo)\.png)"
     r"|(depth|normals)[^/]*\.exr)$"
 )
-_VIDEO_NAME = r"(?i)\.(depth\.mkv|stereo\.mp4|preview\.(mp4|webm|mov))$"
+_OTHER_NAME = r"(?i)\.(depth\.(mkv|tar|parquet)|stereo\.mp4|preview\.(mp4|webm|mov))$"
 
 
 def is_own_picture(path: str | Path) -> bool:
@@ -40,9 +40,9 @@ def is_own_exr(data: bytes) -> bool:
 
 
 def is_own_output(path: str) -> bool:
-    """Whether a file found in a folder is an output: a video by its name, an image if opened."""
+    """Whether a file found in a folder is an output: an image if opened, others by their name."""
     is_named = re.search(_PICTURE_NAME, path)
-    return bool(re.search(_VIDEO_NAME, path) or (is_named and is_own_picture(path)))
+    return bool(re.search(_OTHER_NAME, path) or (is_named and is_own_picture(path)))
 
 
 HEIF_SUFFIXES = (".heic", ".heif", ".hif")

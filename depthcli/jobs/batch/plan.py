@@ -238,7 +238,8 @@ def plan_folder(
     tree = listing.list_folder(root, leave_out=out, skip=wanted.excludes)
     media = list(tree.media)
     for file in tree.skipped:
-        if tree.media or file.reason not in listing.ARCHIVE_SUFFIXES:
+        is_archive = file.reason in listing.ARCHIVE_SUFFIXES
+        if tree.media or not is_archive or listing.is_own_output(file.name):
             collector.skip(file)
         else:  # a data set in archives alone
             media.append(listing.InputFile(file.name, paths.join(root, file.name)))
