@@ -39,20 +39,6 @@ def models(incomplete: str) -> list[str]:
     return starting_with((name for name, _ in list_locations()), incomplete)
 
 
-def added_models(incomplete: str) -> list[str]:
-    """Names of models that were added."""
-    from depthcli.models.catalog import list_locations, user_root
-
-    added = (name for name, at in list_locations() if at.path.is_relative_to(user_root()))
-    return starting_with(added, incomplete)
-
-
 def models_and_cards(incomplete: str) -> list[str]:
     """Names of models, and of ready cards."""
     return [*models(incomplete), *cards(incomplete)]
-
-
-def method_lists(incomplete: str) -> list[str]:
-    """Completions of the last method of a comma-separated list."""
-    before, comma, last = incomplete.rpartition(",")
-    return [f"{before}{comma}{name}" for name in methods(last) if name not in before.split(",")]

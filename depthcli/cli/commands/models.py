@@ -104,7 +104,7 @@ def remove_models(
     models: list[str] = typer.Argument(
         ...,
         metavar="NAME...",
-        autocompletion=completion.added_models,
+        autocompletion=completion.models,
         help="Names of added models.",
     ),
 ) -> int:

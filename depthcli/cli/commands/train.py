@@ -32,7 +32,7 @@ class RunOptions:
         "Train these methods one after another, each in the folder METHOD-seedK of --out "
         "(for example cut,proposed); repeatable.",
         metavar="A,B",
-        autocompletion=completion.method_lists,
+        autocompletion=completion.methods,
     )
     seeds: list[str] | None = options.option(
         "One run of each method for each of these seeds, in the folder METHOD-seedK of "
