@@ -67,9 +67,7 @@ class AnchorPoints:
         warnings = (f"{told}, and are not used",) if lost else ()
         table = table[is_known] if lost else table
         pixels = np.rint(table[:, :2])
-        if not (np.abs(pixels) < _MAX_PIXEL).all():
-            raise UsageError("the column or row of an anchor is not one of a picture")
-        x, y = pixels.astype(np.int64).T
+        x, y = pixels.clip(-_MAX_PIXEL, _MAX_PIXEL).astype(np.int64).T
         return cls(x, y, table[:, 2], warnings=warnings).doubted()
 
     @classmethod

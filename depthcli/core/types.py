@@ -22,9 +22,7 @@ from depthcli.core.camera import Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, Projection, chosen
 from depthcli.errors import InputError
 
-_GRAY_RANK, _COLOUR_RANK = 2, 3
-_RGB = 3
-_CHANNELS = (1, 3, 4)
+_GRAY_RANK, _RGB = 2, 3
 # Colours out of gamut and resampling make some negatives; a picture in [-1, 1] has many.
 _ROUNDING, _NEGATIVE_SHARE = 0.01, 0.1
 _LIT_SHARE = 0.01  # a few bright pixels on black are highlights
@@ -35,10 +33,7 @@ def check_pixels(pixels: AnyArray) -> None:
     if not isinstance(pixels, np.ndarray):
         raise InputError(f"pixels have to be an array of NumPy, not {type(pixels).__name__}")
     shape, dtype = pixels.shape, pixels.dtype
-    if len(shape) == _COLOUR_RANK and shape[0] in _CHANNELS and shape[-1] not in _CHANNELS:
-        raise InputError(f"pixels of shape {shape} have channels first; use np.moveaxis(a, 0, -1)")
-    is_image = len(shape) in (_GRAY_RANK, _COLOUR_RANK) and shape[_GRAY_RANK:] in ((), (_RGB,))
-    if not is_image or 0 in shape:
+    if len(shape) < _GRAY_RANK or shape[_GRAY_RANK:] not in ((), (_RGB,)) or 0 in shape:
         raise InputError(f"pixels of shape {shape} are not an image; give (H, W) or (H, W, 3) RGB")
     if dtype not in (np.uint8, np.uint16, np.float32):
         raise InputError(f"pixels have to be uint8, uint16 or float32, not {dtype}; convert them")
