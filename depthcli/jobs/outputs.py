@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -14,10 +13,10 @@ from depthcli.core import options
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format, WriterOptions, suffix_of
-from depthcli.io.listing.folder import RealPaths, is_exr
+from depthcli.io.listing.folder import RealPaths
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.paths import check_writable, path_of, safe_name
-from depthcli.jobs.output_names import STDIN_STEM, output_bases
+from depthcli.jobs.output_names import output_bases
 from depthcli.video.numbering import base_name, is_pattern
 
 if TYPE_CHECKING:
@@ -233,9 +232,9 @@ def plan_outputs(
     """Name every output that goes to a file; None is standard input.
 
     Without a destination, outputs are placed beside their input. If another image or video with the
-    same stem is in the input's folder, or goes to the same folder, the output's name keeps the
-    input's suffix (``a.jpg.depth.png``, ``a.png.depth.png``), so that names do not depend on the
-    order or choice of the inputs. A folder without a name, such as ``.`` or ``/``, gets no outputs.
+    same stem is in the input's folder, the output's name keeps the input's suffix
+    (``a.jpg.depth.png``, ``a.png.depth.png``), so that names do not depend on the order or choice
+    of the inputs. A folder without a name, such as ``.`` or ``/``, gets no outputs.
     """
     if destination.kind not in {Kind.BESIDE, Kind.FOLDER} and len(sources) != 1:
         path = destination.path or Path(STDIO)
@@ -253,22 +252,8 @@ def _base_paths(sources: Sequence[Path | None], destination: Destination[FormatT
     out = destination.path
     if out is not None and destination.kind is not Kind.FOLDER:
         return [out]
-    bases = output_bases(sources)
-    folders = [out or (Path() if source is None else source.parent) for source in sources]
-    stems = [
-        _case_folded_path(folder / (source.stem if source else STDIN_STEM))
-        for source, folder in zip(sources, folders, strict=True)
-    ]
-    # Inputs of several folders; an EXR gives way, as in one folder.
-    shared = Counter(
-        stem
-        for source, stem, base in zip(sources, stems, bases, strict=True)
-        if source is None or base == source.stem or not is_exr(source.name)
-    )
-    return [
-        folder / (source.name if source and base == source.stem and shared[stem] > 1 else base)
-        for source, folder, stem, base in zip(sources, folders, stems, bases, strict=True)
-    ]
+    folders = (out or (Path() if source is None else source.parent) for source in sources)
+    return [folder / base for folder, base in zip(folders, output_bases(sources), strict=True)]
 
 
 def check_collisions(plans: Sequence[OutputPlan[FormatT]]) -> None:

@@ -204,12 +204,6 @@ def test_its_outputs_have_names_of_their_own(tmp_path: Path) -> None:
         plans = plan_outputs([jpg, plate], picture_destination(out, (Format.NPY,)))
         names = [plan.outputs["npy"].name for plan in plans]
         assert names == ["plate.depth.npy", "plate.exr.depth.npy"]
-    destination = picture_destination(f"{tmp_path}/out/", (Format.NPY,))
-    plans = plan_outputs([jpg, tmp_path / "b" / "plate.exr"], destination)
-    assert [plan.outputs["npy"].name for plan in plans] == [
-        "plate.jpg.depth.npy",
-        "plate.exr.depth.npy",
-    ]
     assert output_bases([tmp_path / "a.exr", tmp_path / "A.EXR"])[0].startswith("a.exr.")
 
 
