@@ -178,11 +178,6 @@ def format_of(path: str | PurePath) -> Format | None:
     return next((f for f, facts in FORMATS.items() if facts.file_suffix == suffix), None)
 
 
-def fits(path: str | PurePath, asked: Format) -> bool:
-    """Whether a file of this name can have a format: ``a.png`` can be a preview, too."""
-    return format_of(path) is None or asked.facts.suffix.endswith(suffix_of(path) or "\0")
-
-
 def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
     """A file's name without the suffix of its format: ``a`` of ``a.png`` and ``a.preview.png``.
 
