@@ -293,7 +293,7 @@ def test_without_pyarrow_one_line_says_what_to_do(
     path = parquet(tmp_path / "l.parquet", path=WORDS)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(UsageError):
-        read_list(str(path))
+        list(read_list(str(path)))
 
 
 def test_a_byte_order_mark_is_no_part_of_a_name(tmp_path: Path) -> None:
@@ -320,9 +320,9 @@ def test_a_table_keeps_every_byte_of_a_name(tmp_path: Path) -> None:
 
 def test_a_folder_without_tables(tmp_path: Path) -> None:
     with pytest.raises(UsageError):
-        column_texts(tmp_path, None)
+        list(column_texts(tmp_path, None))
     with pytest.raises(FileNotFoundError):
-        column_texts(tmp_path / "none.parquet", None)
+        list(column_texts(tmp_path / "none.parquet", None))
 
 
 @pytest.mark.parametrize(

@@ -24,56 +24,48 @@ _MAX_PROBED = 1000
 _DELIMITERS = {".csv": ",", ".tsv": "\t"}
 
 
-def read_list(source: str, column: str | None = None) -> Iterable[str]:
+def read_list(source: str, column: str | None = None) -> Iterator[str]:
     """The paths of a text, or of a table: ``.parquet`` (a file, or a folder of them), CSV or TSV.
 
     They are in the table's column, or in its only one, or in that called ``path``, read a part at a
-    time.
+    time. UsageError if they cannot be read.
     """
-    if paths.is_remote(source):
-        return _remote_list(source, column)
-    path, suffix = Path(source), Path(source).suffix.lower()
-    with os_errors_as(UsageError, f"cannot read the list {source}"):
-        if suffix == ".parquet":
-            return column_texts(path, column)
-        if suffix in _DELIMITERS:
-            return _csv_texts(path, column, _DELIMITERS[suffix])
-        if column is not None:
-            raise UsageError(f"{source} is no list in Parquet or CSV", "leave out {column}")
-        return parse_list(path.read_bytes())
-
-
-def _remote_list(source: str, column: str | None) -> Iterator[str]:
+    where = paths.path_of(source)
+    suffix = where.suffix.lower()
     try:
-        with paths.local_copy(paths.path_of(source)) as copy:
-            yield from read_list(str(copy), column)
-    except InputError as error:
+        with (
+            os_errors_as(UsageError, f"cannot read the list {where}"),
+            paths.local_copy(where) as path,
+        ):
+            if suffix == ".parquet":
+                yield from column_texts(path, column)
+            elif suffix in _DELIMITERS:
+                yield from _csv_texts(path, column, _DELIMITERS[suffix])
+            elif column is not None:
+                raise UsageError(f"{where} is no list in Parquet or CSV", "leave out {column}")
+            else:
+                yield from parse_list(path.read_bytes())
+    except InputError as error:  # of a copy
         raise UsageError(f"the list {error}") from error
 
 
 def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
-    file = path.open(newline="", encoding="utf-8-sig", errors="surrogateescape")
-    rows = csv.reader(file, delimiter=delimiter)
-    header = next(rows, [])
-    # Without a first line of names, a list of one column begins with an image.
-    name = os.path.basename(header[0]) if len(header) == 1 else ""  # noqa: PTH119 - any bytes
-    is_list = column is None and (is_media(name) or is_exr(name))
-    place = 0 if is_list else header.index(_select_column(header, column, path))
-
-    def texts() -> Iterator[str]:
-        with file:
-            try:
-                first = (header,) if is_list else ()
-                for row in chain(first, rows):
-                    if len(row) > len(header):
-                        problem = f"{len(row)} values for {len(header)} columns"
-                        raise UsageError(f"{path}, line {rows.line_num}: {problem}")
-                    if len(row) > place and row[place]:
-                        yield row[place]
-            except csv.Error as error:
-                raise UsageError(f"{path}, line {rows.line_num}: {error}") from error
-
-    return texts()
+    with path.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
+        rows = csv.reader(file, delimiter=delimiter)
+        try:
+            header = next(rows, [])
+            # Without a first line of names, a list of one column begins with an image.
+            name = os.path.basename(header[0]) if len(header) == 1 else ""  # noqa: PTH119 - any bytes
+            is_list = column is None and (is_media(name) or is_exr(name))
+            place = 0 if is_list else header.index(_select_column(header, column, path))
+            for row in chain((header,) if is_list else (), rows):
+                if len(row) > len(header):
+                    problem = f"{len(row)} values for {len(header)} columns"
+                    raise UsageError(f"{path}, line {rows.line_num}: {problem}")
+                if len(row) > place and row[place]:
+                    yield row[place]
+        except csv.Error as error:
+            raise UsageError(f"{path}, line {rows.line_num}: {error}") from error
 
 
 def parse_list(data: bytes) -> list[str]:
@@ -192,7 +184,8 @@ def column_texts(path: Path, column: str | None) -> Iterator[str]:
     for one in parts:  # before any is read
         with open_parquet(one) as file:
             _text_column(file, column, one)
-    return (text for one in parts for text in _texts(one, column))
+    for one in parts:
+        yield from _texts(one, column)
 
 
 def _texts(path: Path, column: str | None) -> Iterator[str]:
