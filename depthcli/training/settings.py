@@ -46,6 +46,8 @@ def resolve_config(
     resolved = apply_overrides(usual, files, settings)
     if resolved.method != method:
         raise UsageError(f"the settings are of method {resolved.method}, not {method}")
+    if resolved.generator.prompt and folder is not None and init is None:
+        raise UsageError(f"{method} adds layers to a trained network", "give that with {init}")
     check_terms(resolved)
     return resolved
 

@@ -180,6 +180,11 @@ def test_exported_models_give_their_settings(tmp_path: Path) -> None:
     assert train_steps(config, tmp_path / "run", init_weights=exported.path).step == 2
 
 
+def test_a_new_run_needs_a_trained_network(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="trained network"):
+        resolve_config("prompted", folder=tmp_path)
+
+
 @pytest.mark.parametrize(
     "setting", ["generator.name=resnet", "output.coding=linear", "generator.prompt=[]"]
 )
