@@ -136,7 +136,7 @@ def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalReque
 
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
     if request.split is None:
-        if not request.patterns and is_nyu(request.data):
+        if not (runs or request.patterns) and is_nyu(request.data):
             told = f"{request.data} is NYU Depth v2"
             raise UsageError(told, "compare on it with 'depthcli eval nyu'")
         pairs = open_pairs(request.data, request.truth, request.patterns)

@@ -138,7 +138,7 @@ def test_text_csv_and_page_show_the_same_table(
 
 
 def test_runs_on_pairs_of_ones_own_are_compared_on_their_scenes_that_were_held_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Of sizes and cameras of their own, in the unit and up to the depth of the runs."""
     yard, numbers = tmp_path / "yard", np.random.default_rng(0)
@@ -156,6 +156,8 @@ def test_runs_on_pairs_of_ones_own_are_compared_on_their_scenes_that_were_held_o
     _train(updated(_config("proposed"), own), opened, tmp_path / "runs" / "proposed-seed0")
     assert _run(tmp_path / "runs", yard) == ExitCode.USAGE  # no mean of pixels of two sizes
     assert "--no-trivial" in capsys.readouterr().err
+    assert _run(tmp_path / "runs", data) == ExitCode.USAGE  # those of NYU
+    assert "the data set that they were trained on" in capsys.readouterr().err
     assert _run(tmp_path / "runs", yard, "--no-trivial", "--json") == 0
     document = _json(capsys)
     ((row,), split) = document["rows"], document["split"]
