@@ -156,12 +156,10 @@ def write_samples(
     lines = []
     for i, row in enumerate(rows):
         size = (images.shape[2], images.shape[1])
-        depth_m = validation.store.depth_m[row, 0].float().numpy()
-        truth_m = np.array(cv2.resize(depth_m, size), np.float32)
+        depth_m = validation.dataset.depth_m(validation.positions[row])
+        truth_m = np.array(cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST), np.float32)
+        truth_m[truth_m == 0] = np.nan
         output_m = np.array(cv2.resize(codec.decode(raw[i]), size), np.float32)
-        if validation.store.valid_mask is not None:
-            valid_mask = validation.store.valid_mask[row, 0].numpy().astype(np.uint8)
-            truth_m[cv2.resize(valid_mask, size) == 0] = np.nan
         output, truth = DepthMap(output_m), DepthMap(truth_m)
         shown = [PreviewWriter().render(one, spread=percentiles(truth)) for one in (output, truth)]
         lines.append(np.hstack([images[i], *shown]))

@@ -358,5 +358,3 @@ def _check_prompt(config: TrainConfig) -> None:
         )
     if len(generator.prompt) != _PROMPT_LEVELS:
         raise UsageError(f"generator.prompt has to be {_PROMPT_LEVELS} numbers")
-    if not (config.prompt.patterns and config.prompt.lines and config.prompt.wrong):
-        raise UsageError("prompt.patterns, prompt.lines and prompt.wrong are not empty")

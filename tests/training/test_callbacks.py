@@ -220,13 +220,10 @@ class _Constant(torch.nn.Module):
 
 
 def _shades(depth_m: np.ndarray, ends_m: tuple[float, float]) -> np.ndarray:
-    """Inverse depth between two depths as colours, by a plain loop."""
-    near_m, far_m = ends_m
-    shares = np.zeros(depth_m.shape, np.uint8)
-    for place, value_m in np.ndenumerate(depth_m):
-        share = (1 / value_m - 1 / far_m) / (1 / near_m - 1 / far_m)
-        shares[place] = round(255 * min(max(share, 0), 1))
-    return np.asarray(cv2.applyColorMap(shares, cv2.COLORMAP_INFERNO))
+    """Inverse depth between two depths as colours."""
+    near, far = (1 / end_m for end_m in ends_m)
+    shares = ((1 / depth_m - far) / (near - far)).clip(0, 1)
+    return np.asarray(cv2.applyColorMap(np.uint8(np.rint(255 * shares)), cv2.COLORMAP_INFERNO))
 
 
 @pytest.mark.parametrize(("count", "rows"), [(1, [0]), (3, [0, 1, 2]), (11, [0, 2, 4, 6, 8, 10])])
@@ -240,14 +237,14 @@ def test_samples_are_input_output_truth_of_six(tmp_path: Path, count: int, rows:
     lines = []
     for row in rows:
         gray = (validation.inputs([row])[0, 0].numpy() + 1) * 127.5
-        truth_m = cv2.resize(validation.store.depth_m[row, 0].float().numpy(), (64, 32))
-        valid_mask = validation.store.valid_mask[row][None].float()
-        measured = F.interpolate(valid_mask, (32, 64), mode="bilinear")[0, 0].numpy() >= 0.5
+        depth_m = torch.from_numpy(dataset.depth_m(row))[None, None]
+        truth_m = F.interpolate(depth_m, (32, 64), mode="nearest")[0, 0].numpy()
+        measured = truth_m > 0
         ends_m = percentiles(DepthMap(truth_m[measured][None]))
         raw = validation.raw(generator, [row], CPU)[0, 0].numpy()
         output_m = cv2.resize(EFFICIENT.output.codec.decode(raw), (64, 32))
-        truth, output = _shades(truth_m, ends_m), _shades(output_m, ends_m)
-        truth[~measured] = 96
+        truth = np.where(measured[..., None], _shades(truth_m.clip(0.1), ends_m), np.uint8(96))
+        output = _shades(output_m, ends_m)
         lines.append(np.hstack([np.uint8(np.repeat(gray[..., None], 3, 2)), output, truth]))
     encoded = cv2.imencode(".jpg", np.vstack(lines))[1]
     wanted = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), float)
