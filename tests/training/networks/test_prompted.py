@@ -171,18 +171,15 @@ def test_run_trains_the_added_layers_alone_resumes_and_exports(tmp_path: Path) -
     assert depth.valid.all()
 
 
-def test_exported_models_give_their_settings(tmp_path: Path) -> None:
+def test_a_new_run_needs_a_network_whose_settings_it_takes(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="trained network"):
+        resolve_config("prompted", folder=tmp_path)
     init = _plain_run(tmp_path / "plain")
     exported = export_checkpoint(init, tmp_path / "m.onnx", ExportOptions())
     config = _config(exported.path)
     assert config.generator.norm == "none"
     assert asdict(config.output) == asdict(SUPERVISED.output)
     assert train_steps(config, tmp_path / "run", init_weights=exported.path).step == 2
-
-
-def test_a_new_run_needs_a_trained_network(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="trained network"):
-        resolve_config("prompted", folder=tmp_path)
 
 
 @pytest.mark.parametrize(
