@@ -272,13 +272,13 @@ def _anchor(word: str) -> Anchor:
     return Anchor(int(x), int(y), depth_m)
 
 
-def size(word: str) -> tuple[int, int]:
+def size(word: str, option: str = "size") -> tuple[int, int]:
     """Parse a width and height such as ``640x480``; UsageError if it is no such, or too large."""
     sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", word)
     width, height = map(int, sides.groups()) if sides else (0, 0)
     if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
         problem = f"{short_repr(word)} is not WIDTHxHEIGHT of 1 to {_LARGEST_PX} pixels each"
-        raise UsageError(problem, option="size")
+        raise UsageError(problem, option=option)
     return width, height
 
 

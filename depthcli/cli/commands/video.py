@@ -281,12 +281,11 @@ def parse_raw(word: str) -> RawVideo:
 
     size, _, rest = word.partition(":")
     name, _, rate = rest.partition("@")
-    sides = re.fullmatch(r"(?a)([1-9]\d{0,5})x([1-9]\d{0,5})", size)
     pixel_format = pixel_format_of(name)
-    if sides is None or pixel_format is None:
+    if pixel_format is None:
         problem = f"{short_repr(word)} is not a size, pixel format and rate"
         raise UsageError(problem, "write, for example, 640x480:bgr24@30", option="raw")
-    return RawVideo(int(sides[1]), int(sides[2]), pixel_format, parse.fps(rate, "raw"))
+    return RawVideo(*parse.size(size, "raw"), pixel_format, parse.fps(rate, "raw"))
 
 
 def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
