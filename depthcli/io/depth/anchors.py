@@ -11,7 +11,7 @@ from depthcli.core.options import DepthEncoding, Rule
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import READABLE_SUFFIXES
 from depthcli.io.storage.atomic import is_same_file
-from depthcli.io.storage.paths import path_of, safe_name
+from depthcli.io.storage.paths import path_of, read_bytes, safe_name
 from depthcli.io.tables import CsvTable
 
 if TYPE_CHECKING:
@@ -123,7 +123,6 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.read import DepthReadOptions, read_stored_depth  # noqa: PLC0415
     from depthcli.io.formats.raster import COLMAP_MAP  # noqa: PLC0415
-    from depthcli.io.storage.paths import read_bytes  # noqa: PLC0415
 
     suffix = path.suffix.lower()
     if suffix == ".csv" and (stated.scale or stated.kind):

@@ -13,7 +13,7 @@ from typing import Self, TypeAlias
 
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.formats.table import is_own
-from depthcli.io.storage.paths import RemotePath
+from depthcli.io.storage.paths import RemotePath, uploaded
 from depthcli.io.storage.temporary import folder_lock, temporary_beside
 
 _Identity: TypeAlias = tuple[int, int] | str
@@ -89,8 +89,6 @@ def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
         raise OutputError(f"{path} is no file and is not replaced", _ADVICE)
     with os_errors_as(OutputError, f"cannot write {path}", _ADVICE):
         if isinstance(path, RemotePath):
-            from depthcli.io.storage.paths import uploaded  # noqa: PLC0415 - slow, seldom used
-
             with uploaded(path) as temporary:
                 yield temporary
             return
