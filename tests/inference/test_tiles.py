@@ -8,14 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 import pytest
-from helpers.tiny import load, write_model
+from helpers.tiny import load, point_cloud, write_model
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import AUTO_TILE, Projection, Upsampling, UpsamplingOptions
-from depthcli.core.surface import point_cloud
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, Transform, panorama_rays
 from depthcli.errors import InputError
 from depthcli.inference.panorama import HFOV_DEG, panorama_distance
