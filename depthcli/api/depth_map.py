@@ -3,7 +3,7 @@
 import html
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Self, TypeAlias
 
@@ -28,6 +28,12 @@ from depthcli.io.storage.paths import path_of
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap
 _TABLE_RANK, _COLUMNS = 2, 3
+
+
+def warn_all(texts: Iterable[str], name: object = "") -> None:
+    """Warn, of what has a name if one is given, at the caller of the function that calls this."""
+    for text in texts:
+        warnings.warn(f"{name}: {text}" if name else text, DepthcliWarning, stacklevel=3)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -116,8 +122,7 @@ class DepthMap(types.DepthMap):
             UsageError: the points do not fit the map, or not each other.
         """
         fitted, messages = anchor_fit.fit_anchors(self, anchor_points(anchors, fit))
-        for message in messages:
-            warnings.warn(message, DepthcliWarning, stacklevel=2)
+        warn_all(messages)
         return self.of(fitted, self.frame)
 
     def to_points(
@@ -153,8 +158,7 @@ class DepthMap(types.DepthMap):
         if source.focal_px is None and not source.projection.is_other:
             raise UsageError("no focal length is known; give focal_px or hfov_deg")
         if source.camera_source is CameraSource.CARD:
-            message = "no focal length is known; the points assume the camera the model learned"
-            warnings.warn(message, DepthcliWarning, stacklevel=2)
+            warn_all(["no focal length is known; the points assume the camera the model learned"])
         surface = surface_of(
             depth,
             source.focal_px or 1.0,  # of no meaning in a panorama
@@ -214,8 +218,7 @@ class DepthMap(types.DepthMap):
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg))
         writer = HtmlWriter(stride=stride, max_depth_m=max_depth_m, keep_edges=keep_edges)
         page, messages = writer.render(depth, self.frame)
-        for message in messages:
-            warnings.warn(message, DepthcliWarning, stacklevel=2)
+        warn_all(messages)
         return DepthPage(page)
 
     def _repr_png_(self) -> bytes:
@@ -312,8 +315,7 @@ class DepthMap(types.DepthMap):
         guard = Guard.of(inputs, overwrite=overwrite)
         with atomic_path(file, guard=guard) as temporary:
             messages = writer.write(depth, temporary, self.frame)
-        for message in messages:
-            warnings.warn(f"{path}: {message}", DepthcliWarning, stacklevel=2)
+        warn_all(messages, path)
 
 
 def anchor_points(anchors: Anchors, fit: str | None) -> AnchorPoints:

@@ -1,18 +1,17 @@
 """Depth files and videos for the Python API: maps with its methods, and warnings."""
 
 import os
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from depthcli.api.depth_map import DepthMap
+from depthcli.api.depth_map import DepthMap, warn_all
 from depthcli.core import types
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, Eye, ReadOptions, chosen
 from depthcli.core.types import Frame
-from depthcli.errors import DepthcliWarning, InputError
+from depthcli.errors import InputError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.storage.paths import path_of
 from depthcli.video import depth_video as depth_videos
@@ -44,8 +43,7 @@ class VideoSource(video_frames.VideoSource):
         """As below, with a warning if colours or times are doubtful."""
         options = options if eye is None else options._replace(eye=eye)
         super().__init__(source, max_pixels=max_pixels, stream=stream, options=options)
-        for text in self.warnings:
-            warnings.warn(f"{source}: {text}", DepthcliWarning, stacklevel=2)
+        warn_all(self.warnings, source)
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """As below, with a warning at the end if frames are missing."""
@@ -54,7 +52,7 @@ class VideoSource(video_frames.VideoSource):
     def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
         yield from frames
         if self.problem is not None:
-            warnings.warn(f"{self._source}: {self.problem}", DepthcliWarning, stacklevel=2)
+            warn_all([self.problem], self._source)
 
 
 def read_depth(
@@ -106,8 +104,7 @@ def read_depth(
     if path.suffix.lower() == ".mkv":
         raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
     stored = depth_files.read_stored_depth(path, options)
-    for message in stored.warnings_with_scale("png_scale"):
-        warnings.warn(message, DepthcliWarning, stacklevel=2)
+    warn_all(stored.warnings_with_scale("png_scale"))
     return _with_nan(stored.displayed)
 
 

@@ -10,20 +10,19 @@ from __future__ import annotations
 
 import itertools
 import os
-import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from typing import NoReturn, TypeAlias
 
-from depthcli.api.depth_map import Anchors, DepthMap, anchor_points
+from depthcli.api.depth_map import Anchors, DepthMap, anchor_points, warn_all
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DEFAULT_UPSAMPLING, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
 from depthcli.core.types import Frame, displayed_depth, displayed_frame
-from depthcli.errors import DepthcliWarning, UsageError
+from depthcli.errors import UsageError
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline, Prediction
@@ -91,8 +90,7 @@ def load_model(
         UsageError: no provider has that name, or it takes no options and some are given.
     """
     session = SessionLoader(model, provider, threads, provider_options or {}).load()
-    for text in session.warnings:
-        warnings.warn(text, DepthcliWarning, stacklevel=2)
+    warn_all(session.warnings)
     return DepthModel(Pipeline(session, detail))
 
 
@@ -160,8 +158,7 @@ class DepthModel:
         frame = frame_of(picture, white_level)
         depth, texts = _displayed(self.pipeline.predict(frame, camera, points), frame)
         camera_texts = focal_warnings(self.card, camera) if points is None else ()
-        for text in (*camera_texts, *texts):
-            warnings.warn(text, DepthcliWarning, stacklevel=2)
+        warn_all((*camera_texts, *texts))
         return depth
 
     def predict_many(
@@ -208,8 +205,7 @@ class DepthModel:
         if anchors_each is not None:
             known = (None if a is None else anchor_points(a, anchors_fit) for a in anchors_each)
         elif points is None:
-            for text in focal_warnings(self.card, camera):
-                warnings.warn(text, DepthcliWarning, stacklevel=2)
+            warn_all(focal_warnings(self.card, camera))
 
         def predicted(batch: list[_Reader]) -> list[_Displayed | Exception]:
             frames, problem = list[Frame](), list[_Displayed | Exception]()
@@ -247,8 +243,7 @@ def _maps(batches: Generator[list[_Displayed | Exception], None, None]) -> Itera
             if isinstance(found, Exception):
                 raise found
             depth, texts = found
-            for text in texts:
-                warnings.warn(text, DepthcliWarning, stacklevel=2)
+            warn_all(texts)
             yield depth
 
 
