@@ -221,10 +221,8 @@ class ReportFiles:
         for path, mark in ((self.csv, _OWN_CSV), (self.html, _OWN_HTML)):
             if path is None:
                 continue
-            if path.is_dir():
-                raise UsageError(f"{path} is a folder; name a file")
             if is_special(path):
-                raise UsageError(f"{path} is a device or a pipe", "name a file")
+                raise UsageError(f"{path} is a folder, a device or a pipe", "name a file")
             if path.is_file() and mark not in path.read_bytes():
                 raise UsageError(f"{path} is no report of depthcli and is not replaced")
 

@@ -44,19 +44,20 @@ class BatchPlan:
     @property
     def images(self) -> Iterator[listing.InputFile]:
         """The images: all inputs but videos and archives."""
-        return (found for found in self.inputs if not _holds_many(found.name))
+        return (found for found in self.inputs if not holds_many(found.name))
 
     @property
     def videos(self) -> Iterator[listing.InputFile]:
         """The videos, and the archives of images."""
-        return (found for found in self.inputs if _holds_many(found.name))
+        return (found for found in self.inputs if holds_many(found.name))
 
     def folders(self) -> set[Path]:
         """The folders of the outputs."""
         return {self.out, *((self.out / found.name).parent for found in self.inputs)}
 
 
-def _holds_many(name: str) -> bool:
+def holds_many(name: str) -> bool:
+    """Whether a name is a video's, or that of an archive of images."""
     return listing.is_video(name) or listing.is_archive(name)
 
 

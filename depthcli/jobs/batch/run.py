@@ -18,11 +18,11 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.images.read import check
-from depthcli.io.listing.folder import InputFile, is_archive, is_video
+from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest import WHOLE, CacheKey, Journal, Rows, RowsFolder, known_rows
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
-from depthcli.jobs.batch.plan import BatchPlan
+from depthcli.jobs.batch.plan import BatchPlan, holds_many
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
 from depthcli.jobs.batch.workers import Engine, ThreadEngine, WorkerSpec, video_checksum
 
@@ -189,10 +189,9 @@ def _dry_run_of(
     file: InputFile, request: BatchRequest, tasks: TaskBuilder, rows: Rows, key: CacheKey
 ) -> DryRunResult:
     out, options = request.plan.out, request.options
-    holds_many = is_video(file.name) or is_archive(file.name)
     task = tasks.task(file, rows)
     try:
-        if holds_many:
+        if holds_many(file.name):
             with local_copy(file.readable_path()) as source:
                 kept = task.reusable_row(out, video_checksum(task, source, options), key)
         else:
