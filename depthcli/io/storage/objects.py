@@ -124,10 +124,6 @@ class RemotePath(Path, PurePosixPath):
         except FileNotFoundError:  # the bucket itself
             return False
 
-    def is_symlink(self) -> bool:
-        """No: stores have no links."""
-        return False
-
     def absolute(self, *_: Any, **__: Any) -> RemotePath:  # noqa: ANN401
         """Return the path itself."""
         return self
