@@ -14,7 +14,6 @@ from lightning_fabric import Fabric
 from lightning_fabric.utilities.exceptions import MisconfigurationException
 from torch import Tensor, nn
 from torch.optim import Optimizer
-from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from depthcli.core.parallel import usable_cores
 from depthcli.core.progress import Interrupt
@@ -202,16 +201,12 @@ class WeightAverage:
     def update(self, network: nn.Module, step: int) -> None:
         """Update the average with the weights after a step, counted from 1."""
         decay = min(self.decay, step / (step + 9))
-        now, averages = network.state_dict(), self.network.state_dict()
-        floats = [name for name, value in averages.items() if value.dtype.is_floating_point]
-        update = get_ema_multi_avg_fn(decay)  # type: ignore[no-untyped-call]
-        update(
-            [averages[name] for name in floats],
-            [now[name].to(averages[name].dtype) for name in floats],
-            torch.tensor(step),
-        )
-        for name in averages.keys() - floats:
-            averages[name].copy_(now[name])
+        now = network.state_dict()
+        for name, average in self.network.state_dict().items():
+            if average.dtype.is_floating_point:
+                average.lerp_(now[name].to(average.dtype), 1 - decay)
+            else:
+                average.copy_(now[name])
 
 
 def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> Optimizer:
