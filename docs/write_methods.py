@@ -70,20 +70,20 @@ def table() -> str:
     return _markdown(lines)
 
 
-def intervals() -> str:
-    """The differences of `proposed` with seed 1 from each other row, without alignment."""
-    differences = json.loads((RESULTS / "intervals-seed1.json").read_text("utf-8"))["differences"]
-    found = {
-        one["minus"].removesuffix("-seed1"): one["intervals"]
-        for one in differences
-        if one["align"] == "none"
-    }
-    lines = [["`proposed` minus", *METRICS]]
+def intervals(file_name: str, head: str, scaled: tuple[str, ...] = ()) -> str:
+    """The differences of `proposed` from each other row, without alignment and ``scaled``."""
+    differences = json.loads((RESULTS / file_name).read_text("utf-8"))["differences"]
+    found: dict[str, dict[str, dict[str, dict[str, float]]]] = {"none": {}, "median": {}}
+    for one in differences:
+        found[one["align"]][one["minus"].removesuffix("-seed1")] = one["intervals"]
+    lines = [[head, *METRICS, *(f"{metric}, scaled" for metric in scaled)]]
     lines.append(["---"] * len(lines[0]))
     texts = {"per-pixel mean": "per-pixel mean"} | {name: f"`{name}`" for name in BASELINES}
     for name, text in (texts | {name: text for name, (text, _) in CONTROLS.items()}).items():
-        if name in found:
-            lines.append([text, *(_interval(found[name][metric]) for metric in METRICS)])
+        if name in found["none"]:
+            cells = [_interval(found["none"][name][metric]) for metric in METRICS]
+            more = (_interval(found["median"][name][metric]) for metric in scaled)
+            lines.append([text, *cells, *more])
     return _markdown(lines)
 
 
@@ -135,7 +135,14 @@ def _scores(row: Mapping[str, str | float]) -> str:
 
 def tables() -> dict[Path, tuple[str, ...]]:
     """The tables of each page."""
-    return {PAGE: (table(), intervals()), BENCHMARK: (benchmark(), test_table())}
+    return {
+        PAGE: (
+            table(),
+            intervals("intervals-seed1.json", "`proposed` minus"),
+            intervals("intervals-seeds.json", "`proposed` minus, both seeds", ("abs_rel",)),
+        ),
+        BENCHMARK: (benchmark(), test_table()),
+    }
 
 
 def page(text: str, *tables: str) -> str:
