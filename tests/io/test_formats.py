@@ -28,7 +28,6 @@ from depthcli.io.formats.table import (
     FORMATS,
     Format,
     WriterOptions,
-    fits,
     format_of,
     is_own,
     stem_of,
@@ -67,25 +66,6 @@ def test_a_name_says_its_format(name: str, wanted: Format | None) -> None:
 )
 def test_the_rest_is_the_stem(name: str, stem: str) -> None:
     assert stem_of(name) == stem
-
-
-@pytest.mark.parametrize(
-    ("name", "asked", "fitting"),
-    [
-        ("a.png", Format.PNG16, True),
-        ("a.PNG", Format.PREVIEW, True),
-        ("a.preview.png", Format.PNG16, True),
-        ("a.png", Format.EXR, False),
-        ("a.preview.png", Format.NPY, False),
-        ("a.depth.exr", Format.EXR, True),
-        ("a", Format.EXR, True),
-        ("a.gif", Format.PLY, True),
-    ],
-)
-def test_a_name_fits_a_format_that_it_does_not_deny(
-    name: str, asked: Format, fitting: bool
-) -> None:
-    assert fits(name, asked) is fitting
 
 
 @pytest.mark.parametrize("name", Format)
