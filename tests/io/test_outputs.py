@@ -71,7 +71,7 @@ def test_names_do_not_depend_on_the_order() -> None:
         "in/a.jpg": "out/a.jpg.depth.png",
         "in/a.png": "out/a.png.depth.png",
         "in/b.jpg": "out/b.depth.png",
-        "other/A.webp": "out/A.webp.depth.png",
+        "other/A.webp": "out/A.depth.png",
     }
 
 

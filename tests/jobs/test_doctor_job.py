@@ -132,6 +132,8 @@ def seem_installed(folder: Path, monkeypatch: pytest.MonkeyPatch, *names: str, f
         about.mkdir()
         (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
         (about / "RECORD").write_text(f"{file},,\n")
+    (folder / file).parent.mkdir()
+    (folder / file).touch()  # files that are missing are not listed by Python 3.12
     monkeypatch.syspath_prepend(folder)
 
 
