@@ -85,7 +85,7 @@ def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
     words = ["train", "proposed", "--preset", "bundled", "--config", "tiny.toml"]
     words += ["--data", "data", "--out", "run", "--accelerator", "cpu", "--threads", "1"]
     words += ["--set", "optim.warmup_steps=2", "--set", "validate_every=1"]
-    return inside(folder, *words, "--tensorboard", *more)
+    return inside(folder, *words, "--log", "tensorboard", *more)
 
 
 def _events(folder: Path) -> Any:

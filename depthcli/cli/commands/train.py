@@ -126,18 +126,11 @@ class FollowOptions:
     log: list[Tracker] | None = options.option(
         "Also log losses, scores and sample images to this tool; repeatable."
     )
-    tensorboard: bool = options.option("As --log tensorboard.", default=False)
     callback: list[str] | None = options.option(
         "A class or function of your own that makes a callback of the folder and the "
         "configuration of a run; repeatable.",
         metavar="MODULE:NAME",
     )
-
-    @property
-    def trackers(self) -> tuple[Tracker, ...]:
-        """The tools to log to."""
-        own = [Tracker.TENSORBOARD] if self.tensorboard else []
-        return tuple(dict.fromkeys([*(self.log or ()), *own]))
 
 
 def train(
@@ -219,7 +212,7 @@ def _train_runs(
                 minutes=(end_s - time.monotonic()) / 60 / (len(planned) - index),
                 accelerator=device.accelerator,
                 threads=device.threads,
-                trackers=follow.trackers,
+                trackers=tuple(dict.fromkeys(follow.log or ())),
                 callbacks=tuple(follow.callback or ()),
                 signals=process.ending_signals(),
             )
