@@ -108,8 +108,6 @@ class Batch(Iterator[BatchResult]):
         self._rows = RowsFolder(plan.out)
         self._journal: Journal | None = Journal(self._rows.path, plan.shard)
         self.manifest = plan.out / self._journal.manifest.name
-        for folder in plan.folders() if plan.shard == WHOLE else ():
-            remove_stale(folder)
         self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings, *focal)
         self.tally = Tally(len(plan.inputs))
         self._max_failures = request.max_failures
@@ -163,6 +161,8 @@ class Batch(Iterator[BatchResult]):
             self.tally.add(result)
         journal.finish(names, keep_failed=self._plan.is_part)
         self._rows.finish(journal.manifest)
+        for folder in self._plan.folders() if self._plan.shard == WHOLE else ():
+            remove_stale(folder)  # of this run, too: workers of a cluster can be killed
 
 
 @dataclass(frozen=True, slots=True)
