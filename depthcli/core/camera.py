@@ -170,6 +170,13 @@ def focal_px_of_hfov(hfov_deg: float, width: int) -> float:
     return width / 2 / math.tan(math.radians(hfov_deg) / 2)
 
 
+def focal_px_of_crop(
+    focal_px: float, own_size: tuple[float, float], size: tuple[float, float]
+) -> float:
+    """Focal length in square pixels of the largest crop, upright or not, of a camera's images."""
+    return focal_px * max(a / b for a, b in zip(sorted(size), sorted(own_size), strict=True))
+
+
 def hfov_deg(focal_px: float, width: int) -> float:
     """Horizontal field of view in degrees of a focal length in pixels."""
     return math.degrees(2 * math.atan(width / 2 / focal_px))

@@ -13,11 +13,12 @@ from depthcli.core.camera import (
     CameraSource,
     Intrinsics,
     focal_px_of_35mm,
+    focal_px_of_crop,
     focal_px_of_hfov,
 )
 from depthcli.core.types import DepthKind, Frame
 from depthcli.inference.transforms import Layout
-from depthcli.models.card import CameraSpec, FocalAxis, InputSpec, ModelCard
+from depthcli.models.card import CameraSpec, FocalAxis, ModelCard
 
 
 def metric_camera(card: ModelCard) -> CameraSpec | None:
@@ -47,7 +48,11 @@ def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsic
         focal_px, source = square_px / aspect, CameraSource.EXIF
     learned = metric_camera(card)
     if focal_px is None and learned is not None:
-        focal_px = _assumed_focal_px(card.input, learned, width * aspect, height) / aspect
+        # docs/accuracy.md has measurements of alternatives to the largest crop.
+        spec = card.input
+        own_size = spec.width, spec.height / spec.pixel_aspect
+        own_px = learned.focal_px_at(spec.width)
+        focal_px = focal_px_of_crop(own_px, own_size, (width * aspect, height)) / aspect
         source = CameraSource.CARD
     return Intrinsics(
         focal_px,
@@ -90,16 +95,3 @@ def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsi
         factor = (across + down) / 2
     learned_px = learned.focal_px_at(card.input.width)
     return camera.focal_px * factor / (learned_px * math.sqrt(card.input.pixel_aspect))
-
-
-def _assumed_focal_px(spec: InputSpec, camera: CameraSpec, width: float, height: float) -> float:
-    """Focal length of the camera that a model learned, for an image in square pixels.
-
-    An image with another aspect is assumed to be the largest crop of that camera's, in landscape
-    or portrait; docs/accuracy.md has measurements of alternatives.
-    """
-    aspect = spec.width / spec.height * spec.pixel_aspect
-    short, long = sorted((width, height))
-    long_px = max(long, short * max(aspect, 1 / aspect))
-    width_px = long_px if aspect >= 1 else long_px * aspect
-    return width_px * camera.focal_px_at(spec.width) / spec.width

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from depthcli.core import parallel, types
-from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics, focal_px_of_35mm
 from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOptions
 from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
@@ -104,8 +104,9 @@ def _write_converted(
     stored: StoredDepth, request: ConvertRequest, wanted: table.Format, path: Path
 ) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
-    shown = types.with_camera(stored.displayed, request.camera)
+    shown = stored.displayed
     given = None if request.picture is None else _colours(request, request.picture, shown)
+    shown = types.with_camera(_with_camera_of(given, shown), request.camera)
     views = {stored.frame.view, given.view if given else None} - {None}
     if len(views) > 1:
         raise InputError(
@@ -170,6 +171,19 @@ def _colours(request: ConvertRequest, picture: str, depth: types.DepthMap) -> ty
     return frame
 
 
+def _with_camera_of(frame: types.Frame | None, depth: types.DepthMap) -> types.DepthMap:
+    """Depth whose file states no camera, with that of its picture."""
+    source = depth.provenance
+    is_known = source.focal_px is not None or source.is_cropped or source.projection.is_other
+    if frame is None or is_known:
+        return depth
+    source = replace(source, projection=frame.projection)
+    if frame.focal_35mm is not None:
+        focal_px = focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
+        source = replace(source, focal_px=focal_px, camera_source=CameraSource.EXIF)
+    return replace(depth, provenance=source)
+
+
 @dataclass(frozen=True, slots=True)
 class FolderPlan:
     """The depth files of a folder, and the names of their outputs."""
@@ -208,8 +222,7 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = folders.ANY) -> Fo
     if not inputs:
         raise InputError(f"no depth file ({', '.join(table.READABLE_SUFFIXES)}) in {where}{rest}")
     targets = [paths.join(out, _target(names.base(file.name), request.format)) for file in inputs]
-    loops = tuple(listing.loops)
-    return _checked(FolderPlan(tuple(inputs), tuple(targets), tuple(skipped), loops))
+    return _checked(FolderPlan(tuple(inputs), tuple(targets), tuple(skipped), tuple(listing.loops)))
 
 
 def plan_sequence(request: ConvertRequest) -> FolderPlan:

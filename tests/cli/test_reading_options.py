@@ -34,8 +34,7 @@ def test_depth_is_that_of_the_whole_range(command: str, folder: Path, inside: Cl
         pictures = [f"{name}/f0.png", f"{name}/f1.png"] if command == "predict" else [name]
         extra = ("--fps", "25") if command == "video" else ()
         words = (*pictures, "--out", f"out-{name}/", "--format", "npy", *options, *extra)
-        done = inside(command, *words)
-        assert (done.returncode, done.stderr) == (0, b"")
+        assert not inside(command, *words, code=0).stderr
     low, full = depths(folder / "out-low"), depths(folder / "out-full")
     assert len(low) == len(full) == 2
     np.testing.assert_array_equal(low, full)
@@ -89,8 +88,7 @@ def exr_depths(inside: Cli, command: str, name: str, *options: str) -> np.ndarra
         "batch": (name, "--files", "list.txt", "--out", out),
         "video": (name, "--out", f"{out}/", "--fps", "24"),
     }[command]
-    done = inside(command, *words, "--format", "npy", *options)
-    assert (done.returncode, done.stderr) == (0, b"")
+    assert not inside(command, *words, "--format", "npy", *options, code=0).stderr
     return np.array([np.load(path) for path in sorted((inside.folder / out).rglob("*.npy"))])
 
 

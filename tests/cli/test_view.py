@@ -23,8 +23,7 @@ def files(inside: Cli) -> Path:
 
 
 def test_page_stands_beside_the_depth(inside: Cli, files: Path) -> None:
-    done = inside("view", "d.npy", "room.png", "--hfov", "60")
-    assert (done.returncode, done.stderr) == (0, b"")
+    assert not inside("view", "d.npy", "room.png", "--hfov", "60", code=0).stderr
     page = (files / "d.html").read_text("utf-8")
     assert "<title>room.png</title>" in page
     (files / "own.html").write_text("mine")
@@ -59,7 +58,7 @@ def test_each_format_is_written_by_predict_and_convert(inside: Cli, files: Path)
         assert (done.returncode, done.stderr) == (0, b"")
     assert inside("convert", "d.npy", "f.stereo.png").returncode == 1  # without the image
     # Outputs are no inputs of a batch.
-    done = inside("batch", ".", "--out", "out", "--format", "normals", "--format", "glb", code=0)
+    inside("batch", ".", "--out", "out", "--format", "normals", "--format", "glb", code=0)
     assert {path.name for path in (files / "out").iterdir()} >= {"hall.normals.png", "hall.glb"}
     assert not (files / "out" / "hall.stereo.normals.png").exists()
 

@@ -1,7 +1,6 @@
 """PLY and GLB as an independent library reads them."""
 
 import json
-import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,11 @@ import numpy as np
 import pytest
 
 from depthcli._version import __version__
-from depthcli.core.camera import CameraSource
+from depthcli.core.camera import CameraSource, hfov_deg
 from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
+from depthcli.io.formats.geometry import camera_of
 from depthcli.io.formats.table import Format, WriterOptions, is_own
 
 trimesh = pytest.importorskip("trimesh")
@@ -107,20 +107,22 @@ def test_a_file_without_points_is_not_written(tmp_path: Path) -> None:
 DEPTH_M = np.array([[1, 2, 3, 4], [5, np.nan, 0, 8]], np.float32)
 
 
-@pytest.mark.parametrize("focal_px", [2.0, None])
-def test_a_point_lies_on_the_ray_through_the_middle_of_its_pixel(
-    focal_px: float | None, tmp_path: Path
-) -> None:
-    """Row by row, without the holes; without a focal length, it is that of NYU's camera."""
-    depth = DepthMap(DEPTH_M, provenance=Provenance(focal_px=focal_px))
-    warnings = WriterOptions().writer(Format.PLY).write(depth, tmp_path / "a.ply")
-    assert len(warnings) == (focal_px is None)
+def test_a_point_lies_on_the_ray_through_the_middle_of_its_pixel(tmp_path: Path) -> None:
+    """Row by row, without the holes."""
+    depth = DepthMap(DEPTH_M, provenance=Provenance(focal_px=2))
     x, y, z = written(tmp_path / "a.ply", depth).vertices.T
     np.testing.assert_array_equal(z, [1, 2, 3, 4, 5, 8])
     # Middles lie at ±0.5 and ±1.5 across and ±0.5 down, of 4 × 2 pixels.
-    focal_px = focal_px or 2 / math.tan(math.radians(63.3 / 2))
-    np.testing.assert_allclose(x / z * focal_px, [-1.5, -0.5, 0.5, 1.5, -1.5, 1.5], rtol=1e-5)
-    np.testing.assert_allclose(y / z * focal_px, [-0.5] * 4 + [0.5] * 2, rtol=1e-5)
+    np.testing.assert_allclose(x / z * 2, [-1.5, -0.5, 0.5, 1.5, -1.5, 1.5], rtol=1e-5)
+    np.testing.assert_allclose(y / z * 2, [-0.5] * 4 + [0.5] * 2, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("size", "hfov"), [((640, 360), 63.3), ((60, 60), 49.6), ((3, 4), 49.6)])
+def test_assumed_camera_is_that_of_predict(size: tuple[int, int], hfov: float) -> None:
+    """The largest crop of NYU's, so that NPY in between changes no mesh."""
+    focal_px, warnings = camera_of(DepthMap(np.ones(size[::-1], np.float32)))
+    assert hfov_deg(focal_px, size[0]) == pytest.approx(hfov, abs=0.05)
+    assert len(warnings) == 1
 
 
 def test_header_of_a_ply_states_types_software_model_and_camera(tmp_path: Path) -> None:

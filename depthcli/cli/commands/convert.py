@@ -19,7 +19,7 @@ class InputOptions:
     """Input."""
 
     picture: str | None = groups.option(
-        "Image of the same size, for the colours of a point cloud or --side-by-side.", metavar="IMG"
+        "Image of the same size: colours, and the camera of depth that states none.", metavar="IMG"
     )
     include: list[str] | None = groups.option(
         "Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.", metavar="GLOB"
@@ -105,10 +105,9 @@ def convert(
     is_folder = is_many and not is_numbered and path_of(source).is_dir()
     if is_folder and form is None:
         raise UsageError("", "name the format of the outputs with {format}, for example exr")
-    side_by_side = writing.preview.side_by_side
     format_: Format | VideoFormat | None = as_video or (form if is_folder else None)
     format_ = format_ or job.target_of(output, form)[0]
-    if format_ is Format.PREVIEW and side_by_side != (inputs.picture is not None):
+    if format_ is Format.PREVIEW and writing.preview.side_by_side != (inputs.picture is not None):
         raise UsageError("", "give both {side_by_side} and {picture}, or neither")
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
     if not screen.quiet:

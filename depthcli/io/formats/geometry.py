@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import Float32Array
-from depthcli.core.camera import CameraSource, focal_px_of_hfov, hfov_deg
+from depthcli.core.camera import CameraSource, focal_px_of_crop, focal_px_of_hfov, hfov_deg
 from depthcli.core.options import one_line
 from depthcli.core.surface import Surface, surface_of
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import SOFTWARE, metadata_texts, own_texts
-from depthcli.io.formats.table import KEY_PREFIX, SOFTWARE_KEY, WriterOptions
+from depthcli.io.formats.table import KEY_PREFIX, WriterOptions
 from depthcli.io.images.png import encode_png
 
-_NYU_HFOV_DEG = 63.3  # assumed if the map states no focal length
+_NYU = focal_px_of_hfov(63.3, 640), (640, 480)  # assumed if the map states no focal length
+_HALF = 65535 / 2
 
 
 class SurfaceWriter(WriterOptions):
@@ -53,16 +53,15 @@ def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
             "the focal length of the depth is for an image of another size",
             "give {focal_px} or {hfov} of this one",
         )
-    focal_px = source.focal_px or focal_px_of_hfov(_NYU_HFOV_DEG, depth.width)
+    aspect = source.pixel_aspect
+    assumed_px = focal_px_of_crop(*_NYU, (depth.width * aspect, depth.height)) / aspect
+    focal_px = source.focal_px or assumed_px
     is_known = source.focal_px and source.camera_source is not CameraSource.CARD
     if is_known or source.projection.is_other:
         return focal_px, ()
     assumed = f"an hfov of {hfov_deg(focal_px, depth.width):.3g}° is assumed"
     advice = "give {focal_px} or {hfov}"
     return focal_px, (Message(f"no focal length is known; {assumed}", advice),)
-
-
-_HALF = 65535 / 2
 
 
 class NormalsWriter(WriterOptions):
@@ -75,17 +74,15 @@ class NormalsWriter(WriterOptions):
         surface = surface_of(depth, focal_px)
         stored = np.rint((surface.normals() * np.array([1, -1, -1], np.float32) + 1) * _HALF)
         stored[~surface.valid] = 0
-        texts = own_texts({**metadata_texts(depth), "normals": "OpenGL"})
-        texts = {SOFTWARE_KEY: texts.pop(SOFTWARE_KEY), **texts}
+        texts = own_texts(metadata_texts(depth) | {"normals": "OpenGL"})
         path.write_bytes(encode_png(stored.astype(np.uint16), texts))
         return warnings
 
 
-_AXES, _NORMALS, _COLOURS = ("x", "y", "z"), ("nx", "ny", "nz"), ("red", "green", "blue")
-_POINT = [(name, "<f4") for name in (*_AXES, *_NORMALS)] + [(name, "u1") for name in _COLOURS]
+_FLOATS, _BYTES = ("x", "y", "z", "nx", "ny", "nz"), ("red", "green", "blue")
+_PROPERTIES = [f"float {name}" for name in _FLOATS] + [f"uchar {name}" for name in _BYTES]
+_POINT = [("xyz_m", "<f4", 3), ("normal", "<f4", 3), ("rgb", "u1", 3)]
 _FACE = [("count", "u1"), ("numbers", "<u4", 3)]
-_WHITE = 255
-_TYPES = {"<f4": "float", "u1": "uchar"}
 
 
 class PlyWriter(SurfaceWriter):
@@ -102,7 +99,7 @@ class PlyWriter(SurfaceWriter):
         lines = ["ply", "format binary_little_endian 1.0"]
         lines += [one_line(f"comment {KEY_PREFIX}{name} {text}") for name, text in known.items()]
         lines += [f"element vertex {len(points)}"]
-        lines += [f"property {_TYPES[kind]} {name}" for name, kind in _POINT]
+        lines += [f"property {one}" for one in _PROPERTIES]
         if self.faces:
             lines += [f"element face {len(faces)}", "property list uchar uint vertex_indices"]
         with path.open("wb") as file:
@@ -114,15 +111,10 @@ class PlyWriter(SurfaceWriter):
     def _points(self, surface: Surface, frame: Frame | None) -> npt.NDArray[np.void]:
         valid = surface.valid
         points = np.empty(int(valid.sum()), _POINT)
-        xyz_m, normals = surface.xyz_m[valid], surface.normals()[valid]
-        for i in range(3):
-            points[_AXES[i]], points[_NORMALS[i]] = xyz_m[:, i], normals[:, i]
-        if frame is None:
-            rgb = np.full((len(points), 3), _WHITE, np.uint8)
-        else:
-            rgb = frame.pixels_8bit()[:: self.stride, :: self.stride][valid]
-        for i, name in enumerate(_COLOURS):
-            points[name] = rgb[:, i]
+        points["xyz_m"], points["normal"] = surface.xyz_m[valid], surface.normals()[valid]
+        points["rgb"] = 255
+        if frame is not None:
+            points["rgb"] = frame.pixels_8bit()[:: self.stride, :: self.stride][valid]
         return points
 
     def _faces(self, surface: Surface) -> npt.NDArray[np.void]:
@@ -155,7 +147,9 @@ class GlbWriter(SurfaceWriter):
         if frame is None:
             material: dict[str, Any] = {"doubleSided": True}
         else:
-            uv = _texture_coordinates(surface, depth, self.stride)
+            # The middle of each point's pixel in the image, from 0 at the top left to 1.
+            middles = (np.argwhere(surface.valid) * self.stride + 0.5)[:, ::-1]
+            uv = (middles / (depth.width, depth.height)).astype(np.float32)
             attributes["TEXCOORD_0"] = buffer.add_array(uv, _VERTICES, "VEC2")
             document |= _texture(buffer, frame)
             material = _UNLIT
@@ -215,13 +209,6 @@ class _Buffer:
             "bufferViews": self._views,
             "buffers": [{"byteLength": len(self.data)}],
         }
-
-
-def _texture_coordinates(surface: Surface, depth: DepthMap, stride: int) -> Float32Array:
-    """Middle of each point's pixel in the image, from 0 at the top left to 1; (N, 2) float32."""
-    y, x = np.nonzero(surface.valid)
-    uv = (x * stride + 0.5) / depth.width, (y * stride + 0.5) / depth.height
-    return np.stack(uv, 1).astype(np.float32)
 
 
 def _texture(buffer: _Buffer, frame: Frame) -> dict[str, Any]:
