@@ -218,13 +218,16 @@ class Frame:
         path = f", {self.path}" if self.path else ""
         return f"<Frame {self.width}×{self.height}, {colours} {self.pixels.dtype}{path}>"
 
-    def pixels_8bit(self) -> UInt8Array:
-        """The picture for display: (H, W, 3) RGB uint8, which may be the pixels themselves."""
+    def pixels_8bit(self, *, is_filled: bool = True) -> UInt8Array:
+        """(H, W, 3) RGB uint8, maybe the pixels themselves; unless filled, black if transparent."""
         scaled: AnyArray = self.pixels
         if scaled.dtype != np.uint8:
             top = 65535 if scaled.dtype == np.uint16 else 1
             scaled = np.rint(np.clip(scaled * np.float32(255 / top), 0, 255)).astype(np.uint8)
-        return scaled if scaled.ndim == 3 else np.repeat(scaled[..., None], 3, 2)  # noqa: PLR2004
+        rgb = scaled if scaled.ndim == 3 else np.repeat(scaled[..., None], 3, 2)  # noqa: PLR2004
+        if is_filled or self.transparent is None:
+            return rgb
+        return np.where(self.transparent[..., None], np.uint8(0), rgb)
 
 
 class AnchorFit(NamedTuple):

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -192,11 +193,15 @@ def test_anaglyph_has_the_left_eye_in_red(tmp_path: Path) -> None:
     np.testing.assert_array_equal(anaglyph, np.dstack([left[..., 0], right[..., 1], right[..., 2]]))
 
 
-def test_pixels_without_depth_are_far() -> None:
+def test_pixels_without_depth_are_far_and_black_if_transparent() -> None:
     depth = box_before_wall()
     depth.values[:5] = np.nan
     left, _ = eyes(depth, TEXTURE)
     np.testing.assert_array_equal(left[:5], eyes(box_before_wall(), TEXTURE)[0][:5])
+    cut_out = replace(TEXTURE, transparent=~depth.valid)  # a PNG with alpha
+    sheet = PreviewWriter(side_by_side=True).render(depth, cut_out)[:, :WIDTH]
+    for shown in (eyes(depth, cut_out)[0], sheet):
+        assert (shown[:5].any(), shown[5:].any()) == (False, True)
 
 
 def test_a_pair_needs_the_image(tmp_path: Path) -> None:

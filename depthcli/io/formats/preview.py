@@ -170,7 +170,7 @@ class PreviewWriter(WriterOptions):
         if self.legend:
             image = with_legend(image, colours, near, far, depth.kind)
         if self.side_by_side and frame is not None:
-            image = np.hstack([frame.pixels_8bit(), image])
+            image = np.hstack([frame.pixels_8bit(is_filled=False), image])
         return np.ascontiguousarray(image)
 
 

@@ -45,7 +45,7 @@ class StereoWriter(WriterOptions):
         disparity_px = _sharpened(self._disparity_px(depth, spread or percentiles(depth)))
         low, high = float(disparity_px.min()), float(disparity_px.max())
         near = (disparity_px - np.float32(low)) / np.float32(max(high - low, 1e-6))
-        rgb = np.ascontiguousarray(frame.pixels_8bit())
+        rgb = np.ascontiguousarray(frame.pixels_8bit(is_filled=False))
         left, right = (_eye_view(rgb, disparity_px * np.float32(s), near) for s in (0.5, -0.5))
         if self.stereo_layout is StereoLayout.SIDE_BY_SIDE:
             return np.hstack([left, right])

@@ -86,7 +86,6 @@ def fill_transparent(pixels: AnyArray, alpha: AnyArray) -> tuple[AnyArray, BoolA
     if not hidden.any():
         return None
     seeds = alpha >= _OPAQUE * opaque  # colours of softer edges may be mixed with what was behind
-    seeds = seeds if seeds.any() else ~hidden
     _, labels = cv2.distanceTransformWithLabels(
         (~seeds).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )

@@ -238,14 +238,13 @@ def read_image(
         pixels = upright(pixels, orientation)
     facts = _GPANO.findall(data[:_XMP_BYTES]) or _GPANO.findall(data[-_XMP_BYTES:])
     xmp: dict[bytes, bytes] = dict(reversed(facts))  # an element's end follows its value
-    is_panorama = b"ProjectionType" in xmp  # equirectangular, or cylindrical
+    is_panorama = b"ProjectionType" in xmp and projection is None  # or cylindrical
     whole = xmp.get(b"FullPanoWidthPixels", b"")
     shown = xmp.get(b"CroppedAreaImageWidthPixels", whole)
     if projection == Projection.EQUIRECTANGULAR and shown != whole:
         told = f"{name} shows {shown.decode()} of the {whole.decode()} columns of a panorama"
         raise InputError(told, "give a whole one")
-    panorama = PANORAMA if is_panorama and projection is None else None
-    profile = profile_warning(header.profile or data)
+    doubts = PANORAMA if is_panorama else None, profile_warning(header.profile or data)
     of_eyes = header.warning if eye is None else None
     frame = Frame(
         np.ascontiguousarray(pixels),
@@ -253,7 +252,7 @@ def read_image(
         orientation=orientation,
         focal_35mm=exif.focal_35mm,
         focal_mm=exif.focal_mm,
-        warnings=tuple(filter(None, (of_eyes, *warnings, panorama, profile))),
+        warnings=tuple(filter(None, (of_eyes, *warnings, *doubts))),
         pixel_aspect=decoded.pixel_aspect,
         projection=projection or Projection.PINHOLE,
     )
@@ -272,8 +271,7 @@ def masked(frame: Frame, alpha: AnyArray) -> Frame:
     pixels, hidden = found
     problem = f"{hidden.mean():.0%} of the pixels are transparent and get no depth"
     told = Message(problem, "give {ignore_alpha} to use their colours")
-    warnings = (*frame.warnings, told)
-    return replace(frame, pixels=pixels, transparent=hidden, warnings=warnings)
+    return replace(frame, pixels=pixels, transparent=hidden, warnings=(*frame.warnings, told))
 
 
 def undistorted(frame: Frame, camera: Intrinsics) -> Frame:
