@@ -149,7 +149,9 @@ def test_a_file_is_processed_when_it_is_complete(cli: Cli) -> None:
             for start in range(0, len(whole), 1 + len(whole) // 8):  # longer than a file settles
                 file.write(whole[start : start + 1 + len(whole) // 8])
                 file.flush()
-                time.sleep(0.3)
+                for _ in range(3):  # other files arrive in between
+                    time.sleep(0.1)
+                    (cli.folder / "in" / "notes.txt").write_text("")
         result = next(results)
     assert (result["input"], result["status"]) == ("b.png", "ok")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from threading import Event
 from typing import TypeAlias
@@ -11,7 +12,8 @@ from watchfiles import watch
 
 from depthcli.io.listing.folder import NameFilter, list_folder
 
-_SETTLE_MS = 1000
+_SETTLE_S = 1.0
+_LOOK_MS = 500
 
 
 _Stamp: TypeAlias = tuple[int, int, int]
@@ -33,25 +35,21 @@ class FolderChanges:
 
         A file that is still being written is given when it is complete.
         """
-        unsettled: dict[str, _Stamp] = {}
+        since_s: dict[tuple[str, _Stamp], float] = {}
         is_first = True  # what came before the folder was watched is no change of it
         for changes in watch(
             self._root,
             stop_event=stop,
-            rust_timeout=_SETTLE_MS,
+            rust_timeout=_LOOK_MS,
             yield_on_timeout=True,
             raise_interrupt=False,
         ):
-            if not (changes or unsettled or is_first):
+            if not (changes or since_s or is_first):
                 continue
-            is_first = False
-            found = {
-                name: stamp
-                for name, stamp in self._stamps().items()
-                if self._seen.get(name) != stamp
-            }
-            settled = {name: stamp for name, stamp in found.items() if unsettled.get(name) == stamp}
-            unsettled = {name: stamp for name, stamp in found.items() if name not in settled}
+            is_first, now_s = False, time.monotonic()
+            new = self._stamps().items() - self._seen.items()
+            since_s = {file: since_s.get(file, now_s) for file in new}
+            settled = dict(file for file, at_s in since_s.items() if now_s - at_s >= _SETTLE_S)
             self._seen |= settled
             if settled:
                 yield sorted(settled)
