@@ -70,9 +70,8 @@ class Limits:
 class DepthServer:
     """The application of a server, for uvicorn or another ASGI server.
 
-    ``parse`` makes the options of a request of the names and values in its query. Requests need a
-    token, if there is one, and one of ``hosts`` in their header, which keeps pages of other sites
-    out.
+    ``parse`` makes the options of a request of the names and values in its query. Requests need the
+    token, or, without one, one of ``hosts`` in their header: pages of other sites have neither.
     """
 
     def __init__(
@@ -92,6 +91,8 @@ class DepthServer:
         self._requests = Counter("depthcli_requests", "Requests.", ["status"], registry=to)
         self._seconds = Histogram("depthcli_seconds", "Seconds of an image.", registry=to)
         self._waiting = Gauge(_IN_FLIGHT, "Images in work or waiting.", registry=to)
+        # Before 1.7, Starlette cuts hosts at the first colon; no name begins with a bracket.
+        allowed = ["*"] if token else [*hosts, "[::1]", "["]
         routes = [
             Route("/", self._page),
             Route("/health", self._health),
@@ -100,7 +101,7 @@ class DepthServer:
         ]
         self.app: ASGIApp = Starlette(
             routes=routes,
-            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=list(hosts))],
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=allowed)],
             exception_handlers={HTTPException: self._failed},
         )
 

@@ -158,14 +158,21 @@ def test_answers_503_when_an_image_takes_too_long(cli: Cli) -> None:
 def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
     refused = cli("serve", "--host", ANY_ADDRESS, "--port", "0")
     assert refused.returncode == 2
-    words = ("--host", ANY_ADDRESS, "--allow-host", "127.0.0.1")
+    words = ("--host", ANY_ADDRESS)
     with serving(cli, *words, DEPTHCLI_TOKEN="secret") as server:  # noqa: S106 - of a test
         local = server._replace(address=server.address.replace(ANY_ADDRESS, "127.0.0.1"))
+        pod = {"Host": "10.0.0.5:8000"}  # as kubelet: kubeflow/mcp-server#91
+        assert local.ask("/health", headers=pod).status == 200
         statuses = [
             local.predict(png(), {"Authorization": f"Bearer {token}"}).status
             for token in ("secret", "other", "")
         ]
         assert (statuses, local.ask("/metrics").status) == ([200, 401, 401], 401)
+
+
+def test_listens_at_the_loopback_of_ipv6(cli: Cli) -> None:
+    with serving(cli, "--host", "::1") as server:
+        assert server.ask("/health").status == 200
 
 
 def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:

@@ -45,8 +45,8 @@ class ListenOptions:
         f"than loopback. Default: the variable {_TOKEN}."
     )
     allow_host: list[str] | None = options.option(
-        "Further host name by which clients may call this server, such as that of a proxy; "
-        "repeatable."
+        "Further host name by which clients may call a server without a token, such as that of a "
+        "proxy; repeatable."
     )
 
 
@@ -101,7 +101,7 @@ def serve(
         parse_request,
         Limits(count, limits.queue, limits.timeout, limits.max_bytes, limits.max_pixels),
         token=token,
-        hosts=(*LOOPBACK, listen.host, *(listen.allow_host or ())),
+        hosts=(*LOOPBACK, *(listen.allow_host or ())),
     )
     if not quiet:
         console.warn_all(server.session.warnings)
