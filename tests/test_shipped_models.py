@@ -33,11 +33,11 @@ REFERENCES = {
     ("prompted", "bilinear"): REFERENCE / "prompted-room.npy",
 }
 LOSSY_M = {
-    "default": 0.1,
+    "default": 0.11,
     "fast": 0.1,
     "float": 0.02,
     "prompted": 0.1,
-}  # int8 sums are rounded elsewhere on other processors
+}  # int8 sums are rounded elsewhere on other processors, and by onnxruntime before 1.27
 
 
 @pytest.fixture(scope="module", params=MODELS)
@@ -142,7 +142,7 @@ def test_readme_states_how_far_its_room_is_off() -> None:
     fitted = depthcli.load_model(provider="cpu").predict(ROOT / "docs/room.jpg", anchors=points)
     assert fitted.model == "prompted"  # as of the command
     found_m = [np.median(true_m), np.median(depth.values), np.median(fitted.values)]
-    assert found_m == pytest.approx([float(said[i]) for i in (1, 2, 5)], abs=0.02)
+    assert found_m == pytest.approx([float(said[i]) for i in (1, 2, 5)], abs=0.03)
     for point in points:
         assert true_m[point.y, point.x] == pytest.approx(point.depth_m, abs=0.01)
 
