@@ -134,11 +134,8 @@ def test_no_option_of_a_request_names_a_file() -> None:
     assert not [p.name for p in taken if p.metavar in {"FILE", "DIR", "PATH"}]
 
 
-def test_a_request_may_ask_for_the_mask_of_the_model() -> None:
-    assert parse_request((("mask", "model"),)).detail.mask is DepthMask.MODEL
-
-
 def test_a_request_may_name_options_as_the_command_does() -> None:
+    assert parse_request((("mask", "model"),)).detail.mask is DepthMask.MODEL
     assert parse_request((("focal-px", "50"),)) == parse_request((("focal_px", "50"),))
 
 
@@ -158,8 +155,7 @@ def test_answers_503_when_an_image_takes_too_long(cli: Cli) -> None:
 def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
     refused = cli("serve", "--host", ANY_ADDRESS, "--port", "0")
     assert refused.returncode == 2
-    words = ("--host", ANY_ADDRESS)
-    with serving(cli, *words, DEPTHCLI_TOKEN="secret") as server:  # noqa: S106 - of a test
+    with serving(cli, "--host", ANY_ADDRESS, DEPTHCLI_TOKEN="secret") as server:  # noqa: S106
         local = server._replace(address=server.address.replace(ANY_ADDRESS, "127.0.0.1"))
         pod = {"Host": "10.0.0.5:8000"}  # as kubelet: kubeflow/mcp-server#91
         assert local.ask("/health", headers=pod).status == 200
@@ -170,19 +166,15 @@ def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
         assert (statuses, local.ask("/metrics").status) == ([200, 401, 401], 401)
 
 
-def test_listens_at_the_loopback_of_ipv6(cli: Cli) -> None:
-    with serving(cli, "--host", "::1") as server:
-        assert server.ask("/health").status == 200
-
-
 def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         done = cli("serve", "--port", str(taken.getsockname()[1]))
     assert (done.returncode, b"--port" in done.stderr, done.stderr.count(b"\n")) == (2, True, 1)
 
 
-def test_states_health_and_metrics_and_shows_a_page(cli: Cli) -> None:
-    with serving(cli) as server:
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+def test_states_health_and_metrics_and_shows_a_page(cli: Cli, host: str) -> None:
+    with serving(cli, "--host", host) as server:
         server.predict(png())
         health = json.loads(server.ask("/health").body)
         assert (health["status"], health["in_flight"]) == ("ok", 0)
