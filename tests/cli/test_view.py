@@ -41,7 +41,8 @@ def test_page_is_opened_in_the_browser(inside: Cli, files: Path) -> None:
 
 
 def test_map_without_metres_makes_no_page(inside: Cli, files: Path) -> None:
-    inside("view", "d.npy", "--from-kind", "relative", code=1)
+    done = inside("view", "d.npy", "--from-kind", "relative", code=1)
+    assert b"predict with --anchors" in done.stderr  # view itself has no such option
     assert not (files / "d.html").exists()
 
 

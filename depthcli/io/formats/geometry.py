@@ -45,7 +45,7 @@ def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
     if not depth.is_metric:
         raise OutputError(
             f"a point in space needs metres, and {depth.kind} depth has none",
-            "fit it to known depth with {anchors}",
+            "predict with {anchors} of known depth",
         )
     source = depth.provenance
     if source.is_cropped:

@@ -30,9 +30,7 @@ class StereoWriter(WriterOptions):
         if depth.is_metric:
             return camera_of(depth)[1]
         told = f"{depth.kind} depth has no metres: near and far are {_SHARE:.0%} of the width apart"
-        return (
-            Message(told, "fit it to known depth with {anchors} for {convergence_m} in metres"),
-        )
+        return (Message(told, "predict with {anchors} for {convergence_m} in metres"),)
 
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
