@@ -78,7 +78,9 @@ def intervals(file_name: str, head: str, scaled: tuple[str, ...] = ()) -> str:
         found[one["align"]][one["minus"].removesuffix("-seed1")] = one["intervals"]
     lines = [[head, *METRICS, *(f"{metric}, scaled" for metric in scaled)]]
     lines.append(["---"] * len(lines[0]))
-    texts = {"per-pixel mean": "per-pixel mean"} | {name: f"`{name}`" for name in BASELINES}
+    texts = {"per-pixel mean": "per-pixel mean"}
+    if scaled:  # over both seeds; the page has each baseline once
+        texts |= {name: f"`{name}`" for name in BASELINES}
     for name, text in (texts | {name: text for name, (text, _) in CONTROLS.items()}).items():
         if name in found["none"]:
             cells = [_interval(found["none"][name][metric]) for metric in METRICS]
