@@ -254,6 +254,18 @@ def test_npz_of_other_programs(names: tuple[str, ...], tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.npz").depth.values, DEPTH_M)
 
 
+def test_npz_states_the_camera_of_each_map(tmp_path: Path) -> None:
+    """Depth Anything 3 writes depth (N, H, W) and intrinsics (N, 3, 3) in pixels of the maps."""
+    cameras = np.array([np.eye(3), [[5, 0, 1.25], [0, 4, 1], [0, 0, 1]]], np.float32)
+    np.savez(tmp_path / "a.npz", depth=np.stack([DEPTH_M, DEPTH_M]), intrinsics=cameras)
+    first, second = (
+        read_stored_depth(tmp_path / "a.npz", DepthReadOptions(frame=i)).depth.provenance
+        for i in range(2)
+    )
+    assert (second.focal_px, second.centre_px, second.pixel_aspect) == (5, (1.25, 1), 0.8)
+    assert first.focal_px is None  # in widths of the map, or none
+
+
 @pytest.mark.parametrize("name", ["disp", "inverse_depth"])
 def test_names_of_arrays_imply_inverse_depth(name: str, tmp_path: Path) -> None:
     """As of stereo networks and MiDaS, of which 0.17 took the numbers for metres."""

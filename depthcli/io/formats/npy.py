@@ -53,18 +53,19 @@ class NpzWriter:
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of one array of floats, or of integers of a known scale."""
-    data, own, name = read_bytes(path), dict[str, str](), ""
+    data, own, name, cameras = read_bytes(path), dict[str, str](), "", np.empty(0)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the header is read as Python, which may warn
             if path.suffix.lower() == ".npz":
-                name, values, own = _named_array(data)
+                name, values, own, cameras = _named_array(data)
             else:
                 values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     except Exception as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
     options = options.for_name(name)
     values = _map_of(values, path, options.frame)
+    own = own or _camera_texts(cameras, options.frame or 0, values.shape[1])
     is_bare = options.scale is None and options.unstated_scale is None
     if is_bare and options.kind not in {None, *METRIC}:
         values = np.asarray(values, np.float32)  # 0 is a value if there is no unit
@@ -75,15 +76,28 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     return found
 
 
-def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str]]:
-    """Name and values of the array of an NPZ that holds depth, and metadata of depthcli."""
+def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], AnyArray]:
+    """Name and values of the array of an NPZ with depth, metadata of depthcli, and intrinsics."""
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
         if any(member.file_size > _MAX_BYTES for member in arrays.zip.infolist()):
             raise ValueError("larger than any depth map")
         own = json.loads(str(arrays["depthcli"])) if "depthcli" in arrays else {}
         names = [name for name in arrays.files if name != "depthcli"]
         name = next((name for name in _NAMES if name in names), names[0] if len(names) == 1 else "")
-        return name, np.asarray(arrays[name]), {str(key): str(text) for key, text in own.items()}
+        own = {str(key): str(text) for key, text in own.items()}
+        cameras = arrays["intrinsics"] if "intrinsics" in arrays else np.empty(0)
+        return name, np.asarray(arrays[name]), own, cameras
+
+
+def _camera_texts(matrices: AnyArray, frame: int, width: int) -> dict[str, str]:
+    """Metadata of intrinsics in pixels of a map, (N, 3, 3) or (3, 3), as of Depth Anything 3."""
+    if matrices.shape[-2:] != (3, 3) or matrices.dtype.kind != "f":
+        return {}
+    for (fx, _, x), (_, fy, y), _ in matrices.reshape(-1, 3, 3)[frame : frame + 1].tolist():
+        if fx > 0 and 1 < x < width:  # others are in widths of the map
+            centre = f"{x:.9g},{y:.9g}"
+            return {"focal_px": f"{fx:.9g}", "centre_px": centre, "pixel_aspect": f"{fy / fx:.6g}"}
+    return {}
 
 
 def _map_of(values: AnyArray, path: Path, frame: int | None) -> AnyArray:
