@@ -65,7 +65,11 @@ def test_a_batch_that_is_left_goes_on(tmp_path: Path) -> None:
         first = next(batch)
     told = {first.row.input, *(result.row.input for result in batch.late)}
     assert batch.tally.completed == len(told)
-    again = list(Batch(request(tmp_path)))
+    stale = next(tmp_path.rglob("*.depth.png")).with_name(".depthcli-0123456789abcdef.png")
+    stale.touch()
+    resumed = Batch(request(tmp_path))
+    assert not stale.exists()  # before anything is written: it may have filled the disk
+    again = list(resumed)
     assert {result.row.input for result in again if result.is_kept} == told
     assert [result.row.input for result in again] == list(NAMES)
     assert all(result.is_kept for result in Batch(request(tmp_path)))

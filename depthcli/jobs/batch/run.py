@@ -108,6 +108,7 @@ class Batch(Iterator[BatchResult]):
         self._rows = RowsFolder(plan.out)
         self._journal: Journal | None = Journal(self._rows.path, plan.shard)
         self.manifest = plan.out / self._journal.manifest.name
+        self._remove_stale()  # of killed runs, which may fill the disk
         self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings, *focal)
         self.tally = Tally(len(plan.inputs))
         self._max_failures = request.max_failures
@@ -161,8 +162,11 @@ class Batch(Iterator[BatchResult]):
             self.tally.add(result)
         journal.finish(names, keep_failed=self._plan.is_part)
         self._rows.finish(journal.manifest)
+        self._remove_stale()  # of this run: workers of a cluster can be killed
+
+    def _remove_stale(self) -> None:
         for folder in self._plan.folders() if self._plan.shard == WHOLE else ():
-            remove_stale(folder)  # of this run, too: workers of a cluster can be killed
+            remove_stale(folder)
 
 
 @dataclass(frozen=True, slots=True)
