@@ -19,7 +19,7 @@ class InputOptions:
     """Input."""
 
     picture: str | None = groups.option(
-        "Image of the same size: colours, and the camera of depth that states none.", metavar="IMG"
+        "Image of the same size, for colours and the camera of depth without one.", metavar="IMG"
     )
     include: list[str] | None = groups.option(
         "Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.", metavar="GLOB"

@@ -10,7 +10,7 @@ from depthcli.io.formats.table import Format, WriterOptions, stem_of
 def view(
     file: groups.FileArgument,
     image: str | None = typer.Argument(
-        None, metavar="[IMAGE]", help="Image of the same size: colours (else a preview's), camera."
+        None, metavar="[IMAGE]", help="Its image, for colours (else a preview's) and the camera."
     ),
     *,
     out: str | None = typer.Option(

@@ -91,9 +91,8 @@ def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], AnyArray]:
 
 def _camera_texts(matrices: AnyArray, frame: int, width: int) -> dict[str, str]:
     """Metadata of intrinsics in pixels of a map, (N, 3, 3) or (3, 3), as of Depth Anything 3."""
-    if matrices.shape[-2:] != (3, 3) or matrices.dtype.kind != "f":
-        return {}
-    for (fx, _, x), (_, fy, y), _ in matrices.reshape(-1, 3, 3)[frame : frame + 1].tolist():
+    own = matrices.reshape(-1, 3, 3)[frame : frame + 1] if matrices.shape[-2:] == (3, 3) else ()
+    for (fx, _, x), (_, fy, y), _ in own:
         if fx > 0 and 1 < x < width:  # others are in widths of the map
             centre = f"{x:.9g},{y:.9g}"
             return {"focal_px": f"{fx:.9g}", "centre_px": centre, "pixel_aspect": f"{fy / fx:.6g}"}
