@@ -40,7 +40,7 @@ _COLMAP_MODELS = (
 _ONE_FOCAL = re.compile(r"SIMPLE_|RADIAL")
 _MAX_BYTES = 2**20
 _MAX_PX = 1e6
-_SQUARE = 0.01  # largest difference of fx and fy of square pixels, as a share
+_SQUARE = 0.001  # largest difference of fx and fy of square pixels, as a share
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
     FAST-LIVO2; and a text file with a 3×3 or 4×4 matrix.
 
     Of a ``CameraInfo`` with a region of interest, it is the camera of the images of that region.
-    Its focal length is the geometric mean of fx and fy, or fx if they differ by more than 1 %. Its
+    Its focal length is the geometric mean of fx and fy, or fx if they differ by over .1 %. Its
     ``hfov_deg`` is for ``predict``, its ``pixel_aspect`` for a ``Frame``, its
     ``centre_for(width, height)`` for the ``centre_px`` of point clouds. A file without the size of
     the images, such as a matrix as text, is for images of the size that it was made with.
