@@ -124,7 +124,7 @@ def _distortion(camera: _Camera) -> Distortion | None:
 def _coefficients_in(tree: Mapping[str, Any]) -> tuple[tuple[float, ...], str]:
     """Coefficients of distortion in the order of its model, and that model's name."""
     model = next((str(tree[name]) for name in _MODELS if name in tree), "").lower()
-    if _number(tree.get("fisheye_model")) == 1:  # of OpenCV's program
+    if 1 in {_number(tree.get(name)) for name in ("fisheye_model", "is_fisheye")}:  # OpenCV, NeRF
         model = "fisheye"
     named = {n: _number(tree[n]) for n in tree if _COEFFICIENTS.fullmatch(n)}
     if not any(named.values()):

@@ -246,7 +246,8 @@ def test_calibrations_of_other_programs(tmp_path: Path, name: str) -> None:
     assert (found.size_px, found.distortion, found.pixel_aspect) == ((640, 480), None, 1)
 
 
-FISHEYE = ("equidistant", "EquidistantCamera", '"KannalaBrandt8"', "SIMPLE_RADIAL_FISHEYE")
+NGP = '"k1": 0.02, "k2": 0, "p1": 0, "is_fisheye": true'  # of colmap2nerf
+FISHEYE = ("equidistant", "EquidistantCamera", '"KannalaBrandt8"', "SIMPLE_RADIAL_FISHEYE", NGP)
 FOV = "[0.9]\n  distortion_model: fov"
 
 
@@ -258,6 +259,7 @@ FOV = "[0.9]\n  distortion_model: fov"
         ("kalibr.yaml", "[0, 0, 0, 0]\n  distortion_model: radtan", FOV, ()),
         ("transforms.json", '"k1": 0', '"p1": 0.2, "k2": 0.01', (0, 0.01, 0.2, 0, 0)),
         ("transforms.json", '"k1": 0', '"k4": 0.01', ()),  # not that of OpenCV
+        ("transforms.json", '"k1": 0', NGP, (0.02, 0, 0, 0)),
         ("orb_slam.yaml", "k1: 0.0", "k1: 0.26", (0.26, 0, 0, 0, 0)),
         ("orb_slam.yaml", '"PinHole"', '"KannalaBrandt8"', (0, 0, 0, 0)),
         ("vins.yaml", "k1: 0", "k1: -0.1", (-0.1, 0, 0, 0)),
