@@ -6,6 +6,7 @@ import re
 import zlib
 from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, cast
 
@@ -21,6 +22,7 @@ from depthcli.errors import InputError
 from depthcli.video.container import open_video
 
 _CHECKED_CODEC = "ffv1"
+_WITH_ALPHA = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  #: FFmpeg's own decoders leave it out
 _MATROSKA = "matroska,webm"
 _STATED_NUMBER: Final = "matroska_block_additional"
 _ID_BYTES = 8
@@ -57,6 +59,10 @@ class FrameDecoder:
         self._has_checksums = True if is_own else None
         self._is_intact = True
         stream.codec_context.copy_opaque = True
+        self._context = stream.codec_context
+        with_alpha = _WITH_ALPHA.get(self._context.name, "")
+        if stream.metadata.get("alpha_mode") == "1" and with_alpha in av.codecs_available:
+            self._context = cast("VideoCodecContext", av.CodecContext.create(with_alpha, "r"))
         self._packets = container.demux(stream)
         self._frames = self._decoded()
 
@@ -80,7 +86,7 @@ class FrameDecoder:
                     continue
                 packet.opaque = _stated_number(packet)
             try:
-                frames = packet.decode()
+                frames = self._context.decode(packet)
             except (av.FFmpegError, EOFError):
                 self._failed += 1
                 continue
@@ -122,11 +128,9 @@ class FrameDecoder:
         context.options = {"err_detect": "explode"}
         is_whole = False
         for packet in self._since_keyframe:
-            try:
+            with suppress(av.FFmpegError, EOFError):
                 context.decode(packet)
                 is_whole = packet is marked
-            except (av.FFmpegError, EOFError):
-                is_whole = False
         return is_whole
 
     def _packet(self) -> Packet[VideoStream] | None:
@@ -174,9 +178,8 @@ def has_valid_slices(packet: bytes) -> bool:
     """
     end = len(packet)
     while end > 0:
-        start = (
-            end - _SLICE_FOOTER_BYTES - int.from_bytes(packet[max(0, end - 8) : max(0, end - 5)])
-        )
+        size = int.from_bytes(packet[max(0, end - 8) : max(0, end - 5)])
+        start = end - _SLICE_FOOTER_BYTES - size
         # CRC-32 with the most significant bit first and an initial value of 0, bit-reversed.
         data = packet[max(0, start) : end].translate(_BIT_REVERSED)
         if start < 0 or zlib.crc32(data, _ONES) ^ _ONES:

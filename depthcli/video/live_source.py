@@ -82,7 +82,8 @@ class LiveReader:
 
     def __init__(self, stream: LiveStream, number: int | None = None) -> None:
         """Begin to read; ``number`` is that of the video stream, None for the best one."""
-        self.counts, self.problem, self.rate = LiveCounts(), None, FALLBACK_RATE
+        self.counts, self.rate = LiveCounts(), FALLBACK_RATE
+        self.problem: str | None = None
         self.pixel_aspect: Fraction | None = None
         self._stream, self._number = stream, number
         self._news = threading.Condition()
@@ -91,8 +92,6 @@ class LiveReader:
         self._has_ended = False
         # A daemon, as FFmpeg may wait for data of a stream that is not wanted any more.
         threading.Thread(target=self._run, daemon=True).start()
-
-    problem: str | None
 
     def next(self) -> LiveFrame | None:
         """Wait for a frame that was not returned yet; None when the stream ended or was stopped."""

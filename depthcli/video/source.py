@@ -30,6 +30,7 @@ _NUMBERED_FORMATS = {"avi", "mxf"}
 
 _AVI = "avi"
 _AVI_UNKNOWN_FRAMES = 1 << 30  # as FFmpeg states in an AVI that it writes into a pipe
+_MISSING_SHARE = 200
 
 
 def _stated_rate(container: InputContainer, stream: VideoStream) -> Fraction | None:
@@ -47,9 +48,6 @@ def _stated_frames(container: InputContainer, stream: VideoStream, rate: Fractio
     if stream.duration:
         length_s = stream.duration * (stream.time_base or 1 / rate)
     return stream.frames or round(length_s * rate) or None
-
-
-_MISSING_SHARE = 200
 
 
 class VideoSource(clock.FrameSource):

@@ -159,7 +159,9 @@ def test_a_panorama_is_read_as_one_on_request(
     assert len(source.warnings) == (projection is None)
 
 
-@pytest.mark.parametrize(("codec", "pixel_format"), [("png", "rgba"), ("qtrle", "argb")])
+@pytest.mark.parametrize(  # the last in WebM, as stickers are: mpv issue 10304
+    ("codec", "pixel_format"), [("png", "rgba"), ("qtrle", "argb"), ("libvpx-vp9", "yuva420p")]
+)
 def test_transparent_pixels_of_a_video_have_no_depth(
     codec: str, pixel_format: str, tmp_path: Path
 ) -> None:
@@ -167,17 +169,16 @@ def test_transparent_pixels_of_a_video_have_no_depth(
     frame[..., 3] = 255
     frame[:, 40:] = (255, 255, 255, 0)
     frames = [frame, frame, frame * 0]
-    path = encode(tmp_path / "a.mov", frames, Fraction(25), codec, pixel_format)
+    path = tmp_path / ("a.mov" if "rgb" in pixel_format else "a.webm")
+    encode(path, frames, Fraction(25), codec, pixel_format)
     source, frames = read(path)
-    hidden = frames[0].transparent
-    assert hidden[:, 40:].all()
-    assert not hidden[:, :40].any()
-    assert np.unique(frames[0].pixels).tolist() == [90]
+    np.testing.assert_array_equal(frames[0].transparent, frame[..., 3] == 0)
+    np.testing.assert_allclose(frames[0].pixels, 90, atol=1)
     assert len(source.warnings) == 1
     assert np.asarray(frames[2].transparent).all()
     source, frames = read(path, options=ReadOptions(ignore_alpha=True))
     assert frames[0].transparent is None
-    assert frames[0].pixels[0, 50].tolist() == [255, 255, 255]
+    assert frames[0].pixels[0, 50].min() >= 254
 
 
 def test_levels_stretch_the_range_of_a_thermal_video(tmp_path: Path) -> None:
@@ -195,8 +196,7 @@ def test_levels_stretch_the_range_of_a_thermal_video(tmp_path: Path) -> None:
 
 def test_multipart_jpeg_of_network_cameras_is_read(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 255, (240, 320, 3), np.uint8)
-    ok, jpeg = cv2.imencode(".jpg", noise)
-    assert ok
+    _, jpeg = cv2.imencode(".jpg", noise)
     part = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n"
     (tmp_path / "a.mjpeg").write_bytes(part % (jpeg.size, jpeg.tobytes()) * 5)
     _, frames = read(tmp_path / "a.mjpeg")
