@@ -25,7 +25,6 @@ from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import FORMATS, Format, writer_class
-from depthcli.io.images.png import encode_png
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict import PictureResult
 
@@ -124,20 +123,9 @@ DEPTH = DepthMap(DEPTH_M, provenance=STATED)
 RELATIVE = DepthReadOptions(kind=DepthEncoding.RELATIVE)
 
 
-def write_steps(path: Path, steps: np.ndarray) -> None:
-    """A 16-bit PNG without texts."""
-    path.write_bytes(encode_png(steps.astype(np.uint16), {}))
-
-
 def write_map(path: Path, values: np.ndarray) -> None:
     """A map in a file without metadata."""
-    match path.suffix:
-        case ".png":
-            write_steps(path, values * 1000)
-        case ".exr":
-            OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Z": values}).write(str(path))
-        case _:
-            np.save(path, values)
+    write(path, (values * 1000).astype(np.uint16) if path.suffix == ".png" else values)
 
 
 def is_used(stored: StoredDepth) -> bool:
@@ -158,7 +146,7 @@ def test_a_sidecar_of_another_size_is_ignored(suffix: str, tmp_path: Path) -> No
     path = tmp_path / f"a{suffix}"
     SidecarWriter().write(DEPTH, tmp_path / "a.json")
     for values, expected in ((DEPTH_M, True), (DEPTH_M[:, ::3], False), (DEPTH_M[::2], False)):
-        write_map(path, np.ascontiguousarray(values))
+        write_map(path, values)
         stored = read_stored_depth(path)
         assert is_used(stored) is expected
         assert ("focal_px" in read_metadata(path)) is expected
@@ -193,7 +181,7 @@ def test_a_png_that_is_saved_again_has_the_scale_of_its_sidecar(
     Png16Writer(**options).write(depth, path)
     SidecarWriter(**options).write(depth, tmp_path / "a.json")
     before = read_stored_depth(path)
-    write_steps(path, cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+    write(path, cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
     after = read_stored_depth(path)
     assert (after.scale, after.depth.kind) == (before.scale, kind)
     np.testing.assert_allclose(after.depth.values, before.depth.values, rtol=1e-6)
@@ -202,7 +190,7 @@ def test_a_png_that_is_saved_again_has_the_scale_of_its_sidecar(
 
 def test_frame_has_the_scale_of_the_video_sidecar(tmp_path: Path) -> None:
     path = tmp_path / "a.depth.000007.png"
-    write_steps(path, DEPTH_M * 256)
+    write(path, (DEPTH_M * 256).astype(np.uint16))
     sidecar = {"software": "depthcli 0.9.0", "frames": 9, "scale": 256.0, "times_s": {"7": 0.5}}
     (tmp_path / "a.depth.json").write_text(json.dumps(sidecar))
     assert read_stored_depth(path).scale == (256, "file")
@@ -325,6 +313,13 @@ def test_the_sky_of_a_renderer_is_no_depth(background: float, tmp_path: Path) ->
     stored = read_stored_depth(write(tmp_path / "a.exr", values, "ViewLayer.Depth.Z"))
     assert stored.depth.valid.tolist() == [[False] * 8, *[[True] * 8] * 5]
     assert len(stored.warnings) == (background != np.inf)
+
+
+def test_65535_of_other_programs_is_no_depth(tmp_path: Path) -> None:
+    """As 7-Scenes, Taskonomy and Virtual KITTI have it."""
+    path = write(tmp_path / "frame-000000.depth.png", np.uint16([[65535, 2000]]))
+    assert depth_of(path).tolist() == [[np.inf, 2]]
+    assert depth_of(path, kind=DepthEncoding.INVERSE).tolist() == [[65535, 2000]]
 
 
 @pytest.mark.parametrize("hole", [None, 0.0, 1e10, -np.inf])

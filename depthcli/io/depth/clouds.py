@@ -83,9 +83,6 @@ def projected(cloud_m: _Values, camera: Intrinsics) -> AnchorPoints:
     return AnchorPoints(x, y, seen_m[chosen], camera.size_px, warnings, may_be_outside=True)
 
 
-_TRIPLE = 3  # column, row and point of an observation
-
-
 @dataclass(frozen=True, slots=True)
 class _Image:
     """What a reconstruction knows of an image."""
@@ -200,7 +197,7 @@ def _images_of_text(text: str) -> Iterator[tuple[str, _Image]]:
     for line in lines:
         if line.strip():
             _, *numbers, camera, name = line.split(maxsplit=9)
-            seen = np.array(next(lines, "").split(), np.float64).reshape(-1, _TRIPLE)
+            seen = np.array(next(lines, "").split(), np.float64).reshape(-1, 3)
             yield name.strip(), _Image(tuple(map(float, numbers)), int(camera), seen)
 
 

@@ -100,10 +100,8 @@ class StoredDepth:
         warnings = metadata.warnings
         if options.kind not in {None, encoding}:
             warnings += (f"{path} states {encoding} depth, so it is not read as {options.kind}",)
-        if is_integer and scale is None and texts.get("scale") in facts.NORMALIZED:
-            values = _unnormalized(stored, texts)
-        elif is_integer:
-            values = facts.dequantized(stored, units)
+        if is_integer:
+            values = _of_integers(stored, texts, scale, encoding)
         else:
             with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 there is no depth
                 values = np.ascontiguousarray(stored, np.float32)
@@ -165,8 +163,7 @@ def stored_depth(
     ``stored`` is (H, W) integers, of which 0 is no depth, or floats; ``own`` what the file states,
     as of ``metadata_texts``; ``frame`` has the windows of an EXR.
     """
-    height, width = stored.shape
-    size_px = frame.display_size_px if frame else (width, height)
+    size_px = frame.display_size_px if frame else stored.shape[::-1]
     return StoredDepth.of(path, stored, with_sidecar(path, own, size_px), options, frame)
 
 
@@ -179,13 +176,20 @@ def stated_range(texts: Mapping[str, str]) -> tuple[float, float] | None:
     return (low, high) if -_FARTHEST < low <= high < _FARTHEST else None
 
 
-def _unnormalized(steps: AnyArray, texts: Mapping[str, str]) -> Float32Array:
-    """Depth of integers that span its range, or that of 1/depth; of millimetres without a range."""
-    ends = stated_range(texts)
-    if ends is None:
-        return facts.dequantized(steps, MILLIMETRES)
-    values = facts.denormalized(steps, *ends)
-    return reciprocal(values) if texts["scale"] == "inverse" else values
+def _of_integers(
+    steps: AnyArray, texts: Mapping[str, str], scale: facts.DepthScale | None, kind: DepthEncoding
+) -> Float32Array:
+    """Depth of integers, also of ones that span its range, or that of 1/depth."""
+    units = scale.units_per_metre if scale else 1.0
+    if scale is None and texts.get("scale") in facts.NORMALIZED:
+        if ends := stated_range(texts):
+            values = facts.denormalized(steps, *ends)
+            return reciprocal(values) if texts["scale"] == "inverse" else values
+        units = MILLIMETRES
+    values = facts.dequantized(steps, units)
+    if kind in {DepthEncoding.METRIC, DepthEncoding.DISTANCE} and "software" not in texts:
+        values[steps == facts.UINT16_MAX] = np.inf  # unknown, or farther
+    return values
 
 
 def _without_background(values: Float32Array, name: str) -> tuple[Float32Array, tuple[str, ...]]:
@@ -196,8 +200,7 @@ def _without_background(values: Float32Array, name: str) -> tuple[Float32Array, 
     warnings: tuple[str, ...] = ()
     sky = np.isfinite(values) & ((values >= _BACKGROUND) | (values == _HALF_BACKGROUND))
     if sky.any():
-        number = float(values[sky].max())
-        warnings = (f"{name}: {np.count_nonzero(sky)} pixels of {number:g} are taken as no depth",)
+        warnings = (f"{name}: {sky.sum()} pixels of {values[sky].max():g} are taken as no depth",)
         values = np.where(sky, np.float32(np.nan), values)
     finite = values[np.isfinite(values)]
     if finite.size and finite.max() <= 0 and ((finite < 0) & (finite != -1)).any():
