@@ -18,7 +18,7 @@ from depthcli.io.storage.atomic import write_text
 from depthcli.io.storage.paths import config_folder, path_of, read_bytes, read_regular
 
 _ADVICE = "name the calibration of a camera"
-_SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"))
+_SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"), ("W", "H"))
 _MATRICES = ("camera_matrix", "K", "k", "CameraMat")
 _PROJECTIONS = ("projection_matrix", "P", "p")
 _DISTORTIONS = re.compile(r"(?i:dist(?!ance))\w*|coeffs|[Dd]|d\d")  # nodes with coefficients
@@ -29,6 +29,7 @@ _MODELS = ("distortion_model", "camera_model", "type", "model_type", "model")
 _FISHEYE = re.compile(r"equidistant|fisheye|kannala")
 _OTHER_MODELS = re.compile(r"fov|division|thin_prism|omni|(inverse|modified)_brown|another")
 _LISTS = ("intrinsics", "intrinsic", "calibration")  # nodes with fx, fy, cx, cy and distortion
+_GROUPS = ("camera", "cam", "camera_params")  # of Replica, NICE-SLAM and SplaTAM
 _NORMALIZED = 10  # MoGe, DUSt3R and RealEstate10K state intrinsics in shares of the size
 _COLMAP_LINE = re.compile(r"\d+\s+[A-Z_]{3,}\s+\d+\s+\d+(\s+\S+)+")
 # Models of COLMAP's src/colmap/sensor/models.h by id; those with one focal length; a count.
@@ -193,7 +194,8 @@ def _unwrapped(tree: Mapping[str, Any], path: Path) -> dict[str, Any]:
     tree = {re.sub(r"Camera1?\.|^cam_", "", str(name)): value for name, value in tree.items()}
     tree |= tree.pop("projection_parameters", {})  # of VINS
     nested = [name for name in tree if re.fullmatch(r"cam\d+", name)]
-    nested = nested or [name for name in _LISTS if isinstance(tree.get(name), Mapping)]
+    for names in (_LISTS, _GROUPS):
+        nested = nested or [name for name in names if isinstance(tree.get(name), Mapping)]
     cameras = [tree.pop(name) for name in nested]
     for camera in cameras:
         is_pinhole = isinstance(camera, Mapping) and camera.get("camera_model") in {None, "pinhole"}
@@ -323,8 +325,6 @@ def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
 
 
 _KEPT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-
-
 _KEPT = ("hfov_deg", "centre_px", "size_px", "pixel_aspect", "distortion")  # in 0.22 the first
 
 

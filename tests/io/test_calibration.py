@@ -231,10 +231,12 @@ DIALECTS = {
         "cam_model: Pinhole\ncam_width: 640\ncam_height: 480\nscale: 0.5\ncam_fx: 431.5\n"
         "cam_fy: 431.5\ncam_cx: 337.8\ncam_cy: 250.7\ncam_d0: 0\ncam_d1: 0\ncam_d2: 0\ncam_d3: 0\n"
     ),
+    "nice_slam.yaml": "cam: {H: 480, W: 640, fx: 431.5, fy: 431.5, cx: 337.8, cy: 250.7}",
     "fields.json": (
         '{"width": 640, "height": 480, "fx": 431.5, "fy": 431.5, "cx": 337.8, "cy": 250.7}'
     ),
 }
+DIALECTS["replica.json"] = f'{{"camera": {DIALECTS["fields.json"]}}}'
 
 
 @pytest.mark.parametrize("name", DIALECTS)
@@ -248,7 +250,6 @@ def test_calibrations_of_other_programs(tmp_path: Path, name: str) -> None:
 
 NGP = '"k1": 0.02, "k2": 0, "p1": 0, "is_fisheye": true'  # of colmap2nerf
 FISHEYE = ("equidistant", "EquidistantCamera", '"KannalaBrandt8"', "SIMPLE_RADIAL_FISHEYE", NGP)
-FOV = "[0.9]\n  distortion_model: fov"
 
 
 @pytest.mark.parametrize(
@@ -256,7 +257,7 @@ FOV = "[0.9]\n  distortion_model: fov"
     [
         ("kalibr.yaml", "[0, 0, 0, 0]", "[0, -0.28, 0, 0]", (0, -0.28, 0, 0)),
         ("kalibr.yaml", "radtan", "equidistant", (0, 0, 0, 0)),
-        ("kalibr.yaml", "[0, 0, 0, 0]\n  distortion_model: radtan", FOV, ()),
+        ("kalibr.yaml", "0]\n  distortion_model: radtan", "0.9]\n  distortion_model: fov", ()),
         ("transforms.json", '"k1": 0', '"p1": 0.2, "k2": 0.01', (0, 0.01, 0.2, 0, 0)),
         ("transforms.json", '"k1": 0', '"k4": 0.01', ()),  # not that of OpenCV
         ("transforms.json", '"k1": 0', NGP, (0.02, 0, 0, 0)),
