@@ -110,8 +110,8 @@ def decode_with_opencv(data: bytes, *, has_alpha: bool = False) -> Decoded:
     return Decoded(_without_alpha(pixels), exif, alpha=pixels[..., -1] if is_more else None)
 
 
-decode_gif = decode_bmp = decode_with_opencv
-decode_webp = partial(decode_with_opencv, has_alpha=True)
+decode_bmp = decode_with_opencv
+decode_gif = decode_webp = partial(decode_with_opencv, has_alpha=True)
 
 
 def decode_netpbm(data: bytes) -> Decoded:
