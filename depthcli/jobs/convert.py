@@ -116,8 +116,8 @@ def _write_converted(
     depth, picture = shown, given
     if wanted.facts.has_overscan:
         depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
-    is_frame = inspect.is_depth_video(paths.path_of(request.source))  # may have no depth
-    if not is_frame and not depth.valid.any():
+    values = np.where(np.isinf(depth.values), np.float32(np.nan), depth.values)  # as PFM has it
+    if not (depth.valid.any() or inspect.is_depth_video(paths.path_of(request.source))):
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
     inputs = [paths.path_of(name) for name in (request.source, request.picture) if name is not None]
     guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
@@ -125,7 +125,7 @@ def _write_converted(
         writing = (
             _sidecar_options(request, stored) if wanted is table.Format.JSON else request.writing
         )
-        warnings = writing.writer(wanted).write(depth, temporary, picture)
+        warnings = writing.writer(wanted).write(replace(depth, values=values), temporary, picture)
         round_trip = None
         if wanted.facts.is_readable:
             kind = depth_files.DepthReadOptions(kind=DepthEncoding(depth.kind))

@@ -48,14 +48,16 @@ def test_inspect_file_returns_the_facts_of_a_map(depth_npy: Path) -> None:
 def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Path) -> None:
     path, values_m = tmp_path / name, np.float32([[0, -1, np.inf, np.nan, 2, 3]])
     (NpyWriter() if name == "d.npy" else ExrWriter()).write(DepthMap(values_m), path)
-    facts = inspect_file(str(path))
-    assert facts.items() >= {"valid": 2, "min": 2, "max": 3}.items()
+    assert inspect_file(str(path)).items() >= {"valid": 2, "min": 2, "max": 3}.items()
     depth = read_map(path).displayed
     assert [depth_at(depth, x, 0) for x in range(6)] == [None, None, None, None, 2, 3]
     done = convert(ConvertRequest(str(path), str(tmp_path / "a.png")))
     assert (done.warnings, done.round_trip) == ((), RoundTrip(0, 0, 1))
     steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
     assert steps.tolist() == [[0, 0, 0, 0, 2000, 3000]]
+    for target in map(str, (tmp_path / "b.npy", tmp_path / "b.tiff", tmp_path / "b.exr")):
+        convert(ConvertRequest(str(path), target))
+        assert not np.isinf(read_stored_depth(target).depth.values).any()
 
 
 FRAMES_M = np.float32([[[1, 2, 3, np.nan]] * 2, [[np.nan] * 4] * 2, [[7, 0.5, 6, 5]] * 2])
@@ -197,8 +199,7 @@ def write_frames(
             steps[1] = 1000 + count
             values_m = (steps / 1000).astype(np.float32)
             values_m[0] = np.nan
-            source = Provenance("m", "0" * 64, focal_px=16.0)
-            depth = DepthMap(values_m, provenance=source)
+            depth = DepthMap(values_m, provenance=Provenance("m", "0" * 64, focal_px=16.0))
             output.append(output.encode(DepthFrame(frame, depth, (0, 1))))
         output.finish()
     return path
@@ -247,15 +248,13 @@ def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
     middle = len(data) // 2
     data[middle : middle + 20] = bytes(20)
     source.write_bytes(data)
-    done = []
     with pytest.raises(InputError):
-        done.extend(convert_video(ConvertRequest(str(source), str(tmp_path / "d.#.png")), 3))
+        list(convert_video(ConvertRequest(str(source), str(tmp_path / "d.#.png")), 3))
     written = sorted(tmp_path.glob("d.*.png"))
     assert 3 < len(written) < 9
     assert written[0].name == "d.1001.png"
-    assert read_stored_depth(written[-1]).displayed.values[1, 0] == pytest.approx(
-        1 + (len(written) - 1) / 1000
-    )
+    last_m = read_stored_depth(written[-1]).displayed.values[1, 0]
+    assert last_m == pytest.approx(1 + (len(written) - 1) / 1000)
 
 
 @pytest.mark.parametrize(
