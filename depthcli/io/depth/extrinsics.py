@@ -19,7 +19,7 @@ _UNIT = 0.01  # by how much a length of 1 may be off, as that of numbers of thre
 _ECHO = re.compile(r"Translation: (\[.*\])\s+- Rotation: in Quaternion.*(\[.*\])")  # of tf2_echo
 _FLAT = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _CAMERA = re.compile(r"(?i)cam|rgb|colou?r|optical")
-_SENSOR = re.compile(r"(?i)li?dar|velo|livox|laser|ouster|depth")
+_SENSOR = re.compile(r"(?i)li?dar|velo|livox|laser|ouster|depth|world")
 _WORD = f"(?:{_CAMERA.pattern[4:]}|{_SENSOR.pattern[4:]})"
 # Names of what takes points of the first to the second, and of the second to the first.
 _TO = re.compile(rf"(?i)({_WORD}[a-z0-9]*?)(?:_to_|to|2)({_WORD}[a-z0-9]*)")
