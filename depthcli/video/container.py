@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, os_errors_as
 from depthcli.io.listing.folder import HEIF_SUFFIXES
@@ -125,19 +125,17 @@ def open_video(
     """
     import av  # noqa: PLC0415 - naming outputs does not need it
 
-    file: InputPipe | str
     name, options = None, _OPTIONS
-    if isinstance(source, InputPipe):
-        file = source
-        if source.raw is not None:
-            name, options = "rawvideo", source.raw.options
-    else:
+    errors: Any = {"metadata_errors": "replace"} if av.__version__ < "19" else {}  # if not UTF-8
+    if not isinstance(source, InputPipe):
         _check_file(source)
-        # FFmpeg does not take an absolute path for a protocol.
-        file = os.path.abspath(source)  # noqa: PTH100 - links stay as named
+    elif source.raw is not None:
+        name, options = "rawvideo", source.raw.options
+    # FFmpeg does not take an absolute path for a protocol.
+    file = source if isinstance(source, InputPipe) else os.path.abspath(source)  # noqa: PTH100 - links stay as named
     container = None
     try:
-        container = av.open(file, "r", format=name, options=options, metadata_errors="replace")
+        container = av.open(file, "r", format=name, options=options, **errors)
         streams = video_streams(container)
         if stream_number is not None and stream_number >= len(streams):
             raise UsageError(f"{source} has {len(streams)} video streams", option="stream")
