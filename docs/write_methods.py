@@ -120,7 +120,7 @@ def test_table() -> str:
     scaled = test_rows("median")
     for name, found in test_rows("none").items():
         sources = {"paper": paper[name]} if name in paper else {}
-        for source, row in (sources | {"here": found, "here, scaled": scaled[name]}).items():
+        for source, row in (sources | {"here": found, "scaled": scaled[name]}).items():
             scores = (_number(float(row[metric]), 4) for metric in metrics)
             lines.append([f"`{found['name']}`", source, *scores])
     return _markdown(lines)
