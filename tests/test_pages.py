@@ -10,6 +10,8 @@ import pytest
 from helpers.tiny import synthetic_picture, write_picture
 from helpers.videos import write_mp4
 
+from depthcli._version import __version__
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     page.relative_to(ROOT)
@@ -17,12 +19,7 @@ PAGES = sorted(
     for page in ROOT.glob(place)
 )
 WORDS = 38_730
-"""Most words of docs/*.md; for a new passage, shorten another.
-
-Benchmark 1,500; server, view 400; known depth 550, its cards 200; requests 400; tour 350; models
-4.0.0 500, 4.1.0 and colour 700, known depth by a network 500; methods without a term 170;
-sequences of depth 110; intervals over both seeds 250.
-"""
+"""Most words of docs/*.md; for a new passage, shorten another."""
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
 
 
@@ -62,19 +59,29 @@ def test_rows_that_commands_compare_are_models_as_they_name_them() -> None:
         assert ("--model", row) in pairwise(words)
 
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+def test_the_citation_states_this_version_and_its_date() -> None:
+    changes = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    (date,) = re.findall(rf"^## {__version__} \((.+)\)$", changes, re.MULTILINE)
+    cited = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert f"\nversion: {__version__}\ndate-released: {date}\n" in cited
+
+
+DOCS = ROOT / "docs"
 EXAMPLE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").symlink_to(DOCS)
     shutil.copy(DOCS / "room.jpg", tmp_path)
     write_mp4(tmp_path / "walk.mp4", [synthetic_picture(480, 640)] * 2)
     for name in ("a.jpg", "b.jpg"):
         write_picture(tmp_path / "images" / name)
-    names: dict[str, Any] = {}
-    for code in EXAMPLE.findall((DOCS / "python.md").read_text("utf-8")):
-        exec(compile(code, "docs/python.md", "exec"), names)  # noqa: S102 - our own page
+    for page in ("README.md", "docs/python.md"):
+        names: dict[str, Any] = {}
+        for code in EXAMPLE.findall((ROOT / page).read_text("utf-8")):
+            exec(compile(code, page, "exec"), names)  # noqa: S102 - our own page
+        assert names["depth"].values.shape == (480, 640)
     written = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
     assert written >= {
         "room.exr",
@@ -85,16 +92,6 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         "depth/manifest.jsonl",
         "walk.mkv",
     }
-
-
-def test_the_example_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "docs").symlink_to(DOCS)
-    (code,) = EXAMPLE.findall((DOCS.parent / "README.md").read_text("utf-8"))
-    names: dict[str, Any] = {}
-    exec(compile(code, "README.md", "exec"), names)  # noqa: S102 - our own page
-    assert names["depth"].values.shape == (480, 640)
-    assert (tmp_path / "room.exr").is_file()
 
 
 TESTS = Path(__file__).parent
