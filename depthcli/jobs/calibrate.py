@@ -21,7 +21,6 @@ from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.images.read import read_image, undistorted
 from depthcli.io.storage.paths import path_of
 
-_Values = Float64Array
 _MOST_POINTS = 2000  # of an image, evenly spaced
 _SHIFT_POINTS = 10  # from which a shift is tried
 _GAIN = 0.98  # a shift has to lower the error of points that were left out to this share
@@ -67,8 +66,8 @@ class Calibrated(NamedTuple):
 
 
 class _Sample(NamedTuple):
-    predicted_m: _Values
-    true_m: _Values
+    predicted_m: Float64Array
+    true_m: Float64Array
 
 
 def calibrate(request: CalibrationRequest) -> Calibrated:

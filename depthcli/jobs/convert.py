@@ -1,5 +1,6 @@
 """Converting depth files, folders of them and depth videos, and measuring the round-trip error."""
 
+import math
 import os
 import re
 from collections.abc import Generator, Iterator, Sequence
@@ -31,7 +32,7 @@ from depthcli.jobs.write import FailedInput, failure_reason
 from depthcli.video import numbering
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
-from depthcli.video.frames import FALLBACK_RATE, Timing
+from depthcli.video.frames import FALLBACK_RATE, Timing, exact_rate
 from depthcli.video.outputs import DepthFrame, video_file
 from depthcli.video.sequence import stated_rate
 
@@ -109,10 +110,8 @@ def _write_converted(
     shown = types.with_camera(_with_camera_of(given, shown), request.camera)
     views = {stored.frame.view, given.view if given else None} - {None}
     if len(views) > 1:
-        raise InputError(
-            f"depth is of one eye ({stored.frame.view}) and {request.picture} of the other",
-            "choose with {from_layer} and {layer}",
-        )
+        problem = f"depth is of one eye ({stored.frame.view}) and {request.picture} of the other"
+        raise InputError(problem, "choose with {from_layer} and {layer}")
     depth, picture = shown, given
     if wanted.facts.has_overscan:
         depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
@@ -164,10 +163,8 @@ def _colours(request: ConvertRequest, picture: str, depth: types.DepthMap) -> ty
     frame = read_image(picture, max_pixels=limit, **request.reading._asdict())
     frame = types.displayed_frame(frame)
     if (found := f"{frame.width}×{frame.height}") != size:
-        raise InputError(
-            f"{picture} has {found} pixels and the depth {size}",
-            "give the picture that the depth was made of",
-        )
+        problem = f"{picture} has {found} pixels and the depth {size}"
+        raise InputError(problem, "give the picture that the depth was made of")
     return frame
 
 
@@ -330,8 +327,8 @@ def convert_to_video(
         else:
             images = numbering.find_images(source, is_depth=True)
             inputs = [image.path for image in images]
-            rate = request.fps or stated_rate(inputs)
-            frames = _numbered_maps(images, rate or FALLBACK_RATE, request.stated)
+            rate = request.fps or stated_rate(inputs) or _rate_of_times(images)
+            frames = _numbered_maps(images, rate or FALLBACK_RATE, request)
         if rate is None:
             assumed = f"no frame rate is given; {FALLBACK_RATE} is assumed"
             warnings.append(Message(assumed, "give {fps}"))
@@ -350,14 +347,30 @@ def convert_to_video(
         warnings += output.finish()
 
 
+def _rate_of_times(images: Sequence[numbering.NumberedImage]) -> Fraction | None:
+    """The frame rate by the times that the first and the last of numbered files state."""
+    first, last = images[0], images[-1]
+    try:
+        ends = [float(depth_files.read_metadata(path)["time_s"]) for _, path in (first, last)]
+        return exact_rate((last.number - first.number) / (ends[1] - ends[0]))
+    except (InputError, KeyError, ZeroDivisionError):  # reading its pixels reports errors
+        return None
+
+
 def _numbered_maps(
-    images: Sequence[numbering.NumberedImage], rate: Fraction, stated: depth_files.DepthReadOptions
+    images: Sequence[numbering.NumberedImage], rate: Fraction, request: ConvertRequest
 ) -> Iterator[StoredDepth]:
-    """The maps of numbered files, with their numbers and times."""
+    """The maps of numbered files, with their numbers, and times as stated, else by the rate."""
     if numbering.are_times(images):
         images = [image._replace(number=count) for count, image in enumerate(images)]
+    last_s = -math.inf
     for number, path in images:
-        found, time_s = inspect.read_map(path, stated), float((number - images[0].number) / rate)
+        found = inspect.read_map(path, request.stated)
+        stated_s = None if request.fps else found.depth.provenance.time_s
+        time_s = float((number - images[0].number) / rate) if stated_s is None else stated_s
+        if time_s <= last_s:
+            raise InputError(f"{path} is not later than the frame before it", "give {fps}")
+        last_s = time_s
         yield replace(found, frame=replace(found.frame, index=number, timestamp_s=time_s))
 
 

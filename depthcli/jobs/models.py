@@ -31,9 +31,8 @@ _LITTER = (".DS_Store", "._", ".depthcli-")  # of file managers, and of runs tha
 def valid_name(name: str) -> str:
     """A name that a model may have; UsageError if it cannot be a folder's, or seems a path."""
     if not _NAME.fullmatch(name):
-        raise UsageError(
-            f"{name!r} is not a valid model name; use letters, digits, '.', '_' and '-'"
-        )
+        problem = f"{name!r} is not a valid model name"
+        raise UsageError(problem, "use letters, digits, '.', '_' and '-'")
     return name
 
 
@@ -42,10 +41,8 @@ def folder_to_add(name: str, *, force: bool) -> Path:
     target = catalog.user_root() / name
     taken = dict(catalog.list_locations()).get(name)
     if taken is not None and not force:
-        raise UsageError(
-            f"a model named {name!r} already exists ({taken.path})",
-            "give another {name}, or {force}",
-        )
+        problem = f"a model named {name!r} already exists ({taken.path})"
+        raise UsageError(problem, "give another {name}, or {force}")
     if target.is_symlink():
         raise UsageError(f"{target} is a link; remove it first: depthcli models remove {name}")
     if target.is_dir():
@@ -58,9 +55,8 @@ def added_model(name: str) -> tuple[Path, ModelLocation]:
     folder = catalog.user_root() / valid_name(name)
     location = location_at(folder) or location_at(folder.with_name(f"{folder.name}.onnx"))
     if location is None:
-        raise UsageError(
-            f"{name!r} is not among the models in {catalog.user_root()}; only those are removed"
-        )
+        problem = f"{name!r} is not among the models in {catalog.user_root()}"
+        raise UsageError(problem, "only those are removed")
     if location.onnx is None and not folder.is_symlink():
         _check_only_model(folder, "move them away, or delete the folder yourself")
     return folder, location

@@ -314,10 +314,8 @@ def test_numbers_are_those_of_video(name: str, every: tuple[str, ...], inside: C
     )
     damaged = inside.folder / "damaged.mkv"
     noise = np.random.default_rng(0).integers(0, 65536, (12, 48, 64), dtype=np.uint16)
-    options = {"g": "1"}
-    encode(
-        *(damaged, noise, Fraction(25), "ffv1", "gray16le"), options=options, timecode="01:00:00:20"
-    )
+    frames = damaged, noise, Fraction(25), "ffv1", "gray16le"
+    encode(*frames, options={"g": "1"}, timecode="01:00:00:20")
     damage_frames(damaged, 4, 7)
     words = ("--format", "mkv", "--format", "exr", "--out", "out/")
     assert inside("video", name, *words, *every).returncode == (name == "damaged.mkv")

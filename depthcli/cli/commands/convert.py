@@ -28,7 +28,7 @@ class InputOptions:
         "Of a folder, skip matching files and folders; repeatable.", metavar="GLOB"
     )
     fps: str | None = groups.option(
-        "Frames per second of numbered files. Default: as their EXR headers state, else 25.",
+        "Frames per second of numbered files. Default: as the files state, else 25.",
         metavar="RATE",
     )
 

@@ -31,7 +31,7 @@ from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
-from depthcli.jobs.batch.workers import ImageWorker, VideoWorker, WorkerSpec
+from depthcli.jobs.batch.workers import Chunks, ImageWorker, Record, VideoWorker, WorkerSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,11 +232,7 @@ class RayEngine:
             self._ray.shutdown()
 
     def run(
-        self,
-        spec: WorkerSpec,
-        chunks: Iterable[Sequence[BatchTask]],
-        videos: Iterable[BatchTask],
-        record: Callable[[Sequence[BatchResult]], None],
+        self, spec: WorkerSpec, chunks: Chunks, videos: Iterable[BatchTask], record: Record
     ) -> Generator[BatchResult, None, None]:
         """Process pictures and videos, as every engine does."""
         own = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)

@@ -311,15 +311,15 @@ class WorkerSpec:
         return CacheKey(checksum, loaded.card.name, loaded.sha256, __version__)
 
 
+Chunks = Iterable[Sequence[BatchTask]]
+Record = Callable[[Sequence[BatchResult]], None]
+
+
 class Engine(Protocol):
     """Workers in threads, in processes or on other machines."""
 
     def run(
-        self,
-        spec: WorkerSpec,
-        chunks: Iterable[Sequence[BatchTask]],
-        videos: Iterable[BatchTask],
-        record: Callable[[Sequence[BatchResult]], None],
+        self, spec: WorkerSpec, chunks: Chunks, videos: Iterable[BatchTask], record: Record
     ) -> Generator[BatchResult, None, None]:
         """Process chunks of images, which a worker processes together, then videos.
 
@@ -341,11 +341,7 @@ class ThreadEngine:
     progress: Progress = NO_PROGRESS  #: advanced for each frame of a video
 
     def run(
-        self,
-        spec: WorkerSpec,
-        chunks: Iterable[Sequence[BatchTask]],
-        videos: Iterable[BatchTask],
-        record: Callable[[Sequence[BatchResult]], None],
+        self, spec: WorkerSpec, chunks: Chunks, videos: Iterable[BatchTask], record: Record
     ) -> Generator[BatchResult, None, None]:
         """Process images, then videos one after another."""
         worker = spec.build(self.session)
