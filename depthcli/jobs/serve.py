@@ -37,6 +37,7 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format
+from depthcli.io.storage.temporary import temporary_folder
 from depthcli.jobs.outputs import MapOptions
 from depthcli.jobs.write import depth_facts, write_stream
 
@@ -45,8 +46,6 @@ _DRAIN_S = 30
 _MOST_PARSED = 256
 _RETRY_S = 1
 _IN_FLIGHT = "depthcli_in_flight"
-_IMAGE = "image"
-"""Name of the file in a multipart form."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +85,7 @@ class DepthServer:
         self.session, self.limits, self.token = session, limits, token
         self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
         self._pool = ThreadPoolExecutor(limits.workers)
-        self._metrics = CollectorRegistry()
-        to = self._metrics
+        self._metrics = to = CollectorRegistry()
         self._requests = Counter("depthcli_requests", "Requests.", ["status"], registry=to)
         self._seconds = Histogram("depthcli_seconds", "Seconds of an image.", registry=to)
         self._waiting = Gauge(_IN_FLIGHT, "Images in work or waiting.", registry=to)
@@ -109,8 +107,11 @@ class DepthServer:
         """Serve until SIGINT or SIGTERM, which lets requests end that have begun.
 
         Port 0 is any free one; ``started`` is called with the URL, where clients can connect.
-        OSError if the port is taken or the host is not of this machine.
+        OSError if the port is taken or the host is not of this machine, OutputError if there is no
+        temporary folder.
         """
+        with temporary_folder():  # each answer is written in one
+            pass
         config = uvicorn.Config(
             self.app,
             host=host,
@@ -127,12 +128,10 @@ class DepthServer:
         started(f"http://{name}:{listening.getsockname()[1]}")
         uvicorn.Server(config).run(sockets=[listening])
 
-    async def _page(self, request: Request) -> Response:
-        del request
+    async def _page(self, _: Request) -> Response:
         return HTMLResponse(files("depthcli.jobs").joinpath("serve.html").read_text("utf-8"))
 
-    async def _health(self, request: Request) -> Response:
-        del request
+    async def _health(self, _: Request) -> Response:
         card = self.session.model.card
         model = {"name": card.name, "version": card.version, "provider": self.session.provider}
         return JSONResponse({"status": "ok", "model": model, "in_flight": self._in_flight()})
@@ -150,6 +149,8 @@ class DepthServer:
             raise HTTPException(400, str(error)) from error
         except ClientDisconnect as error:
             raise HTTPException(499, "the client has left") from error
+        except OSError as error:  # Starlette keeps forms of over 1 MB in a temporary file
+            raise HTTPException(500, f"cannot write a temporary file: {error.strerror}") from error
         if self._in_flight() >= self.limits.workers + self.limits.queue:
             raise HTTPException(429, "all workers are busy", {"Retry-After": str(_RETRY_S)})
         self._waiting.inc()
@@ -162,7 +163,8 @@ class DepthServer:
             text = f"not done within {self.limits.timeout_s:g} s"
             raise HTTPException(503, text, {"Retry-After": str(_RETRY_S)}) from None
         except (InputError, OutputError) as error:
-            raise HTTPException(422, str(error)) from error
+            is_ours = isinstance(error, OutputError) and isinstance(error.__cause__, OSError)
+            raise HTTPException(500 if is_ours else 422, str(error)) from error
         except Exception as error:
             if is_out_of_memory(error):
                 raise HTTPException(503, "out of memory; send a smaller image") from error
@@ -181,9 +183,9 @@ class DepthServer:
         if "multipart/form-data" not in request.headers.get("content-type", ""):
             return await request.body()
         async with request.form(max_files=1) as form:
-            sent = form.get(_IMAGE)
+            sent = form.get("image")
             if sent is None or isinstance(sent, str) or len(form) > 1:
-                told = f"the form is not one file named {_IMAGE!r}; options are in the query"
+                told = "the form is not one file named 'image'; options are in the query"
                 raise HTTPException(400, told)
             return await sent.read()
 
@@ -211,9 +213,8 @@ class DepthServer:
             headers = {"WWW-Authenticate": "Bearer"}
             raise HTTPException(401, "send the header 'Authorization: Bearer TOKEN'", headers)
 
-    async def _failed(self, request: Request, error: Exception) -> Response:
+    async def _failed(self, _: Request, error: Exception) -> Response:
         """One line of text that says what to do."""
-        del request
         assert isinstance(error, HTTPException)  # noqa: S101 - it is registered for these
         self._requests.labels(error.status_code).inc()
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import resource
 import signal
 import socket
 import subprocess
@@ -16,7 +17,7 @@ from urllib.parse import urlencode, urlsplit
 import cv2
 import numpy as np
 import pytest
-from helpers.command_line import Cli
+from helpers.command_line import Cli, unmeasured
 from helpers.tiny import synthetic_picture
 
 from depthcli.cli.commands.serve import _REFUSED, _command, parse_request
@@ -216,6 +217,24 @@ def test_without_the_extra_it_says_what_to_add(
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     done = inside("serve")
     assert (done.returncode, b"[serve]" in done.stderr) == (3, True)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of another process are Linux's")
+def test_a_temporary_folder_that_cannot_be_written_is_no_fault_of_an_image(cli: Cli) -> None:
+    # Containers with a read-only root: metal3-io/ironic-standalone-operator#221; a full tmpfs that
+    # was taken for bad requests: geolens-io/geolens#101.
+    words = ("bash", "-c", 'ulimit -f 0; exec "$@"', "bash", *cli.command("serve", "--port", "0"))
+    environment = unmeasured(cli.environment)
+    done = subprocess.run(words, capture_output=True, env=environment, timeout=60, check=False)
+    assert (done.returncode, b"TMPDIR" in done.stderr, done.stderr.count(b"\n")) == (1, True, 1)
+    with serving(cli) as server:
+        resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (0, 0))
+        form = b'--x\r\nContent-Disposition: form-data; name="image"; filename="a"\r\n\r\n'
+        kind = {"Content-Type": "multipart/form-data; boundary=x"}
+        large = server.predict(form + LARGE + b"\r\n--x--\r\n", kind)
+        replies = [server.predict(png()), large]
+        assert [(r.status, b"temporary" in r.body) for r in replies] == [(500, True)] * 2
+        assert b'{status="500"} 2.0' in server.ask("/metrics").body
 
 
 def test_no_file_is_written_beside_the_server(cli: Cli, tmp_path: Path) -> None:

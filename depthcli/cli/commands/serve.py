@@ -31,7 +31,6 @@ _REFUSED = {
     *("help", "max_pixels"),
 }
 """Options of predict that name a file of the server or belong to one: not for clients."""
-_MEBIBYTE = 2**20
 
 
 @group
@@ -65,7 +64,7 @@ class LimitOptions:
         callback=options.positive,
     )
     max_bytes: int = options.option(
-        "Maximum size of a request in bytes.", default=64 * _MEBIBYTE, min=1
+        "Maximum size of a request in bytes.", default=64 * 2**20, min=1
     )
     max_pixels: int = options.option(
         "Maximum number of pixels of an image.", default=MAX_PIXELS, min=1
