@@ -21,7 +21,6 @@ from depthcli.io.storage.paths import read_bytes
 from depthcli.io.storage.temporary import temporary_folder
 
 _MIN_PICTURES = 5
-_MEGABYTE = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +31,7 @@ class BenchResult:
     model_sha256: str  #: checksum of its file
     provider: str  #: the provider in use
     workers: int  #: images processed in parallel, for the throughput
+    threads: int  #: of each of these workers, within one run of the network
     network: Latency  #: of the network alone, for one image
     end_to_end: Latency  #: from an encoded file to a 16-bit PNG on disk, for one image
     pictures_per_s: float  #: end-to-end throughput with several workers
@@ -55,7 +55,7 @@ def run_bench(
     """
     picture = synthetic_picture(*synthetic_px) if given is None else read_bytes(given)
     frame = read_image(given, picture, name="the picture")  # an error names the file
-    workers, threads = share_cores(workers)
+    workers, threads = share_cores(workers, model.threads)
     loaders = model, replace(model, threads=threads)
     alone, shared = (Pipeline(one.load(), UpsamplingOptions(upsampling)) for one in loaders)
     session, card = alone.session, alone.card
@@ -68,7 +68,7 @@ def run_bench(
             [lambda: _predict_and_write(alone, picture, folder / "alone.png")], seconds
         )
         rate = throughput(shared, picture, folder, workers, seconds)
-    facts = (card.name, session.model.sha256, session.provider, workers)
+    facts = (card.name, session.model.sha256, session.provider, workers, threads)
     return BenchResult(*facts, network, end_to_end, rate, peak_memory_mb())
 
 
@@ -89,7 +89,7 @@ def peak_memory_mb() -> float | None:
     import resource  # noqa: PLC0415 - Windows has none
 
     unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / _MEGABYTE
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
 def _predict_and_write(pipeline: Pipeline, picture: bytes, path: Path) -> None:

@@ -142,7 +142,8 @@ QUICK = ("--seconds", "0.05", "--provider", "cpu")
 
 
 def test_measures_add_up(inside: Cli) -> None:
-    done = inside("bench", *QUICK, "--size", "1200x900", "--workers", "2", "--json", code=0)
+    size = ("--size", "1200x900", "--workers", "2", "--threads", "3")
+    done = inside("bench", *QUICK, *size, "--json", code=0)
     found = json.loads(done.stdout)
     for latency in (found["network"], found["end_to_end"]):
         assert 0 < latency["min_ms"] <= latency["median_ms"]
@@ -150,7 +151,7 @@ def test_measures_add_up(inside: Cli) -> None:
         assert latency["runs"] >= 5
     assert found["pictures_per_s"] > 0
     assert found["peak_memory_mb"] > 30
-    assert (found["workers"], found["provider"]) == (2, "cpu")
+    assert (found["workers"], found["threads"], found["provider"]) == (2, 3, "cpu")
     assert len(found["model_sha256"]) == 64
 
 
