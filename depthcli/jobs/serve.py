@@ -44,7 +44,7 @@ from depthcli.jobs.write import depth_facts, write_stream
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
 _MOST_PARSED = 256
-_RETRY_S = 1
+_RETRY = {"Retry-After": "1"}
 _IN_FLIGHT = "depthcli_in_flight"
 
 
@@ -120,6 +120,7 @@ class DepthServer:
             access_log=False,
             server_header=False,
             lifespan="off",
+            timeout_keep_alive=75,  # nginx and AWS use connections again for 60 s
             timeout_graceful_shutdown=_DRAIN_S,
         )
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -152,7 +153,7 @@ class DepthServer:
         except OSError as error:  # Starlette keeps forms of over 1 MB in a temporary file
             raise HTTPException(500, f"cannot write a temporary file: {error.strerror}") from error
         if self._in_flight() >= self.limits.workers + self.limits.queue:
-            raise HTTPException(429, "all workers are busy", {"Retry-After": str(_RETRY_S)})
+            raise HTTPException(429, "all workers are busy", _RETRY)
         self._waiting.inc()
         work = self._pool.submit(self._answer, data, asked)
         work.add_done_callback(lambda _: self._waiting.dec())  # after a timeout, work goes on
@@ -160,8 +161,7 @@ class DepthServer:
         try:
             body, facts = await asyncio.wait_for(asyncio.wrap_future(work), self.limits.timeout_s)
         except TimeoutError:
-            text = f"not done within {self.limits.timeout_s:g} s"
-            raise HTTPException(503, text, {"Retry-After": str(_RETRY_S)}) from None
+            raise HTTPException(503, f"not done in {self.limits.timeout_s:g} s", _RETRY) from None
         except (InputError, OutputError) as error:
             is_ours = isinstance(error, OutputError) and isinstance(error.__cause__, OSError)
             raise HTTPException(500 if is_ours else 422, str(error)) from error

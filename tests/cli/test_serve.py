@@ -3,6 +3,7 @@
 import http.client
 import json
 import resource
+import select
 import signal
 import socket
 import subprocess
@@ -198,6 +199,16 @@ def test_a_client_that_leaves_is_counted_and_no_error_of_the_server(cli: Cli) ->
         assert b'{status="499"} 1.0' in server.ask("/metrics").body
         server.process.terminate()
         assert server.process.stderr.read() == ""
+
+
+def test_a_connection_stays_open_for_proxies_that_use_it_again(cli: Cli) -> None:
+    # A proxy whose request meets the end of a connection answers 502: lsst-sqre/phalanx#5103.
+    with serving(cli) as server:
+        connection = http.client.HTTPConnection(server.address, timeout=60)
+        connection.request("GET", "/health")
+        connection.getresponse().read()
+        assert not select.select([connection.sock], [], [], 6)[0]  # uvicorn's default is 5 s
+        connection.close()
 
 
 def test_a_signal_lets_requests_end_that_have_begun(cli: Cli) -> None:
