@@ -131,7 +131,7 @@ class DepthModel:
 
         Args:
             picture: a path; the bytes of a file; an array (H, W) gray or (H, W, 3) RGB of uint8,
-                uint16 or float32 in [0, 1], whose alpha is dropped; a PIL picture; a ``Frame``.
+                uint16 or float32 in [0, 1], or with alpha; a PIL picture; a ``Frame``.
             focal_px: focal length in pixels of the picture.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
                 the 35-mm focal length in the picture's EXIF is used, if it has one, else the camera
