@@ -59,9 +59,8 @@ def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
     is_known = source.focal_px and source.camera_source is not CameraSource.CARD
     if is_known or source.projection.is_other:
         return focal_px, ()
-    assumed = f"an hfov of {hfov_deg(focal_px, depth.width):.3g}° is assumed"
-    advice = "give {focal_px} or {hfov}"
-    return focal_px, (Message(f"no focal length is known; {assumed}", advice),)
+    told = f"no focal length is known; an hfov of {hfov_deg(focal_px, depth.width):.3g}° is assumed"
+    return focal_px, (Message(told, "give {focal_px} or {hfov}"),)
 
 
 class NormalsWriter(WriterOptions):
@@ -162,7 +161,8 @@ class GlbWriter(SurfaceWriter):
             "materials": [material],
             **buffer.tables(),
         }
-        path.write_bytes(_glb(document, bytes(buffer.data)))
+        with path.open("wb") as file:  # in parts, as a copy takes .5 GB of 12 megapixels
+            file.writelines((_head(document, len(buffer.data)), buffer.data))
         return warnings
 
 
@@ -199,7 +199,7 @@ class _Buffer:
         self._views.append(
             {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data), **facts}
         )
-        self.data += data + bytes(-len(data) % _ALIGNMENT)
+        self.data += data.ljust(len(data) + -len(data) % _ALIGNMENT, b"\0")
         return len(self._views) - 1
 
     def tables(self) -> dict[str, Any]:
@@ -224,10 +224,10 @@ def _texture(buffer: _Buffer, frame: Frame) -> dict[str, Any]:
     }
 
 
-def _glb(document: dict[str, Any], data: bytes) -> bytes:
-    """A file of a JSON and a binary chunk."""
+def _head(document: dict[str, Any], size: int) -> bytes:
+    """A file of a JSON and a binary chunk, up to the binary data, which are of this size."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % _ALIGNMENT)
-    length = 12 + 8 + len(text) + 8 + len(data)
+    length = 12 + 8 + len(text) + 8 + size
     head = struct.pack("<III", _MAGIC, _VERSION, length) + struct.pack("<II", len(text), _JSON)
-    return head + text + struct.pack("<II", len(data), _BINARY) + data
+    return head + text + struct.pack("<II", size, _BINARY)
