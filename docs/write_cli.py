@@ -18,12 +18,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 PAGE = Path(__file__).with_name("cli.md")
+EVERYWHERE = "`--debug`"  #: an option of all commands
 HEAD = """\
 <!-- Written by docs/write_cli.py; change the help of the command in place of this page. -->
 
 # The whole command line
 
 What `--help` shows, to look up a command or an option. [usage.md](usage.md) explains their use.
+All commands have `--debug` and `--help`.
 
 ```
 {root}```
@@ -70,7 +72,9 @@ def sections(name: str, command: Any, shared: dict[str, Any]) -> Iterator[str]: 
     table = [p for p in shown(command) if item(p) not in shared] + list(of_group.values())
     lines += ["Options of several of these commands:", ""] if of_group else []
     lines += [*grouped_items(table), ""] if table else []
-    others = [text for text in map(item, shown(command)) if text in shared]
+    others = [
+        text for text in map(item, shown(command)) if text in shared and EVERYWHERE not in text
+    ]
     names = ", ".join(in_short(others, shared))
     lines += [f"[Also](#options-of-several-commands) {names}.", ""] if others else []
     yield "\n".join(lines)

@@ -70,7 +70,7 @@ class RuntimeOptions:
         metavar="KEY=VALUE",
     )
     threads: int | None = option(
-        "Inference threads, of each worker where there are several. Default: cores / workers.",
+        "Inference threads per worker. Default: cores / workers.",
         min=1,
         max=MAX_THREADS,
     )
@@ -133,7 +133,7 @@ class CameraOptions(LensOptions):
     """Camera."""
 
     camera: str | None = option(
-        "A camera that 'depthcli calibrate' measured: its scale, its field of view and lens.",
+        "Use the scale, field of view and lens that 'depthcli calibrate' kept under this name.",
         metavar="NAME",
     )
 
@@ -169,14 +169,14 @@ class DepthFileOptions:
         "disparity need the focal length."
     )
     baseline: float | None = option(
-        "Distance between the two cameras of --from-kind disparity in metres.", callback=positive
+        "Metres between the two cameras, for --from-kind disparity.", callback=positive
     )
     from_layer: str | None = option(
-        "Layer or part of an EXR with depth, such as 'depth_left'. Default: the likeliest by its "
-        "name, of the eye that its image is of."
+        "Layer or part of an EXR that holds the depth, such as 'depth_left'. Default: the "
+        "likeliest by its name, of the eye of its image."
     )
     frame: int | None = option(
-        "The frame to read of a depth video (.mkv), or of several maps in NPY or NPZ, from 0.",
+        "Frame to read, from 0, of a depth video (.mkv) or of several maps in NPY or NPZ.",
         min=0,
     )
 
@@ -186,8 +186,8 @@ class PatternOptions:
     """Names of pairs."""
 
     rgb: str | None = option(
-        "Names of the images in a layout that is not known, with * for what they share with their "
-        "depth: '*.color.png', '*/left/*.png'.",
+        "Names of the images in any other layout, with * for the part that an image and its depth "
+        "share: '*.color.png', '*/left/*.png'.",
         metavar="PATTERN",
     )
     depth: str | None = option(
@@ -212,18 +212,18 @@ class KnownDepthOptions:
         metavar="X,Y,METRES",
     )
     anchors: str | None = option(
-        "Known depth, such as that of a lidar: a CSV table with the columns x, y and "
-        "depth_m, a sparse depth map of the image's size (as 'info' reads; 0 or NaN is "
-        "unknown), or a cloud (PLY, PCD, BIN; needs --calibration). For 'batch', a folder with "
-        "one for each image; for 'video', one for each frame by its number, or a table with a "
-        "column frame or time_s. A folder with cameras, images and points3D of COLMAP. self: what "
-        "a phone stored within each image (HEIC, JPEG).",
+        "Known depth, such as that of a lidar: a CSV table with the columns x, y and depth_m; a "
+        "sparse depth map of the image's size (as 'info' reads; 0 or NaN is unknown); a cloud "
+        "(PLY, PCD, BIN; needs --calibration); a folder with cameras, images and points3D of "
+        "COLMAP; or self: what a phone stored within each image (HEIC, JPEG). For 'batch', a "
+        "folder with a file for each image; for 'video', for each frame by its number, or a table "
+        "with a column frame or time_s.",
         "--anchors",
         "--points",
         metavar="FILE|DIR|self",
     )
     extrinsics: str | None = option(
-        "Pose of the axes of a cloud's sensor in the camera (x right, y down, z forward): 3x4 "
+        "Transform of a cloud to the axes of the camera (x right, y down, z forward): 3x4 "
         "numbers, x y z qx qy qz qw, /tf_static of ROS, KITTI's calibration, or T_cam_lidar.",
         metavar="FILE",
     )
@@ -237,7 +237,7 @@ class KnownDepthOptions:
         "ray and disparity (with --baseline) need --focal-px, --hfov or --calibration."
     )
     baseline: float | None = option(
-        "Distance between the two cameras of --anchors-kind disparity in metres.", callback=positive
+        "Metres between the two cameras, for --anchors-kind disparity.", callback=positive
     )
 
 
@@ -246,9 +246,9 @@ class AnchorOptions(KnownDepthOptions):
     """Known depth."""
 
     anchors_fit: choices.AnchorsFit | None = option(
-        "How depth follows known points: global by scale and shift alone; local also by what that "
-        "leaves, spread over the image; network by a model that takes them. Default: network, if "
-        "the model does, else local; without --model, prompted takes two or more."
+        "How depth follows known points: global: scale and shift alone; local: also the errors "
+        "that remain, spread over the image; network: a model that takes the points. Default: "
+        "network if the model can, else local; without --model, 'prompted' takes two or more."
     )
 
 
@@ -275,15 +275,15 @@ class ReadOptions:
         metavar="STOPS",
     )
     layer: str | None = option(
-        "Layer or part of EXR images to read, such as 'beauty'. Default: that without a "
-        "name, else the likeliest by its name."
+        "Layer or part of EXR images to read, such as 'beauty'. Default: the unnamed one, else "
+        "the likeliest by its name."
     )
     projection: choices.Projection | None = option(
         "Projection of the images: equirectangular for panoramas of all directions, whose depth "
         "is then along the ray. Default: pinhole."
     )
     ignore_alpha: bool = option(
-        "Estimate the depth of transparent pixels as of others, by their hidden colours.",
+        "Estimate the depth of transparent pixels, too, by their hidden colours.",
         default=False,
     )
 
@@ -331,8 +331,8 @@ class PngOptions:
         "Normalize each png16 to 1-65535; the depth range is stored in its metadata.", default=False
     )
     png_inverse: bool = option(
-        "Normalize 1/depth in each png16 instead, near is white: for compositors, ControlNet and "
-        "Gaussian splatting.",
+        "Normalize 1/depth in each png16 instead, so that near is white: for compositors, "
+        "ControlNet and Gaussian splatting.",
         default=False,
     )
 
@@ -361,12 +361,12 @@ class PreviewOptions:
     )
     vmin: float | None = option(
         "Lower end of the depth range of previews and normalized png16 (and mkv), in metres if "
-        "metric. Default: 2nd percentile; of png16, the least.",
+        "metric. Default: 2nd percentile; for png16, the minimum.",
         callback=_finite,
     )
     vmax: float | None = option(
         "Upper end of the depth range of previews and normalized png16 (and mkv), in metres if "
-        "metric. Default: 98th percentile; of png16, the largest.",
+        "metric. Default: 98th percentile; for png16, the maximum.",
         callback=_finite,
     )
     legend: bool = option("Draw a colour scale beside the preview.", default=False)
@@ -377,12 +377,12 @@ class PreviewOptions:
 class SurfaceOptions:
     """Points and meshes."""
 
-    stride: int = option("Points of every N-th pixel of every N-th row.", default=1, min=1)
+    stride: int = option("Use only every N-th pixel of every N-th row.", default=1, min=1)
     max_depth_m: float | None = option(
         "Leave out what is farther, in metres.", "--max-depth", callback=positive, metavar="METRES"
     )
     keep_edges: bool = option(
-        "Keep the pixels between near and far where edges of depth are smeared.", default=False
+        "Keep the pixels at edges of depth, which are smeared between near and far.", default=False
     )
 
 
@@ -480,7 +480,7 @@ WorkersOption = Annotated[
 WeightsOption = Annotated[
     choices.Weights,
     typer.Option(
-        help="averaged: the moving average, if the run keeps one; raw: those of the last step."
+        help="averaged: the weights' moving average, if there is one; raw: those of the last step."
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON to stdout instead of text.")]

@@ -12,7 +12,7 @@ COMMANDS = {
     "manifest": ("manifest:COMMANDS", "Sum up, search and merge the manifests of a batch."),
     "video": ("video:video", "Depth video: lossless 16-bit, preview, or image sequence."),
     "models": ("models:COMMANDS", "List, inspect, verify, add and remove models."),
-    "view": ("view:view", "Show a depth file in three dimensions, as a page of one file."),
+    "view": ("view:view", "Show a depth file in three dimensions, on a web page."),
     "convert": ("convert:convert", "Convert depth files and report the conversion error."),
     "info": ("info:info", "Show unit, scale and range of a depth file."),
     "probe": ("probe:probe", "Show the depth at pixels, in boxes or masks of a depth file."),

@@ -54,12 +54,12 @@ class InputOptions:
     """Choosing inputs."""
 
     files: str | None = groups.option(
-        "File with one input path per line, relative to DIR or to the working "
-        "directory, '-' for stdin; or a .parquet, .csv or .tsv file with a column of paths.",
+        "File with one input path per line ('-' for stdin), relative to DIR or to the working "
+        "directory; or a .parquet, .csv or .tsv file with a column of paths.",
         metavar="LIST",
     )
     column: str | None = groups.option(
-        "Column of a Parquet or CSV list (default: its only one, or 'path'), or of images in "
+        "Column with the paths of a list (default: the only column, or 'path') or with images in "
         "Parquet; in tar, the part of names after the first dot.",
         metavar="NAME",
     )
@@ -75,7 +75,7 @@ class InputOptions:
         "Skip matching files and folders; repeatable.", metavar="GLOB"
     )
     watch: bool = groups.option(
-        "Then wait for new and changed files, until interrupted.", default=False
+        "When done, wait for new and changed files until interrupted.", default=False
     )
 
 
@@ -93,7 +93,7 @@ class EngineOptions:
         "Stop when more than N inputs have failed. Default: never.", min=0
     )
     engine: Literal["threads", "ray"] = groups.option(
-        "What processes the inputs: this process, or a Ray cluster.", default="threads"
+        "Where inputs are processed: in this process, or on a Ray cluster.", default="threads"
     )
     ray_address: str | None = groups.option(
         "Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
@@ -120,8 +120,8 @@ class CamerasOptions(groups.CameraOptions):
     """Camera."""
 
     cameras: str | None = groups.option(
-        "CSV file with the camera of each input: column id, its path from DIR with or "
-        "without suffix; focal_px or hfov_deg; and optionally cx and cy, the principal point.",
+        "CSV file with the camera of each input: columns id (path relative to DIR, with or "
+        "without suffix), focal_px or hfov_deg, and optionally cx and cy (principal point).",
         metavar="FILE",
     )
 

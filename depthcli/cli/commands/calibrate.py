@@ -46,8 +46,8 @@ def calibrate(
 ) -> int:
     """Measure the scale of a model's metres for a camera, and keep it under a name.
 
-    'predict', 'batch', 'video' and 'serve' use it with --camera NAME. Of several images, --anchors
-    is a folder with known depth for each.
+    'predict', 'batch', 'video' and 'serve' use it with --camera NAME. For several images,
+    --anchors is a folder with known depth for each.
     """
     from depthcli.cli import parse
     from depthcli.inference.pipeline import Pipeline

@@ -19,13 +19,13 @@ class InputOptions:
     """Input."""
 
     picture: str | None = groups.option(
-        "Image of the same size, for colours and the camera of depth without one.", metavar="IMG"
+        "Image of the same size, for colours, and for the camera if IN states none.", metavar="IMG"
     )
     include: list[str] | None = groups.option(
-        "Of a folder, convert only matching files ('*.exr', 'left/**'); repeatable.", metavar="GLOB"
+        "In a folder, convert only matching files ('*.exr', 'left/**'); repeatable.", metavar="GLOB"
     )
     exclude: list[str] | None = groups.option(
-        "Of a folder, skip matching files and folders; repeatable.", metavar="GLOB"
+        "In a folder, skip matching files and folders; repeatable.", metavar="GLOB"
     )
     fps: str | None = groups.option(
         "Frames per second of numbered files. Default: as the files state, else 25.",
@@ -70,7 +70,7 @@ def convert(
     form: Format | None = typer.Option(
         None,
         "--format",
-        help="Output format; required for a folder, else if the suffix does not determine it.",
+        help="Output format; required for a folder, or if the suffix does not determine it.",
     ),
     *,
     overwrite: groups.OverwriteOption = False,

@@ -50,7 +50,7 @@ class ModelOptions:
         "distance (along the ray), relative, inverse, or disparity (with --baseline)."
     )
     baseline: float | None = groups.option(
-        "Distance in metres between the two cameras of disparity, in --predictions and, in "
+        "Distance in metres between the two cameras, for disparity in --predictions and, in "
         "'pairs', in the depth files.",
         callback=groups.positive,
     )
@@ -67,7 +67,7 @@ class ModelOptions:
         ",wrong=0.25 (shares).",
         metavar="PATTERN",
     )
-    anchors_fit: choices.AnchorsFit | None = groups.option("How depth follows it, as in 'predict'.")
+    anchors_fit: choices.AnchorsFit | None = groups.option("Fit to --prompt, as in 'predict'.")
     average: choices.Averaging = groups.option(
         "Average over images, or over all pixels.", default=choices.Averaging.IMAGE
     )
@@ -229,7 +229,7 @@ def pairs(
         10.0,
         metavar="METRES",
         callback=groups.positive,
-        help="Farthest depth that counts, as well.",
+        help="Farthest depth that counts; predictions are clamped to it.",
     ),
     crop: choices.Crop = typer.Option(
         choices.Crop.NONE,

@@ -32,16 +32,16 @@ def add_model_file(
         ...,
         metavar="FILE",
         autocompletion=completion.cards,
-        help="ONNX file with embedded weights, or its URL. Or the name of a ready card, or a "
-        "card.json, that says where to download it.",
+        help="ONNX file with embedded weights, or its URL; or a ready card or card.json that says "
+        "where to download it.",
     ),
     card: str | None = typer.Option(
         None,
         "--card",
         metavar="CARD",
         autocompletion=completion.cards,
-        help="A card.json, or the name of a ready card ('depthcli models cards'). Default: "
-        "the card in the file, or next to one on this machine.",
+        help="A card.json, or the name of a ready card ('depthcli models cards'). Default: the "
+        "card in the file, or next to it on this machine.",
     ),
     name: str | None = typer.Option(
         None, "--name", metavar="NAME", help="Name for --model. Default: the name in the card."

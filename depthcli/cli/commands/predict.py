@@ -44,8 +44,7 @@ def predict(
     eye: Eye | None = typer.Option(
         None,
         rich_help_panel="Reading images",
-        help="Image to use of a JPEG with one for each eye (MPO of stereo cameras). "
-        "Default: the first.",
+        help="Image to use from a stereo camera's JPEG (MPO). Default: the first.",
     ),
     detail: options.MapOptions,
     writing: options.WritingOptions,

@@ -20,8 +20,8 @@ def probe(
     places: list[str] = typer.Argument(
         ...,
         metavar="PLACE...",
-        help="Pixel X,Y (column and row, from 0 at the top left), box X0,Y0,X1,Y1 (to X1 and Y1, "
-        "which are not in it), or an image of the same size, whose pixels above 0 are meant.",
+        help="Pixel X,Y (column and row, from 0 at the top left); box X0,Y0,X1,Y1 (X1 and Y1 "
+        "excluded); or mask: an image of the same size, whose pixels above 0 count.",
     ),
     *,
     depth_file: groups.DepthFileOptions,

@@ -37,7 +37,7 @@ _REFUSED = {
 class ListenOptions:
     """Options."""
 
-    host: str = options.option("Address to listen at.", default="127.0.0.1")
+    host: str = options.option("Address to listen on.", default="127.0.0.1")
     port: int = options.option("Port; 0 for any free one.", default=8000, min=0, max=65535)
     token: str | None = options.option(
         f"Token that clients send as 'Authorization: Bearer TOKEN'; needed for other addresses "
@@ -59,7 +59,7 @@ class LimitOptions:
         min=0,
     )
     timeout: float = options.option(
-        "Seconds for one image, with its time in the queue.",
+        "Seconds for one image, including its time in the queue.",
         default=30.0,
         callback=options.positive,
     )

@@ -69,8 +69,8 @@ class DataOptions:
     )
     init: list[Path] | None = options.option(
         "Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
-        "Repeatable: from the mean of their weights. A .pth file is a pretrained encoder, and "
-        "hub that of timm.",
+        "Repeatable: from the mean of their weights. A .pth file is a pretrained encoder; 'hub' "
+        "downloads that of timm.",
         metavar="MODEL|CKPT",
     )
 
@@ -127,8 +127,8 @@ class FollowOptions:
         "Also log losses, scores and sample images to this tool; repeatable."
     )
     callback: list[str] | None = options.option(
-        "A class or function of your own that makes a callback of the folder and the "
-        "configuration of a run; repeatable.",
+        "Your own class or function that makes a callback from the folder and the configuration "
+        "of a run; repeatable.",
         metavar="MODULE:NAME",
     )
 

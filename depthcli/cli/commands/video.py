@@ -54,7 +54,7 @@ class OutputOptions:
         metavar="TIME",
     )
     start_number: int | None = groups.option(
-        "Number of the first frame in names of files. Default: its number in the input.",
+        "Number of the first numbered file. Default: that of its frame in the input.",
         min=0,
         max=1_000_000_000,
     )
@@ -79,8 +79,8 @@ class FrameOptions:
         metavar="RATE",
     )
     live: bool = groups.option(
-        "Read an address as a stream without end, at its newest frame, until Ctrl-C. Default: "
-        "of cameras, rtsp:// and .m3u8.",
+        "Read FILE as an endless stream, always its newest frame, until Ctrl-C. Default: for "
+        "cameras, rtsp:// and .m3u8.",
         default=False,
     )
     raw: str | None = groups.option(
@@ -92,8 +92,8 @@ class FrameOptions:
         "Number of the video stream, from 0. Default: the one with most frames.", min=0
     )
     eye: Eye | None = groups.option(
-        "View of a stereo video whose frames hold two, side by side or one above the other. "
-        "Default: whole frames."
+        "View to use from a stereo video whose frames hold two, side by side or one above the "
+        "other. Default: whole frames."
     )
 
 
@@ -102,7 +102,7 @@ class PreviewVideoOptions:
     """Preview."""
 
     lock: float = groups.option(
-        "Time constant in seconds for stabilizing the preview's range. 0: range of each frame.",
+        "Time constant in seconds for stabilizing the preview's range. 0: each frame has its own.",
         default=1.0,
         callback=groups.not_negative,
     )
@@ -112,7 +112,7 @@ class PreviewVideoOptions:
     )
     audio: bool = groups.option("Include the audio of the video in previews.", default=True)
     show: int | None = groups.option(
-        "Show the newest preview at http://127.0.0.1:PORT/ while it works.",
+        "Show the newest preview at http://127.0.0.1:PORT/ during the run.",
         metavar="PORT",
         min=1,
         max=65535,
@@ -129,7 +129,7 @@ class SmoothOptions(groups.MapOptions):
         callback=groups.not_negative,
     )
     look_ahead: int | None = groups.option(
-        "Later frames that --smooth takes into account. Default: 8, of live streams 0.",
+        "Later frames that --smooth takes into account. Default: 8, for live streams 0.",
         min=0,
         max=100,
     )
@@ -140,8 +140,8 @@ class FrameAnchorOptions(groups.AnchorOptions):
     """Known depth."""
 
     anchors_within: float | None = groups.option(
-        "Largest time from a frame to its known depth in seconds (for example 0.05 for a lidar of "
-        "10 Hz); the nearest counts. Default: half a frame.",
+        "Largest time in seconds between a frame and the known depth nearest to it (for example "
+        "0.05 for a lidar of 10 Hz). Default: half a frame.",
         callback=groups.not_negative,
     )
 
@@ -150,8 +150,8 @@ def video(
     file: str = typer.Argument(
         ...,
         metavar="FILE",
-        help="Input video, '-' for stdin, an image sequence: a pattern (plate.%04d.exr) or "
-        "a folder; or a live stream: a camera (0), rtsp:// or, with --live, http(s)://.",
+        help="Input video, '-' for stdin; an image sequence: a pattern (plate.%04d.exr) or a "
+        "folder; or a live stream: a camera (0), rtsp:// or, with --live, http(s)://.",
     ),
     *,
     output: OutputOptions,

@@ -10,7 +10,7 @@ from depthcli.io.formats.table import Format, WriterOptions, stem_of
 def view(
     file: groups.FileArgument,
     image: str | None = typer.Argument(
-        None, metavar="[IMAGE]", help="Its image, for colours (else a preview's) and the camera."
+        None, metavar="[IMAGE]", help="Image of FILE, for colours (else a preview's) and camera."
     ),
     *,
     out: str | None = typer.Option(
@@ -26,8 +26,8 @@ def view(
 ) -> int:
     """Show a depth file in three dimensions.
 
-    Writes a page of one file, which needs no network: orbit, a grid in metres, depth at the
-    pointer, and the distance between two points.
+    Writes a page, which needs no network, with a grid in metres, the depth at the pointer, and the
+    distance between two points.
 
     Exit codes: 0 success, 1 the file cannot be shown, 2 usage error.
     """
