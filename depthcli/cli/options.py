@@ -207,8 +207,8 @@ class KnownDepthOptions:
     """Known depth."""
 
     anchor: list[str] | None = option(
-        "Point of known depth: column and row from 0 at the top left, and metres; "
-        "repeatable. One point fits the scale, two or more also a shift.",
+        "Point of known depth: column and row from 0 at the top left, and metres; repeatable. One "
+        "point fits the scale; for more, see --anchors-fit.",
         metavar="X,Y,METRES",
     )
     anchors: str | None = option(
