@@ -233,7 +233,7 @@ def pairs(
     ),
     crop: choices.Crop = typer.Option(
         choices.Crop.NONE,
-        help="garg: the part of KITTI's images that is compared; eigen: of NYU's.",
+        help="garg: the part of KITTI's images that is compared; eigen: that of NYU's.",
     ),
     table: TableOptions,
 ) -> int:
