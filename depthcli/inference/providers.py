@@ -8,9 +8,7 @@ from depthcli.errors import ProviderError, UsageError
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # it is read by the import, and only there
 
-
 __all__ = ["ort"]
-
 
 AUTO = "auto"
 CPU = "cpu"
@@ -26,10 +24,10 @@ PROVIDERS = {  #: name on the command line -> name in onnxruntime
     OPENVINO: "OpenVINOExecutionProvider",
     CPU: "CPUExecutionProvider",
 }
+CUDA = "cuda", "tensorrt"
 SLOW_TO_START = "tensorrt"  #: builds an engine for minutes, so ``auto`` never selects it
 _PACKAGES = {
-    "cuda": "onnxruntime-gpu",
-    "tensorrt": "onnxruntime-gpu",
+    **dict.fromkeys(CUDA, "onnxruntime-gpu[cuda,cudnn]"),
     DIRECTML: "onnxruntime-directml",
     OPENVINO: "onnxruntime-openvino",
 }
@@ -52,10 +50,9 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
         names = ", ".join((AUTO, *PROVIDERS))
         raise UsageError(f"no provider named {provider!r}; give one of {names}")
     if provider not in available:
-        package = _PACKAGES.get(provider)
         install = "install the onnxruntime build for it"
-        if package is not None:
-            install = f"run 'pip uninstall onnxruntime' and 'pip install {package}'"
+        if provider in _PACKAGES:
+            install = f"run 'pip uninstall onnxruntime' and 'pip install {_PACKAGES[provider]}'"
         raise ProviderError(
             f"provider {provider!r} is not in this onnxruntime (it has {', '.join(available)}); "
             f"{install}, or choose the provider 'auto'"

@@ -1,9 +1,10 @@
 """An onnxruntime session with its provider and threads."""
 
 import re
+import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
-from depthcli.inference.providers import AUTO, CPU, DIRECTML, PROVIDERS, ort
+from depthcli.inference.providers import AUTO, CPU, CUDA, DIRECTML, PROVIDERS, ort
 from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout
 from depthcli.models.catalog import Model
 
@@ -224,6 +225,9 @@ def _start(
     if DIRECTML in wanted:  # it supports neither memory patterns nor parallel execution
         options.enable_mem_pattern = False
         options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
+    if wanted[0] in CUDA and hasattr(ort, "preload_dlls"):  # since 1.21
+        with redirect_stdout(sys.stderr):  # which has what is missing
+            ort.preload_dlls()  # of CUDA and cuDNN that pip installed, where no search path leads
     stated = [(PROVIDERS[name], dict(provider_options)) for name in wanted]
     try:
         # onnxruntime's own fallback to the CPU prints to standard output.
@@ -254,10 +258,8 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
     if kinds not in usual or tuple(one.name for one in inputs[1:]) != names:
         listed = one_line(", ".join(f"{one.name} {one.shape} {one.type}" for one in inputs))
         told = f"{model.path} has the inputs {listed or 'none'}"
-        raise ModelError(
-            told,
-            "export it with one float32 input of (N, C, H, W), or state input.prompt in its card",
-        )
+        advice = "export it with one float32 input (N, C, H, W), or state input.prompt in its card"
+        raise ModelError(told, advice)
     first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]
     is_last = spec.layout is TensorLayout.NHWC
