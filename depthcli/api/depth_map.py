@@ -87,7 +87,7 @@ class DepthMap(types.DepthMap):
 
     @property
     def camera_source(self) -> CameraSource | None:
-        """Where the focal length comes from: given, EXIF, or assumed to be the model's own."""
+        """Where the focal length comes from: given, EXIF, the network, or the model's card."""
         return self.provenance.camera_source
 
     @property
@@ -97,7 +97,7 @@ class DepthMap(types.DepthMap):
 
     @property
     def anchors(self) -> tuple[Anchor, ...]:
-        """The known points that metres were fitted to; none if they are from a map."""
+        """The listed points that metres were fitted to; empty if known depth was a map."""
         return self.provenance.anchors
 
     @property
@@ -108,18 +108,18 @@ class DepthMap(types.DepthMap):
     def fit_anchors(self, anchors: Anchors, *, fit: str = AnchorsFit.LOCAL) -> Self:
         """Metric depth that fits known points best.
 
-        One point fits the scale, two or more also a shift. Depth follows five or more locally, and
-        those that contradict the others are left out. A ``DepthcliWarning`` states how many pixels
-        have no depth because the fit puts them at or below 0 m, and how many points are outside.
+        One point fits the scale, two or more also a shift. From five on, depth also follows them
+        locally, and those that contradict the others are left out. A ``DepthcliWarning`` counts the
+        pixels that lose their depth, as the fit puts them at or below 0 m, and the points outside.
 
         Args:
-            anchors: (column, row, metres along the camera axis), one or more, as a list or (N, 3)
-                numbers, each of the nearest pixel; or a sparse map of the same aspect, as (H, W)
-                float metres or metric ``DepthMap``, whose pixels that are NaN or 0 are unknown.
+            anchors: one or more points (column, row, metres along the camera axis), as a list or an
+                (N, 3) array, each taken at the nearest pixel; or a sparse map of the same aspect,
+                (H, W) float metres or a metric ``DepthMap``, unknown where it is NaN or 0.
             fit: ``local``, or ``global`` for scale and shift alone.
 
         Raises:
-            UsageError: the points do not fit the map, or not each other.
+            UsageError: the points do not fit the map, or contradict each other.
         """
         fitted, messages = anchor_fit.fit_anchors(self, anchor_points(anchors, fit))
         warn_all(messages)
@@ -137,7 +137,7 @@ class DepthMap(types.DepthMap):
     ) -> PointCloud:
         """Pixels with depth as points in space, with the picture's colours.
 
-        Where predict had to assume the camera, so does this, with a ``DepthcliWarning``.
+        Where predict had to assume the camera, points assume it too, with a ``DepthcliWarning``.
 
         Args:
             focal_px: focal length in pixels of the map; None for the one it was predicted with.
@@ -146,7 +146,7 @@ class DepthMap(types.DepthMap):
                 None for the one that the file of the map stated, else the middle of the map.
             stride: every n-th pixel of every n-th row.
             max_depth_m: leave out what is farther.
-            keep_edges: whether pixels between near and far, where an edge is smeared, have a point.
+            keep_edges: keep the pixels of smeared edges, which are between near and far.
 
         Raises:
             UsageError: the map has no metres, no focal length is known, or one is not valid.
@@ -183,7 +183,7 @@ class DepthMap(types.DepthMap):
 
         Args:
             colormap: ``inferno``, ``turbo``, ``magma``, ``viridis``, ``spectral`` or ``gray``.
-            near: the near end of the colours.
+            near: colour of the near end.
             vmin: low end of the colour range; None for percentile 2.
             vmax: high end of the colour range; None for percentile 98.
             legend: draw a colour bar at the right.
@@ -207,7 +207,7 @@ class DepthMap(types.DepthMap):
         focal_px: float | None = None,
         hfov_deg: float | None = None,
     ) -> DepthPage:
-        """The map in three dimensions, which a notebook shows; a page that needs no network.
+        """A page with the map in three dimensions, which notebooks show; it works offline.
 
         Options are those of :meth:`save`; more than 640×480 points are thinned if no stride is
         given.
@@ -252,19 +252,19 @@ class DepthMap(types.DepthMap):
 
         ``.png`` is 16 bit in millimetres, ``.preview.png`` a colour preview, ``.exr`` and ``.npy``
         metres in float32, ``.ply`` a point cloud, ``.glb`` a mesh, ``.html`` a page to look at it,
-        ``.normals.png`` and ``.stereo.png`` what they say, ``.json`` the metadata. If a format
-        cannot store something, such as depth beyond its range, a ``DepthcliWarning`` is issued.
+        ``.normals.png`` surface normals, ``.stereo.png`` a stereo pair, ``.json`` the metadata. If
+        a format cannot store something, such as depth beyond its range, a ``DepthcliWarning`` says.
 
         Args:
             path: the file; missing folders are created.
             png_scale: units per metre of a PNG; None for 1000.
             png_normalize: stretch depth to all values of a PNG; its metadata state the range.
             png_inverse: stretch 1/depth instead; near is white.
-            vmin: low end of the range of a preview or of such a PNG; None for the map's own.
+            vmin: low end of the range of a preview or a stretched PNG; None for the map's own.
             vmax: high end; what is beyond saturates.
             exr_channel: name of the channel of an EXR; None for the default.
             half: 16-bit floats in an EXR.
-            stride: points and meshes of every n-th pixel of every n-th row.
+            stride: use every n-th pixel of every n-th row for points and meshes.
             max_depth_m: leave out of points and meshes what is farther.
             keep_edges: keep pixels between near and far in points and meshes.
             faces: triangles in a PLY.
@@ -280,7 +280,7 @@ class DepthMap(types.DepthMap):
         Raises:
             OutputError: it cannot be written, there is a file that depthcli did not write, or the
                 map cannot be expressed in the format.
-            UsageError: the suffix chooses no format, or an option is of another one.
+            UsageError: the suffix chooses no format, or an option is not for that format.
         """
         file = path_of(path)
         name = format_of(file)

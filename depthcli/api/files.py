@@ -24,7 +24,7 @@ class DepthVideo(depth_videos.DepthVideo):
     """A 16-bit gray video of depth, whose frames have the methods of :class:`DepthMap`."""
 
     def __iter__(self) -> Iterator[DepthMap]:
-        """Depth maps, from the beginning, with one in memory."""
+        """Depth maps from the beginning, one in memory at a time."""
         return map(_with_nan, super().__iter__())
 
 
@@ -40,13 +40,13 @@ class VideoSource(video_frames.VideoSource):
         eye: Eye | None = None,
         options: ReadOptions = AS_STATED,
     ) -> None:
-        """As below, with a warning if colours or times are doubtful."""
+        """Open the video, with a warning if its colours or times are doubtful."""
         options = options if eye is None else options._replace(eye=eye)
         super().__init__(source, max_pixels=max_pixels, stream=stream, options=options)
         warn_all(self.warnings, source)
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
-        """As below, with a warning at the end if frames are missing."""
+        """Frames of a span, with a warning at the end if any are missing."""
         return self._checked(super().frames(span))
 
     def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
@@ -80,12 +80,12 @@ def read_depth(
         kind: meaning of the numbers in a file that does not state it: ``metric`` (along the camera
             axis; None is the same), ``distance`` (along the ray), ``relative``, ``inverse``
             (1/depth, metric with a scale) or ``disparity`` (in pixels).
-        focal_px: focal length in pixels, of distance and disparity.
+        focal_px: focal length in pixels, which distance and disparity need.
         hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
-        centre_px: principal point of distances; None for the middle.
-        baseline_m: metres between the two cameras of disparity.
+        centre_px: principal point, for distance; None for the middle.
+        baseline_m: distance of the two cameras in metres, for disparity.
         layer: layer or part of an EXR; None for the likeliest.
-        frame: the one of several maps in NPY or NPZ, from 0.
+        frame: index of the map, from 0, in NPY or NPZ with several.
 
     Raises:
         InputError: missing, damaged, without depth, metric integers without a scale, or distance

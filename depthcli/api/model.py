@@ -76,8 +76,8 @@ def load_model(
     """Find and load a model.
 
     Args:
-        model: a name in the catalog, a folder, or an ``.onnx`` file; None for ``default``, in whose
-            place ``prompted`` makes depth of two or more known points.
+        model: a name in the catalog, a folder, or an ``.onnx`` file; None for ``default``, which
+            ``prompted`` replaces where two or more points are known.
         provider: ``auto`` for the best that works, or a name such as ``cpu`` or ``cuda``, which is
             then required.
         threads: threads within one run of the network; None for all cores.
@@ -138,9 +138,9 @@ class DepthModel:
                 that the model learned is assumed; ``camera_source`` of the map states which.
             anchors: known points that metres are fitted to; see :meth:`DepthMap.fit_anchors`. None
                 for no fit.
-            anchors_fit: ``global`` by scale and shift alone, ``local`` also by what that leaves, or
-                ``network`` by a model that takes known depth; None for the last that it can. The
-                map's ``anchor_fit`` states which.
+            anchors_fit: ``global``: scale and shift alone; ``local``: then also what these leave;
+                ``network``: by a model that takes known depth; None for the last of these that is
+                possible. The map's ``anchor_fit`` states which.
             white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; None
                 for 65535. Not for a ``Frame``, whose white is 65535.
 
@@ -177,23 +177,23 @@ class DepthModel:
         """Depth of a stream of pictures of one camera, in their order and in constant memory.
 
         Args:
-            pictures: as in :meth:`predict`, like the others; read when they are needed.
+            pictures: as in :meth:`predict`, like the other arguments; read when they are needed.
             focal_px: of all of them.
             hfov_deg: of all of them.
             anchors: of all of them.
-            anchors_each: in place of these, those of each, None for none; as many as pictures.
+            anchors_each: in place of ``anchors``, those of each picture, None for none.
             anchors_fit: of all of them.
             white_level: of all of them.
             batch_size: pictures in one run of the network, which is faster on a GPU.
-            workers: threads; 0 works in the calling thread and never reads ahead. With more, twice
-                as many batches are read ahead: use 0 for a live camera, all cores for a folder.
+            workers: threads; 0 works in the calling thread and never reads ahead, which suits a
+                live camera. N read ahead 2 N batches; use all cores for a folder.
 
         Returns:
             An iterator of one map a picture. An error of :meth:`predict`, or of the iterator of
             pictures, is raised at its position, after the maps before it, and ends the iterator.
 
         Raises:
-            UsageError: the camera or the white level is not valid, or it is a single picture.
+            UsageError: the camera or white level is not valid, or ``pictures`` is a single one.
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else anchor_points(anchors, anchors_fit)
