@@ -206,16 +206,16 @@ def write_exr(
         header["framesPerSecond"] = rate  # which OpenEXR stores as its rational
     if time_code is not None:
         header["timeCode"] = OpenEXR.TimeCode(*time_code)
-    with path.open("wb") as file:
-        OpenEXR.File(header, dict(channels)).write(file)
+    file = BytesIO()  # of a real file, OpenEXR swallows errors of the last writes
+    OpenEXR.File(header, dict(channels)).write(file)
+    path.write_bytes(file.getbuffer())
 
 
 def read_exr_header(path: Path) -> dict[str, Any]:
     """All attributes of the first part."""
     try:
         with _opened(path) as file, silenced():
-            header: dict[str, Any] = OpenEXR.File(file, header_only=True).header()
-            return header
+            return dict(OpenEXR.File(file, header_only=True).header())
     except OPENEXR_ERRORS as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error
 
