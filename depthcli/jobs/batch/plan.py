@@ -8,7 +8,7 @@ from pathlib import Path
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
-from depthcli.errors import InputError, UsageError, os_errors_as
+from depthcli.errors import InputError, UsageError
 from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest import WHOLE, Shard
@@ -229,15 +229,14 @@ def plan_folder(
         is_file = not isinstance(place, paths.RemotePath) and place.is_file()
         hint = "; 'depthcli predict' and 'depthcli video' take files" if is_file else ""
         raise UsageError(f"{place} is not a folder", f"name one, or give {{files}} a list{hint}")
-    if not is_store:
-        with os_errors_as(UsageError, f"{place} cannot be listed"):
-            os.scandir(root).close()
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         advice = "choose another folder, for example one inside it"
         raise UsageError(f"{out} is the folder of the inputs", advice, option="out")
     collector = InputCollector(out, wanted, shard, cameras)
     tree = listing.list_folder(root, leave_out=out, skip=wanted.excludes)
     media = list(tree.media)
+    if media and media[0].name == ".":
+        raise UsageError(f"{media[0].problem}")
     for file in tree.skipped:
         is_archive = file.reason in listing.ARCHIVE_SUFFIXES
         if tree.media or not is_archive or listing.is_own_output(file.name):
