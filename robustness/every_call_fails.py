@@ -35,6 +35,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robustness import faulty_commands
 from robustness.faults import CALLS, ERRORS, LASTING, NAMES, Fault, Injector, library
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from robustness.faulty_commands import Command
 
 _LIBRARY = "DEPTHCLI_FAULTS"
+_USAGE = 2
 _LINES = 4
 """Lines of errors that a fault may cost: of a batch, one for each input and the manifest."""
 
@@ -82,8 +84,6 @@ def _preloaded(folder: Path) -> int:
 
 
 def _run(asked: argparse.Namespace, folder: Path) -> int:
-    from robustness import faulty_commands  # noqa: PLC0415 - only where the library is loaded
-
     injector = Injector(Path(os.environ[_LIBRARY]), faulty_commands.ENVIRONMENT)
     # Each command is loaded in a process of its own: libraries that have run in one cannot be used
     # in those that are forked from it.
@@ -94,9 +94,7 @@ def _run(asked: argparse.Namespace, folder: Path) -> int:
 
 def _attack(name: str, injector: Injector, folder: Path, asked: argparse.Namespace) -> int:
     """All faults of one command; whether something fell short."""
-    from robustness.faulty_commands import COMMANDS  # noqa: PLC0415 - only where the library is loaded
-
-    command = COMMANDS[name]
+    command = faulty_commands.COMMANDS[name]
     load(command)
     trial = Trial(injector, command, folder / name.replace(" ", "-"))
     count = short = 0
@@ -163,11 +161,11 @@ class Trial:
         yield from (f"{problem} ({done.where})" for problem in self._said(done, found))
         for name, content in found.items():
             # What a run has done so far is another matter than half of it.
-            may_grow = name in {"manifest.jsonl", "metrics.jsonl", "last.ckpt"}
+            may_grow = name in {"manifest.jsonl", "metrics.jsonl", "last.ckpt", "best.ckpt"}
             known = content in (self._whole.get(name), self._before.get(name, b""))
             if content is None or not (known or may_grow):
                 yield f"{name} is half ({done.where})"
-        state = self._state()
+        state = faulty_commands.state(self._folder)
         if state not in self._known:
             again = list(self._again())
             yield from (f"{problem} ({done.where})" for problem in again)
@@ -187,7 +185,7 @@ class Trial:
                 name for name in {*found, *self._whole} if found.get(name) != self._whole.get(name)
             }
             yield f"the next run leaves other bytes: {sorted(others)}"
-        if left := self._hidden():
+        if left := faulty_commands.hidden(self._folder):
             yield f"the next run leaves {left}"
 
     def _said(self, done: Ended, found: dict[str, bytes | None]) -> Iterator[str]:
@@ -204,28 +202,14 @@ class Trial:
             yield f"says {done.err.strip()}"
 
     def _is_done(self, found: dict[str, bytes | None], again: Ended) -> bool:
-        """What was done in spite of the fault refuses to be done twice."""
-        return found == self._whole and "already exists" in again.err
+        """What was done in spite of the fault may refuse, as a usage error, to be done twice."""
+        return again.code == _USAGE and all(item in found.items() for item in self._whole.items())
 
     def _fresh(self) -> None:
-        from robustness.faulty_commands import copied  # noqa: PLC0415
-
-        copied(self._template, self._folder)
+        faulty_commands.copied(self._template, self._folder)
 
     def _contents(self, folder: Path) -> dict[str, bytes | None]:
-        from robustness.faulty_commands import contents  # noqa: PLC0415
-
-        return contents(folder, self._command)
-
-    def _state(self) -> bytes:
-        from robustness.faulty_commands import state  # noqa: PLC0415
-
-        return state(self._folder)
-
-    def _hidden(self) -> list[str]:
-        from robustness.faulty_commands import hidden  # noqa: PLC0415
-
-        return hidden(self._folder)
+        return faulty_commands.contents(folder, self._command)
 
 
 def in_a_fork(work: Callable[[], int | None]) -> int:

@@ -17,25 +17,22 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-TINY_RUN = """
+SMALL_RUN = """
 validate_every = 1
 save_every = 1
-
 [generator]
-name = "efficient"
-encoder = [8, 8, 8, 8, 8]
-decoder = [8, 8, 8, 8]
-depths = [1, 1, 1, 1]
-
+width = 8
+blocks = 1
 [data]
 width = 32
 height = 32
 holdout_every = 4
 holdout_offset = 1
-
 [optim]
-batch_size = 4
+epochs_constant = 1
 epochs_decay = 2
+width_discriminator = 4
+pool_size = 2
 """
 ENVIRONMENT = {
     "DEPTHCLI_MODELS": "{}/models",
@@ -93,11 +90,12 @@ def _video(folder: Path) -> None:
     write_video(folder / "a.avi", flat_frames((0, 90, 180), 24, 32))
 
 
-def _training(folder: Path) -> None:
+def training(folder: Path) -> None:
+    """Pairs to train on, and the configuration of a run of seconds."""
     from helpers.rooms import write_rooms  # noqa: PLC0415 - it loads torch
 
     write_rooms(folder / "data")
-    (folder / "tiny.toml").write_text(TINY_RUN)
+    (folder / "small.toml").write_text(SMALL_RUN)
 
 
 def _checkpoint(folder: Path) -> None:
@@ -127,6 +125,10 @@ _FORMATS = tuple(word for name in _ALL for word in ("--format", name))
 _PREDICT = ("predict", "a.png", "-o", "out/", *_FORMATS, "--sidecar", "--threads", "1")
 _VIDEO_FORMATS = tuple(word for name in ("mkv", "mp4", "exr") for word in ("--format", name))
 _SMALL = ("--workers", "1", "--threads", "1")
+TRAIN = (
+    *("train", "proposed", "--data", "data", "--out", "out", "--config", "small.toml"),
+    *("--threads", "1", "--accelerator", "cpu"),
+)
 _ADD = ("models", "add", "new/model.onnx", "--card", "new/card.json")
 _PICTURES = (
     "cv2",
@@ -136,12 +138,12 @@ _PICTURES = (
     "depthcli.api.model",
 )
 _VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.workers")
-_MODELS = (*_PICTURES, "depthcli.jobs.models", "depthcli.jobs.models")
+_MODELS = (*_PICTURES, "depthcli.jobs.models")
 _TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.jobs.train")
 _ONNX = (*_TORCH, "onnx", "onnxscript", "depthcli.export.onnx")
 COMMANDS = {
     "predict": Command(_PREDICT, _picture, _PICTURES),
-    "predict again": Command(_PREDICT, _picture_again, _PICTURES),
+    "predict again": Command((*_PREDICT, "--overwrite"), _picture_again, _PICTURES),
     "batch": Command(
         ("batch", "in", "--out", "out", *_FORMATS[:6], "--sidecar", *_SMALL), _pictures, _VIDEOS
     ),
@@ -150,14 +152,7 @@ COMMANDS = {
         _video,
         _VIDEOS,
     ),
-    "train": Command(
-        (
-            *("train", "proposed", "--data", "data", "--out", "out", "--preset", "bundled"),
-            *("--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu"),
-        ),
-        _training,
-        _TORCH,
-    ),
+    "train": Command(TRAIN, training, _TORCH),
     "export": Command(("export-onnx", "run.ckpt", "-o", "out/a.onnx"), _checkpoint, _ONNX),
     "models add": Command(_ADD, _new_model, _MODELS, "models"),
     "models add --force": Command((*_ADD, "--force"), _known_model, _MODELS, "models"),
@@ -169,14 +164,14 @@ def contents(folder: Path, command: Command) -> dict[str, bytes | None]:
     """Outputs by name, in a form that two runs share; None for one that is not whole."""
     root = folder / command.outputs
     names = (path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
-    return {name: _steady(root / name) for name in names if "/." not in f"/{name}"}
+    return {name: steady(root / name) for name in names if "/." not in f"/{name}"}
 
 
 def state(folder: Path) -> bytes:
     """A hash of all files, hidden ones too, that does not depend on seconds."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     contents = (
-        _steady(path) if path.suffix == ".ckpt" else _SECONDS.sub(b"", path.read_bytes())
+        steady(path) if path.suffix == ".ckpt" else _SECONDS.sub(b"", path.read_bytes())
         for path in files
     )
     return hashlib.sha256(repr([*zip(files, contents, strict=True)]).encode()).digest()
@@ -188,8 +183,8 @@ def hidden(folder: Path) -> list[str]:
     return sorted(paths)
 
 
-def _steady(path: Path) -> bytes | None:
-    """Without seconds."""
+def steady(path: Path) -> bytes | None:
+    """What a file says but for seconds; None if it is not whole."""
     try:
         if path.name == "manifest.jsonl":
             return b"\n".join(_row(line, path.parent) for line in path.read_bytes().splitlines())
@@ -198,7 +193,7 @@ def _steady(path: Path) -> bytes | None:
             return json.dumps([{**row, "seconds": 0} for row in rows]).encode()
         if path.suffix == ".ckpt":
             return _checkpoint_bytes(path)
-    except (ValueError, KeyError, RuntimeError):
+    except (ValueError, KeyError, RuntimeError, OSError):
         return None
     return path.read_bytes()
 
@@ -216,7 +211,7 @@ def _checkpoint_bytes(path: Path) -> bytes:
     import torch  # noqa: PLC0415 - for one command only
 
     content = torch.load(path, weights_only=True)
-    content["progress"]["seconds"] = 0
+    content["state"]["seconds"] = 0
     return repr(_plain(content)).encode()
 
 

@@ -58,6 +58,8 @@ def problem(target: str, path: Path) -> tuple[str, str] | None:
         message = str(error)
         is_line = message.isprintable() and not UNEXPECTED.search(message) and len(message) < 4000
         return None if is_line else (f"not a line: {message[:300]!r}", type(error).__name__)
+    except RecursionError:
+        return None  # of brackets in brackets that no program writes: Python's own error is enough
     except Exception as error:  # noqa: BLE001 - which is what is looked for
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if "/depthcli/" in frame.filename] or frames[-1:]

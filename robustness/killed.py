@@ -1,6 +1,6 @@
 """Commands that a signal ends at any moment, and what the next run makes of what they left.
 
-    python -m robustness.killed                           # 200 moments, about ten minutes
+    python -m robustness.killed                           # 200 moments, some minutes
     python -m robustness.killed --moments 20 --jobs batch --seed 7
 
 Each job is run once without a break. Then it is started again and again, and gets SIGINT, SIGTERM,
@@ -15,7 +15,6 @@ short.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import random
 import re
@@ -25,9 +24,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 from helpers.command_line import ROOT, Cli, unmeasured
 from helpers.tiny import synthetic_picture, write_model, write_picture
@@ -35,10 +33,10 @@ from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.app import main as main_of_depthcli
 from robustness.every_call_fails import in_a_fork, load
-from robustness.faulty_commands import COMMANDS
+from robustness.faulty_commands import COMMANDS, TRAIN, steady, training
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 LONGEST_END_S = 20.0
@@ -48,72 +46,22 @@ CONTINUED = re.compile(
     r"\.depthcli-batch\.jsonl|.*\.depthcli-frames|\.depthcli-[0-9a-f]{8}-[0-9a-f]{16}-[12]\..*"
 )
 """Journals, and the frames of a depth video that the next run goes on with."""
-SMALL = """
-validate_every = 1
-[generator]
-width = 8
-blocks = 1
-[data]
-width = 32
-height = 32
-holdout_every = 4
-holdout_offset = 1
-[optim]
-epochs_constant = 1
-epochs_decay = 2
-width_discriminator = 4
-pool_size = 2
-"""
 
 
-@dataclass(frozen=True)
-class Job:
-    """A command, and what there is to compare of what it writes.
-
-    Attributes:
-        words: of the command; its outputs go to ``out``.
-        share: how often it is chosen.
-        content: what a file says; times that it took are left out.
-        may_finish: whether it comes to the end of a step before it ends.
-    """
+class Job(NamedTuple):
+    """A command whose outputs go to ``out``, and how often it is chosen."""
 
     words: tuple[str, ...]
     share: int
-    content: Callable[[Path], object] = Path.read_bytes
-    may_finish: bool = False
-
-
-def _rows(path: Path) -> object:
-    """Lines of JSON without times; a checkpoint's values; other files' bytes."""
-    if path.suffix == ".jsonl":
-        rows = [json.loads(line) for line in path.read_text().splitlines()]
-        return [{name: row[name] for name in row if name != "seconds"} for row in rows]
-    if path.suffix == ".ckpt":
-        import torch  # noqa: PLC0415 - the other jobs need none
-
-        state = torch.load(path, weights_only=True)
-        state["progress"].pop("seconds")
-        return _plain(state)
-    return path.read_bytes()
-
-
-def _plain(value: Any) -> Any:
-    """Tensors as bytes, so that states can be compared."""
-    if isinstance(value, dict):
-        return {name: _plain(one) for name, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    return value.numpy().tobytes() if hasattr(value, "numpy") else value
 
 
 _VIDEO = ("video", "clip.mkv", "--workers", "2", "--threads", "1")
-_TRAIN = ("train", "proposed", "--data", "data", "--out", "out", "--config", "small.toml")
 JOBS = {
     "predict": Job(("predict", "pictures", "-o", "out/", "--format", "exr"), 2),
-    "batch": Job(("batch", "in", "--out", "out", "--format", "png16", "--format", "exr"), 6, _rows),
+    "batch": Job(("batch", "in", "--out", "out", "--format", "png16", "--format", "exr"), 6),
     "frames": Job((*_VIDEO, "--out", "out/", "--format", "png16", "--format", "npy"), 4),
     "mkv": Job((*_VIDEO, "--out", "out/", "--format", "mkv", "--format", "mp4"), 3),
-    "train": Job((*_TRAIN, "--accelerator", "cpu", "--threads", "1"), 4, _rows, may_finish=True),
+    "train": Job(TRAIN, 4),
     "export": Job(("export-onnx", "last.ckpt", "-o", "out/model.onnx"), 1),
 }
 
@@ -126,10 +74,7 @@ def room(folder: Path, names: tuple[str, ...]) -> None:
     write_video(folder / "in" / "short.mkv", flat_frames(range(20, 240, 20), 60, 80))
     write_video(folder / "clip.mkv", flat_frames(range(10, 250, 8), 240, 320))
     if {"train", "export"} & {*names}:
-        from helpers.rooms import write_rooms  # noqa: PLC0415 - it loads torch
-
-        write_rooms(folder / "data")
-        (folder / "small.toml").write_text(SMALL)
+        training(folder)
 
 
 def command(cli: Cli, job: Job) -> list[str]:
@@ -139,10 +84,10 @@ def command(cli: Cli, job: Job) -> list[str]:
     return cli.command(*words)
 
 
-def content(cli: Cli, job: Job) -> dict[str, object]:
-    """All files of the outputs, hidden ones too."""
+def content(cli: Cli) -> dict[str, object]:
+    """All files of the outputs, hidden ones too, without times that they took."""
     out = cli.folder / "out"
-    return {str(path.relative_to(out)): job.content(path) for path in _files(out)}
+    return {str(path.relative_to(out)): steady(path) for path in _files(out)}
 
 
 def _files(out: Path) -> Iterator[Path]:
@@ -224,7 +169,7 @@ def resumed(cli: Cli, job: Job, wanted: dict[str, object], *, cold: bool) -> lis
     code = exit_code(started(cli, job, cold=cold))
     if code != 0:
         return [f"next run: exit code {code}, {said(cli)!r}"]
-    found = content(cli, job)
+    found = content(cli)
     return [
         f"next run: {name} {'differs' if name in found and name in wanted else 'is odd'}"
         for name in sorted(found.keys() | wanted.keys())
@@ -244,7 +189,7 @@ def unbroken(cli: Cli, job: Job, *, cold: bool = False) -> tuple[float, dict[str
     start_s = time.monotonic()
     if exit_code(started(cli, job, cold=cold)) != 0:
         raise RuntimeError(f"{job.words}: {said(cli)}")
-    return time.monotonic() - start_s, content(cli, job)
+    return time.monotonic() - start_s, content(cli)
 
 
 def attack(

@@ -7,8 +7,9 @@
 A batch of pictures and two videos is done on this machine's disk, then from one bucket into another
 one of a real S3 server on this machine, behind a proxy that answers a fifth of all first requests
 for an object with 503 SlowDown or 500, or breaks them off before or in the middle of their content.
-A third of the way the driver is killed (SIGKILL), before it one worker with ``--engine ray``; the
-same command then goes on. In the end
+A third of the way the driver is killed (SIGKILL); the same command then goes on. With ``--engine
+ray``, the work is that of a cluster of two workers on this machine, one of which is killed before.
+In the end
 
 - every output has the bytes of the run on the disk, and nothing else is there,
 - the manifest has every input once, and no part of a journal is left,
@@ -33,7 +34,6 @@ from helpers.stores import KEYS, REGION, Bucket, Faults, s3_server
 from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_video
 
-_MARK = "DEPTHCLI_ROBUSTNESS_RUN"
 _KINDS = ("503 SlowDown", "500 InternalError", "cut", "drop")
 _SHARE = 5
 
@@ -62,16 +62,15 @@ def _run(folder: Path, endpoint: str, pictures: int, engine: str) -> int:
     faults.fault = _fault
     os.environ |= KEYS | {"AWS_DEFAULT_REGION": REGION, "AWS_ENDPOINT_URL": faults.endpoint}
     if engine == "ray":
-        common += ["--engine", "ray", "--ray-address", "local", "--workers", "2"]
+        common += ["--engine", "ray", "--ray-address", _cluster()]
     words = (source.uri(), target.uri("out"), common)
     driver = _batch(*words)
     if engine == "ray":
-        _until(target, pictures // 6)
-        print(f"a worker killed: {_kill_worker()}")
-    _until(target, pictures // 3)
+        _until(target, pictures // 6, driver)
+        print(f"workers killed: {_kill_worker()}")
+    _until(target, pictures // 3, driver)
     driver.kill()
     driver.wait()
-    _end_all()
     before = {k: v for k, v in target.objects().items() if ".depthcli-batch" in k}
     recorded = {row["input"]: row for data in before.values() for row in _rows(data)}
     faults.passed.clear()
@@ -106,8 +105,9 @@ def _make(folder: Path, pictures: int) -> None:
 
 
 def _batch(source: str, out: str, options: list[str]) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "depthcli", "batch", source, "--out", out, *options]
-    return subprocess.Popen(command, env=os.environ | {_MARK: str(os.getpid())})
+    return subprocess.Popen(
+        [sys.executable, "-m", "depthcli", "batch", source, "--out", out, *options]
+    )
 
 
 def _fault(method: str, path: str, before: int) -> str | None:
@@ -117,34 +117,35 @@ def _fault(method: str, path: str, before: int) -> str | None:
     return None
 
 
-def _until(bucket: Bucket, outputs: int) -> None:
-    while sum(name.endswith(".npy") for name in bucket.names()) < outputs:
+def _until(bucket: Bucket, outputs: int, driver: subprocess.Popen[bytes]) -> None:
+    while driver.poll() is None and sum(n.endswith(".npy") for n in bucket.names()) < outputs:
         time.sleep(0.5)
 
 
-def _ours() -> dict[int, str]:
-    """The processes of this run, by the mark in their environment, and what they are called."""
-    found = {}
-    for entry in Path("/proc").glob("[0-9]*"):
+def _cluster() -> str:
+    """The address of a cluster, which ends with this process."""
+    import ray  # noqa: PLC0415 - for one engine only
+
+    from depthcli.jobs.batch.ray import LOCAL_CLUSTER  # noqa: PLC0415
+
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    context = ray.init("local", num_cpus=2, log_to_driver=False, **LOCAL_CLUSTER)
+    return str(context.address_info["gcs_address"])
+
+
+def _kill_worker() -> int:
+    """End one process that works for the cluster, a child of a child of this one."""
+    for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            if f"{_MARK}={os.getpid()}".encode() in (entry / "environ").read_bytes():
-                found[int(entry.name)] = (entry / "cmdline").read_bytes().decode()
-    return found
+            is_worker = (folder / "cmdline").read_bytes().startswith(b"ray::RemoteWorker")
+            if is_worker and _parent(_parent(folder)).name == str(os.getpid()):
+                os.kill(int(folder.name), signal.SIGKILL)
+                return 1
+    return 0
 
 
-def _kill_worker() -> str:
-    for pid, name in _ours().items():
-        if name.startswith("ray::RemoteWorker"):
-            os.kill(pid, signal.SIGKILL)
-            return name.rstrip("\0")
-    return "none found"
-
-
-def _end_all() -> None:
-    """What the cluster of a killed driver leaves."""
-    for pid in _ours():
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
+def _parent(process: Path) -> Path:
+    return process.with_name((process / "stat").read_text().rpartition(")")[2].split()[1])
 
 
 def _files(folder: Path) -> dict[str, bytes]:
