@@ -264,7 +264,7 @@ TURNED_ROUND = {
     "calib.json": json.dumps({"results": {"init_T_lidar_camera": [], "T_lidar_camera": BACK_7}}),
     "20260101_camera.yml": f"%YAML:1.0\n---\nCameraExtrinsicMat: {CV_MATRIX}",
     "calib_cam_to_velo.txt": " ".join(map(str, BACK[:3].ravel())),
-    "cam0_to_world.txt": " ".join(map(str, BACK[:3].ravel())),  # a pose of an image
+    "16.5_cam2world.txt": " ".join(map(str, BACK.ravel())),  # of NASA's geometry mapper, by a .pcd
     "tf.yaml": "header: {frame_id: os}\nchild_frame_id: rgb_optical\ntransform:\n"
     "  translation: {x: -0.3, y: 0.1, z: -0.2}\n  rotation: {x: -0.5, y: 0.5, z: -0.5, w: 0.5}",
 }  # fmt: skip
