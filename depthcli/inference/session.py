@@ -15,7 +15,15 @@ from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
-from depthcli.inference.providers import AUTO, CPU, CUDA, DIRECTML, PROVIDERS, ort
+from depthcli.inference.providers import (
+    AUTO,
+    CPU,
+    CUDA,
+    DEFAULT_OPTIONS,
+    DIRECTML,
+    PROVIDERS,
+    ort,
+)
 from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout
 from depthcli.models.catalog import Model
 
@@ -228,7 +236,9 @@ def _start(
     if wanted[0] in CUDA and hasattr(ort, "preload_dlls"):  # since 1.21
         with redirect_stdout(sys.stderr):  # which has what is missing
             ort.preload_dlls()  # of CUDA and cuDNN that pip installed, where no search path leads
-    stated = [(PROVIDERS[name], dict(provider_options)) for name in wanted]
+    stated = [
+        (PROVIDERS[name], DEFAULT_OPTIONS.get(name, {}) | dict(provider_options)) for name in wanted
+    ]
     try:
         # onnxruntime's own fallback to the CPU prints to standard output.
         source = str(model.path) if model.data is None else model.data

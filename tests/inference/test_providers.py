@@ -130,7 +130,13 @@ def test_options_reach_the_provider(monkeypatch: pytest.MonkeyPatch, model_folde
     monkeypatch.setattr(session.ort, "InferenceSession", start)
     with pytest.raises(ProviderError):
         Session(find_model(model_folder), provider="cuda", provider_options={"device_id": "1"})
-    assert seen == [("CUDAExecutionProvider", {"device_id": "1"})]
+    ((name, options),) = seen
+    assert name == "CUDAExecutionProvider"
+    assert options["device_id"] == "1"
+    assert options["cudnn_conv_algo_search"] == "HEURISTIC"  # else .4 s for each new size of images
+    with pytest.raises(ProviderError):
+        Session(find_model(model_folder), provider="cuda", provider_options={"use_tf32": "1"})
+    assert seen[-1][1]["use_tf32"] == "1"
 
 
 class Dml:
