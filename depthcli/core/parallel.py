@@ -67,11 +67,12 @@ def process_map(
     # A signal ends this process at once; the resource tracker then warns of the pool's semaphores.
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
     context = multiprocessing.get_context("spawn")  # a fork would copy locks held by threads
-    with ProcessPoolExecutor(workers, context, initializer=_start_worker) as pool:
+    with ProcessPoolExecutor(workers, context, initializer=start_worker) as pool:
         yield from pool.map(function, items)
 
 
-def _start_worker() -> None:
+def start_worker() -> None:
+    """Let a worker process ignore Ctrl-C, and end with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends its workers
     Thread(target=_exit_with_parent, daemon=True).start()
 

@@ -93,7 +93,7 @@ class EngineOptions:
         "Stop when more than N inputs have failed. Default: never.", min=0
     )
     engine: Literal["threads", "ray"] = groups.option(
-        "Where inputs are processed: in this process, or on a Ray cluster.", default="threads"
+        "Where inputs are processed: on this machine, or on a Ray cluster.", default="threads"
     )
     ray_address: str | None = groups.option(
         "Ray cluster: HOST:PORT, ray://HOST:PORT, or 'local' to start one. Default: "
@@ -183,6 +183,7 @@ def batch(
         workers=engine.workers,
         batch_size=engine.batch_size or (GPU_BATCH if on_gpu else None),
         max_failures=engine.max_failures,
+        may_spawn=True,
     )
     if not screen.quiet:
         console.warn_all(parse.unused_by_outputs(given, formats, options.writing))

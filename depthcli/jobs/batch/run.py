@@ -23,6 +23,7 @@ from depthcli.io.manifest import WHOLE, CacheKey, Journal, Rows, RowsFolder, kno
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
 from depthcli.jobs.batch.plan import BatchPlan, holds_many
+from depthcli.jobs.batch.processes import process_count
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
 from depthcli.jobs.batch.workers import Engine, ThreadEngine, WorkerSpec, video_checksum
 
@@ -65,6 +66,9 @@ class BatchRequest:
     workers: int | None = None  #: images, or chunks of them, in parallel; None for one per core
     batch_size: int | None = None  #: images per inference; None for the provider's default
     max_failures: int | None = None  #: it stops after more; None for no limit
+    #: whether more than four workers may be spread over processes, which import the main module;
+    #: they are for 200 images or more on the CPU
+    may_spawn: bool = False
 
 
 class Batch(Iterator[BatchResult]):
@@ -98,7 +102,9 @@ class Batch(Iterator[BatchResult]):
         workers, threads = share_cores(request.workers, request.model.threads)
         model = replace(request.model, threads=threads)
         session = session or model.load()
-        self._engine = engine or ThreadEngine(workers, session, progress)
+        images = plan.images if request.may_spawn and session.provider == CPU else ()
+        processes = process_count(workers, images)
+        self._engine = engine or ThreadEngine(workers, session, progress, processes)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
         camera = next(iter(plan.intrinsics.values()), options.camera)
         focal = () if options.anchors else focal_warnings(session.model.card, camera)
