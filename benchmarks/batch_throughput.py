@@ -1,11 +1,12 @@
 """How near ``depthcli batch`` comes to what the machine can do, on 640×480 JPEG to 16-bit PNG.
 
-Two figures of merit, from whole processes that take turns. The share of the limit (at least 0.9),
+Three figures of merit, from whole processes that take turns. The share of the limit (at least 0.9),
 where the limit is cores divided by the summed CPU seconds of all stages of one picture, each
-measured alone in one thread. And the ratio to a plain script of cv2.imread, session.run and
-cv2.imwrite, one picture after another, on the same model (at least 2). The script enlarges depth
-bilinearly, which is less work than what ``batch`` does unless told ``--upsample bilinear``, and
-runs the network on onnxruntime's own CPU code whatever ``--provider`` says.
+measured alone in one thread. The ratio to a plain script of cv2.imread, session.run and
+cv2.imwrite, one picture after another, on the same model (at least 2). The ratio to ``batch`` in
+one process, which differs on more than four cores. The script enlarges depth bilinearly, which is
+less work than what ``batch`` does unless told ``--upsample bilinear``, and runs the network on
+onnxruntime's own CPU code whatever ``--provider`` says.
 Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3] [--upsample bilinear]
 [--model fast] [--provider openvino --provider-option KEY=VALUE ...]``
 """
@@ -57,6 +58,14 @@ for file in sorted(os.listdir(folder)):
     raw = session.run(None, {name: batch})[0][0, 0]
     depth = cv2.resize(np.exp(raw), image.shape[1::-1])
     cv2.imwrite(os.path.join(out, file + ".png"), (depth * 1000).astype(np.uint16))
+"""
+
+THREADS = """
+import sys
+from depthcli.cli.app import main
+from depthcli.jobs.batch import engine
+engine._LEAST_IMAGES = 10**9
+sys.exit(main(sys.argv[1:]))
 """
 
 
@@ -143,27 +152,31 @@ def compare(folder: Path, pictures: list[Path], how: argparse.Namespace) -> None
     spec = model.card.input
     sizes = (str(spec.width), str(spec.height))
     source, out = str(folder / "in"), str(folder / "out")
-    batch = (sys.executable, "-m", "depthcli", "batch", source, "--out", out)
-    batch += ("--upsample", how.upsample.value, "--model", how.model, "--provider", how.provider)
+    words = ["batch", source, "--out", out, "--provider", how.provider]
+    words += ["--upsample", how.upsample.value, "--model", how.model]
     for word in how.provider_option:
-        batch += ("--provider-option", word)
+        words += ["--provider-option", word]
+    batch = (sys.executable, "-m", "depthcli", *words)
+    threads = (sys.executable, "-c", THREADS, *words)
     script = (sys.executable, "-c", PLAIN, source, str(model.path), out, *sizes)
-    shares, ratios = [], []
+    shares, ratios, gains = [], [], []
     for _ in range(how.rounds):
         stages = measure_stages(pictures[:65], folder / "one.png", how)
         walls = []
-        for command in (batch, script):
+        for command in (batch, script, threads):
             walls.append(timed(*command))
             shutil.rmtree(out)
         limit = usable_cores() / stages.total_s
-        rate, plain_rate = (len(pictures) / wall for wall in walls)
+        rate, plain_rate, thread_rate = (len(pictures) / wall for wall in walls)
         shares.append(rate / limit)
         ratios.append(rate / plain_rate)
+        gains.append(rate / thread_rate)
         print(f"limit {limit:.1f}/s  batch {rate:.1f}/s  script {plain_rate:.1f}/s")
     for stage, seconds in stages.seconds.items():
         print(f"  {stage:<20} {statistics.median(seconds) * 1e3:6.2f} ms CPU")
     print(f"share of the limit {statistics.median(shares):.3f}  ({spread(shares)})")
     print(f"ratio to the script {statistics.median(ratios):.2f}  ({spread(ratios)})")
+    print(f"ratio to one process {statistics.median(gains):.2f}  ({spread(gains)})")
 
 
 def spread(values: Sequence[float]) -> str:

@@ -27,15 +27,15 @@ from tools import write_pictures
 
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
+from depthcli.jobs.batch.engine import LocalEngine
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.run import Batch, BatchRequest
-from depthcli.jobs.batch.workers import ThreadEngine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from depthcli.jobs.batch.workers import Engine
+    from depthcli.jobs.batch.engine import Engine
 
 CLUSTER_CORES = 2
 
@@ -132,7 +132,7 @@ def main() -> None:
     loader = SessionLoader(threads=1)
     session = loader.load()
     ways: dict[str, Callable[[], Engine]] = {
-        "thread": lambda: ThreadEngine(1, session),
+        "thread": lambda: LocalEngine(1, session),
         "one": lambda: RayEngine(workers=1),
         "two": lambda: RayEngine(workers=2),
     }

@@ -13,7 +13,7 @@ from helpers.command_line import Cli
 from helpers.tiny import synthetic_picture, write_picture
 
 from depthcli.errors import EngineError, ModelError
-from depthcli.jobs.batch.processes import WorkerProcesses, process_count
+from depthcli.jobs.batch.engine import WorkerProcesses, process_count
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.workers import WorkerSpec
 

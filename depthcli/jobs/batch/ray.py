@@ -30,8 +30,9 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath
+from depthcli.jobs.batch.engine import Chunks, Record
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
-from depthcli.jobs.batch.workers import Chunks, ImageWorker, Record, VideoWorker, WorkerSpec
+from depthcli.jobs.batch.workers import ImageWorker, VideoWorker, WorkerSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +192,7 @@ LOCAL_CLUSTER: dict[str, Any] = {
 
 
 class RayEngine:
-    """An :class:`depthcli.jobs.batch.workers.Engine`, connected to a cluster."""
+    """An :class:`depthcli.jobs.batch.engine.Engine`, connected to a cluster."""
 
     def __init__(
         self,

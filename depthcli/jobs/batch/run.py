@@ -22,10 +22,10 @@ from depthcli.io.listing.folder import InputFile
 from depthcli.io.manifest import WHOLE, CacheKey, Journal, Rows, RowsFolder, known_rows
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
+from depthcli.jobs.batch.engine import Engine, LocalEngine, process_count
 from depthcli.jobs.batch.plan import BatchPlan, holds_many
-from depthcli.jobs.batch.processes import process_count
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
-from depthcli.jobs.batch.workers import Engine, ThreadEngine, WorkerSpec, video_checksum
+from depthcli.jobs.batch.workers import WorkerSpec, video_checksum
 
 
 @dataclass(slots=True)
@@ -104,7 +104,7 @@ class Batch(Iterator[BatchResult]):
         session = session or model.load()
         images = plan.images if request.may_spawn and session.provider == CPU else ()
         processes = process_count(workers, images)
-        self._engine = engine or ThreadEngine(workers, session, progress, processes)
+        self._engine = engine or LocalEngine(workers, session, progress, processes)
         self._spec = WorkerSpec(model, session.model.sha256, options, plan.out)
         camera = next(iter(plan.intrinsics.values()), options.camera)
         focal = () if options.anchors else focal_warnings(session.model.card, camera)

@@ -1,21 +1,21 @@
-"""Workers that process images and videos, and the engine that runs them on this machine."""
+"""Workers that process images and videos."""
 
 from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
-from depthcli.core.parallel import one_thread_each, ordered_map
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import ordered_map
+from depthcli.core.progress import Progress
 from depthcli.core.types import Frame, displayed_depth
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, ModelError, UsageError, about, os_errors_as
@@ -29,7 +29,6 @@ from depthcli.io.listing.folder import is_archive
 from depthcli.io.manifest import AnchorEntry, CacheKey, output_entry
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
-from depthcli.jobs.batch.processes import WorkerProcesses
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.write import failure_reason, write_output, write_stream
 from depthcli.video.formats import SEQUENCES, VideoFormat
@@ -310,61 +309,3 @@ class WorkerSpec:
             session.identity(knows_depth=options.takes_known_depth),
         )
         return CacheKey(checksum, loaded.card.name, loaded.sha256, __version__)
-
-
-Chunks = Iterable[Sequence[BatchTask]]
-Record = Callable[[Sequence[BatchResult]], None]
-
-
-class Engine(Protocol):
-    """Workers on this machine, or on others."""
-
-    def run(
-        self, spec: WorkerSpec, chunks: Chunks, videos: Iterable[BatchTask], record: Record
-    ) -> Generator[BatchResult, None, None]:
-        """Process chunks of images, which a worker processes together, then videos.
-
-        ``record`` is called with the results of a chunk in this process, from any thread, in any
-        order, as soon as they are available; recorded results are safe. Yields the results; on this
-        machine, in the order of the inputs. All running work is stopped when it is closed.
-        """
-
-
-_CHUNKS_AHEAD = 64  #: chunks per worker that may be done ahead of a slow one; they hold names only
-
-
-@dataclass(frozen=True, slots=True)
-class ThreadEngine:
-    """An :class:`Engine` of threads, which share the model of their process."""
-
-    workers: int  #: chunks processed in parallel
-    session: Session | None = None  #: the model, if it is loaded already
-    progress: Progress = NO_PROGRESS  #: advanced for each frame of a video
-    processes: int = 1  #: that images are divided among; 1 for this one alone
-
-    def run(
-        self, spec: WorkerSpec, chunks: Chunks, videos: Iterable[BatchTask], record: Record
-    ) -> Generator[BatchResult, None, None]:
-        """Process images, then videos one after another."""
-        worker = spec.build(self.session)
-        is_alone = self.processes == 1
-
-        def work(chunk: Sequence[BatchTask]) -> list[BatchResult]:
-            results = images.work(chunk)
-            record(results)
-            return results
-
-        ahead = _CHUNKS_AHEAD * self.workers
-        with (
-            nullcontext(worker)
-            if is_alone
-            else WorkerProcesses(spec, self.workers, self.processes) as images,
-            one_thread_each(self.workers),
-            closing(ordered_map(work, chunks, workers=self.workers, ahead=ahead)) as done,
-        ):
-            for results in done:
-                yield from results
-        for task in videos:
-            result = VideoWorker(worker, self.workers, self.progress).work(task)
-            record((result,))
-            yield result
