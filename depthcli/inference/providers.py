@@ -8,7 +8,7 @@ from depthcli.errors import ProviderError, UsageError
 
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # it is read by the import, and only there
 
-ort.set_default_logger_severity(4)  # fatal only: errors are raised, and told in one line
+ort.set_default_logger_severity(3)  # errors: only they tell why a provider does not start
 
 __all__ = ["ort"]
 

@@ -119,7 +119,7 @@ class Session:
         if self.provider != wanted[0]:  # onnxruntime falls back to the CPU by itself
             problem = f"provider {wanted[0]!r} does not start here"
             if provider != AUTO:
-                advice = "see 'depthcli doctor', or give {provider} auto"
+                advice = "onnxruntime says why, above; or give {provider} auto"
                 raise ProviderError(f"{problem}, and {self.provider!r} would run", advice)
             self.warnings = (f"{problem}, running on {self.provider!r}",)
         # DirectML allows one run at a time in a session:
