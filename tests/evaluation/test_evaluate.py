@@ -64,22 +64,6 @@ def test_evaluator_equals_the_plain_loop(
     assert row.image_count == 3
 
 
-def test_every_entry_and_alignment_has_its_own_row() -> None:
-    dataset = small_set()
-    entries = [
-        entry_for(Playback(noisy(dataset), name="a"), (Alignment.NONE, Alignment.MEDIAN)),
-        entry_for(Playback(noisy(dataset, seed=6), name="b"), (Alignment.DEPTH,)),
-    ]
-    together = score(dataset, range(6), entries, PROTOCOL)
-    assert [(row.name, row.alignment) for row in together] == [
-        ("a", "none"),
-        ("a", "median"),
-        ("b", "depth"),
-    ]
-    alone = score(dataset, range(6), entries[1:], PROTOCOL)
-    assert together[2] == alone[0]
-
-
 def test_depth_is_read_once_and_images_only_on_use() -> None:
     dataset = small_set()
     blind = [entry_for(Playback(noisy(dataset)), tuple(Alignment)) for _ in range(3)]

@@ -11,7 +11,7 @@ from depthcli.datasets.folders import open_paired_folder
 from depthcli.errors import DatasetError
 from depthcli.evaluation.predictors import Sample, open_predictions
 from depthcli.io.depth.read import DepthReadOptions
-from depthcli.io.formats.table import FORMATS, Format, writer_class
+from depthcli.io.formats.table import Format, writer_class
 
 IDS = ("0000", "0001")
 SAMPLES = [Sample(small_set(), i) for i in (0, 1)]
@@ -47,18 +47,6 @@ def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
         png, SAMPLES, DepthReadOptions(kind=DepthEncoding.RELATIVE)
     ).warnings
     assert not open_predictions(stated, SAMPLES).warnings
-
-
-def test_every_depth_format_of_predict_is_found_under_its_own_name(tmp_path: Path) -> None:
-    depth = DepthMap(np.full((4, 6), 2.5, np.float32))
-    for name in (Format.PNG16, Format.EXR, Format.NPY):
-        writer = writer_class(name)()
-        folder = tmp_path / name
-        folder.mkdir()
-        for dataset_id in IDS:
-            writer.write(depth, folder / f"{dataset_id}{FORMATS[name].suffix}")
-        read = open_predictions(folder, SAMPLES).predict(Sample(small_set(), 1))
-        np.testing.assert_array_equal(read.values, depth.values)
 
 
 def test_metric_integers_are_refused(tmp_path: Path) -> None:

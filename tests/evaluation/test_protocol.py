@@ -101,14 +101,6 @@ def test_infinity_is_the_maximum_after_alignment_whatever_the_size(alignment: Al
         assert (pixels.reshape(HEIGHT, WIDTH)[:, -1] == 10).all()
 
 
-def test_clamping_comes_after_alignment() -> None:
-    protocol = EvalProtocol(full_size_px=SMALL)
-    truth = protocol.truth(np.linspace(1, 9, 192, dtype=np.float32).reshape(HEIGHT, WIDTH))
-    predicted = DepthMap(np.linspace(10, 90, 192, dtype=np.float32).reshape(HEIGHT, WIDTH))
-    pixels = protocol.compare(predicted, truth, Alignment.MEDIAN)
-    np.testing.assert_allclose(pixels.predicted_m, pixels.truth_m, rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("variant", "name"),
     [
