@@ -45,8 +45,8 @@ class Message(str):
         message.problem, message.advice, message.option = problem, advice, option
         return message
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return _message, (self.problem, self.advice, self.option)
+    def __getnewargs_ex__(self) -> tuple[tuple[str, str], dict[str, str]]:
+        return (self.problem, self.advice), {"option": self.option}
 
     def worded(self, word: Callable[[str], str]) -> str:
         """The line with each parameter as ``word`` names it, ``--max-pixels`` for example."""
@@ -62,10 +62,6 @@ def about(subject: str, text: str) -> str:
     if subject in text:
         return text
     return text.about(subject) if isinstance(text, Message) else f"{subject}: {text}"
-
-
-def _message(problem: str, advice: str, option: str) -> Message:
-    return Message(problem, advice, option=option)
 
 
 def _joined(problem: str, advice: str, option: str, word: Callable[[str], str]) -> str:

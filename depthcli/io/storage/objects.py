@@ -88,7 +88,7 @@ class RemotePath(Path, PurePosixPath):
         return str(self)
 
     def __reduce__(self) -> Any:  # noqa: ANN401 - what pickle asks for
-        return _restored, (f"{self.base}/{self.key}", self.query)
+        return RemotePath, (f"{self.base}/{self.key}",), {"query": self.query}
 
     def stat(self, **_: Any) -> os.stat_result:  # noqa: ANN401
         """Size and time of the object; a prefix with objects below it is a folder."""
@@ -181,12 +181,6 @@ class RemotePath(Path, PurePosixPath):
             for one in found:
                 after = one["path"][len(start) :]
                 yield after
-
-
-def _restored(uri: str, query: str) -> RemotePath:
-    path = RemotePath(uri)
-    path.query = query
-    return path
 
 
 def head(address: RemotePath) -> tuple[int, int, Mapping[str, str]]:
