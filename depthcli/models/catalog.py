@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 from depthcli.core.options import short_repr
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError, UsageError, os_errors_as
-from depthcli.io.storage.paths import RemotePath, data_folder, path_of, safe_name
-from depthcli.models import onnx_file
+from depthcli.io.storage.paths import RemotePath, data_folder, path_of, read_regular, safe_name
 from depthcli.models.card import METADATA_KEY, ModelCard
-from depthcli.models.onnx_file import OnnxFacts
+from depthcli.models.onnx_file import OnnxFacts, read_facts
 
 FOLDER = Path(__file__).parent / "cards"
 NO_FILE_YET = {"opset": 1, "ir": 1}
@@ -203,21 +202,19 @@ def checksum(path: Path) -> tuple[int, str]:
     with os_errors_as(ModelError, f"cannot read {path}"), path.open("rb") as file:
         size = os.fstat(file.fileno()).st_size
         if size > MAX_BYTES:
-            raise ModelError(f"{path} is larger than a model or card can be")
+            raise ModelError(f"{path} is larger than a model can be")
         return size, hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def onnx_facts(path: Path, data: bytes | None = None) -> OnnxFacts:
     """The facts of a complete ONNX file whose weights are all inside, from disk or its content."""
     if data is not None:
-        onnx_file.refuse_external_data(data, str(path))
-        return onnx_file.read_facts(data, str(path))
+        return read_facts(data, str(path))
     try:
         with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
-            onnx_file.refuse_external_data(mapped, str(path))
-            return onnx_file.read_facts(mapped, str(path))
+            return read_facts(mapped, str(path))
     except ValueError:  # an empty file cannot be mapped
-        return onnx_file.read_facts(b"", str(path))
+        return read_facts(b"", str(path))
 
 
 def file_of_card(card: Path) -> str | None:
@@ -242,11 +239,7 @@ def unused_card(path: Path) -> str:
 def read_limited(path: Path, max_bytes: int = _MAX_CARD_BYTES) -> bytes:
     """Content of a local or remote file, by default of a card."""
     with os_errors_as(ModelError, f"cannot read {path}"):
-        if isinstance(path, RemotePath):
-            return path.read_some(max_bytes)
-        if path.stat().st_size > max_bytes:
-            raise ModelError(f"{path} is larger than a model or card can be")
-        return path.read_bytes()
+        return read_regular(path, max_bytes)
 
 
 def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:

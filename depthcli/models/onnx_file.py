@@ -6,7 +6,6 @@ find the embedded card and to detect a truncated file; tensors are skipped by th
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from mmap import mmap
 from typing import NamedTuple, TypeAlias
 
@@ -45,45 +44,38 @@ class OnnxFacts(NamedTuple):
 
 
 def read_facts(data: Content, where: str) -> OnnxFacts:
-    """The facts of an ONNX file's bytes; ``where`` names the file in messages."""
-    entries: dict[str, str] = {}
-    has_graph, opset, ir = False, 0, 0
-    with _damage_refused(where):
-        for number, start, end in _message_fields(data, 0, len(data)):
-            has_graph = has_graph or number == _GRAPH
-            if number == _IR_VERSION:
-                ir = _varint(data, start)[0]
-            elif number in (_OPSETS, _METADATA):
-                parts = {field: (a, b) for field, a, b in _message_fields(data, start, end)}
-                first = data[slice(*parts.get(1, (0, 0)))]
-                if number == _METADATA:
-                    entries[first.decode()] = data[slice(*parts.get(2, (0, 0)))].decode()
-                elif first in _ONNX_DOMAINS and _OPSET_VERSION in parts:
-                    opset = _varint(data, parts[_OPSET_VERSION][0])[0]
-        if not has_graph:
-            raise ValueError
-    return OnnxFacts(opset, ir, entries)
-
-
-def refuse_external_data(data: Content, where: str) -> None:
-    """Refuse a model with weights in other files, which no checksum covers."""
-    with _damage_refused(where):
-        elsewhere = _has_external_tensor(data)
+    """The facts of the bytes of an ONNX file with all its weights; messages say ``where``."""
+    try:
+        facts, elsewhere = _facts(data), _has_external_tensor(data)
+    except (IndexError, ValueError) as error:
+        raise ModelError(
+            f"{where} is damaged or not an ONNX file; download or export it again"
+        ) from error
     if elsewhere:
         raise ModelError(
             f"{where} keeps weights in a second file, which no checksum covers; save it as one, "
             "with onnx.save(onnx.load('IN.onnx'), 'OUT.onnx') in Python, for example"
         )
+    return facts
 
 
-@contextmanager
-def _damage_refused(where: str) -> Iterator[None]:
-    try:
-        yield
-    except (IndexError, ValueError) as error:
-        raise ModelError(
-            f"{where} is damaged or not an ONNX file; download or export it again"
-        ) from error
+def _facts(data: Content) -> OnnxFacts:
+    entries: dict[str, str] = {}
+    has_graph, opset, ir = False, 0, 0
+    for number, start, end in _message_fields(data, 0, len(data)):
+        has_graph = has_graph or number == _GRAPH
+        if number == _IR_VERSION:
+            ir = _varint(data, start)[0]
+        elif number in (_OPSETS, _METADATA):
+            parts = {field: (a, b) for field, a, b in _message_fields(data, start, end)}
+            first = data[slice(*parts.get(1, (0, 0)))]
+            if number == _METADATA:
+                entries[first.decode()] = data[slice(*parts.get(2, (0, 0)))].decode()
+            elif first in _ONNX_DOMAINS and _OPSET_VERSION in parts:
+                opset = _varint(data, parts[_OPSET_VERSION][0])[0]
+    if not has_graph:
+        raise ValueError
+    return OnnxFacts(opset, ir, entries)
 
 
 def _has_external_tensor(data: Content) -> bool:
