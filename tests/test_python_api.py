@@ -402,12 +402,6 @@ def test_points_by_another_camera() -> None:
     )
 
 
-def test_points_have_the_colours_of_the_image(depth: depthcli.DepthMap) -> None:
-    cloud = depth.to_points()
-    np.testing.assert_array_equal(cloud.rgb, PIXELS.reshape(-1, 3))
-    assert cloud.xyz_m[:, 2] == pytest.approx(depth.values.reshape(-1))
-
-
 def test_points_need_metres_and_a_camera() -> None:
     with pytest.raises(depthcli.UsageError):
         metric([[1.0]]).to_points()

@@ -29,7 +29,6 @@ from depthcli.core.options import (
     DepthMask,
     Upsampling,
     UpsamplingOptions,
-    check_pixel_count,
 )
 from depthcli.core.types import (
     DepthCodec,
@@ -245,15 +244,6 @@ def test_a_map_without_a_unit_has_depth_wherever_it_is_finite(kind: DepthKind) -
     assert DepthRange.of(depth) == DepthRange(-1, 0, 2)
 
 
-def test_a_map_is_its_values_to_numpy() -> None:
-    depth = DepthMap(DEPTH_M)
-    seen = np.asarray(depth)
-    assert (seen.dtype, seen.shape) == (np.float32, (3, 4))
-    assert np.shares_memory(seen, DEPTH_M)
-    assert float(np.nanmax(depth)) == 9
-    np.testing.assert_array_equal(np.add(depth, 1), DEPTH_M + 1)
-
-
 @pytest.mark.parametrize(
     ("depth", "shown"),
     [
@@ -268,14 +258,6 @@ def test_a_map_is_its_values_to_numpy() -> None:
 )
 def test_a_map_is_one_short_line_at_a_prompt(depth: DepthMap, shown: str) -> None:
     assert repr(depth) == shown
-
-
-def test_as_many_pixels_as_allowed_pass() -> None:
-    check_pixel_count("a.png", 10, 10, 100)
-    with pytest.raises(InputError) as refused:
-        check_pixel_count("a.png", 101, 1, 100)
-    assert "101×1" in refused.value.message.problem
-    assert "{max_pixels}" in refused.value.message.advice
 
 
 def test_choices_are_plain_words_too_and_others_are_refused() -> None:

@@ -1,6 +1,5 @@
 """Tiles, and panoramas."""
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, Transfor
 from depthcli.errors import InputError
 from depthcli.inference.panorama import HFOV_DEG, panorama_distance
 from depthcli.inference.pipeline import Pipeline, tile_width_px
-from depthcli.inference.tiles import TileGrid, _blend_weights, _pixels_of, refine
+from depthcli.inference.tiles import TileGrid, _pixels_of, refine
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
@@ -66,12 +65,6 @@ def test_tiles_cover_the_picture_and_overlap() -> None:
     assert len(tiles) == len({(r.start, c.start) for r, c in tiles})
     lefts = sorted({columns.start for _, columns in tiles})
     assert np.diff(lefts).max() <= 0.75 * COARSE[1]
-
-
-def test_tiles_weigh_least_at_their_borders() -> None:
-    down, across = ([math.sin(math.pi * (i + 0.5) / n) ** 2 for i in range(n)] for n in (3, 4))
-    expected = [[a * b + 1e-6 for b in across] for a in down]
-    np.testing.assert_allclose(_blend_weights(3, 4), expected, rtol=1e-5)
 
 
 @given(st.integers(1, 50), st.integers(1, 50), st.data())

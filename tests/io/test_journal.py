@@ -5,7 +5,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from helpers.file_trees import contents, names
+from helpers.file_trees import contents
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -94,19 +94,6 @@ def test_rows_become_the_manifest_in_the_order_of_the_inputs(tmp_path: Path) -> 
     assert found == [row("a", 1.5), row("b", 0.25), row("c", 0.25)]
 
 
-def test_other_inputs_stay_as_long_as_they_have_outputs(tmp_path: Path) -> None:
-    first = Journal(tmp_path)
-    for name in ("d", "b", "a"):
-        first.add(row(name))
-    first.add(ManifestRow("bad", FAILED, ORIGIN, error="is empty"))
-    first.finish(["a", "b", "bad", "d"])
-    second = Journal(tmp_path)
-    second.add(row("c"))
-    second.finish(["c"])
-    lines = (tmp_path / MANIFEST_NAME).read_bytes().splitlines()
-    assert [found.input for found in map(parse_row, lines) if found] == ["c", "a", "b", "d"]
-
-
 def test_a_killed_batch_leaves_its_rows(tmp_path: Path) -> None:
     journal = Journal(tmp_path)
     journal.add(row("a"))
@@ -149,38 +136,6 @@ def test_threads_lose_no_row(tmp_path: Path) -> None:
     assert (tmp_path / MANIFEST_NAME).read_bytes().count(b"\n") == 200
 
 
-def _finished(folder: Path, names: str, shard: Shard = WHOLE) -> None:
-    journal = Journal(folder, shard)
-    for name in names:
-        journal.add(row(name))
-    journal.finish(names)
-
-
-def test_rows_of_shards_are_read_by_the_whole_batch(tmp_path: Path) -> None:
-    inputs = "abcdefgh"
-    for number in (1, 2):
-        shard = Shard(number, 2)
-        _finished(tmp_path, "".join(filter(shard.holds, inputs)), shard)
-    manifests = ["manifest-1-of-2.jsonl", "manifest-2-of-2.jsonl"]
-    assert names(tmp_path) == manifests
-    second = known_rows(tmp_path, Shard(2, 2))
-    assert [found.input for found in second] == list(filter(Shard(2, 2).holds, inputs))
-    _finished(tmp_path, "", Shard(1, 2))
-    assert names(tmp_path) == manifests  # those of another shard stay
-    whole = Journal(tmp_path)
-    assert whole.has_files
-    assert [found.input for found in known_rows(tmp_path)] != []
-    whole.add(ManifestRow("bad", FAILED, ORIGIN))
-    whole.finish(None)
-    assert names(tmp_path) == [MANIFEST_NAME]
-    assert [found.input for found in known_rows(tmp_path)] == [
-        *inputs[:1],
-        *inputs[1:2],
-        "bad",
-        *inputs[2:],
-    ]
-
-
 def test_an_empty_manifest_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "manifest.jsonl").touch()
     Journal(tmp_path).finish([])
@@ -196,7 +151,7 @@ def test_a_manifest_of_another_program_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_a_manifest_that_cannot_be_written_loses_nothing(tmp_path: Path) -> None:
-    _finished(tmp_path, "a")
+    (tmp_path / MANIFEST_NAME).write_bytes(row("a").as_line())
     journal = Journal(tmp_path)
     journal.add(row("b"))
     journal.manifest = tmp_path / MANIFEST_NAME / "manifest.jsonl"

@@ -118,16 +118,6 @@ def test_a_file_without_points_is_not_written(tmp_path: Path) -> None:
 DEPTH_M = np.array([[1, 2, 3, 4], [5, np.nan, 0, 8]], np.float32)
 
 
-def test_a_point_lies_on_the_ray_through_the_middle_of_its_pixel(tmp_path: Path) -> None:
-    """Row by row, without the holes."""
-    depth = DepthMap(DEPTH_M, provenance=Provenance(focal_px=2))
-    x, y, z = written(tmp_path / "a.ply", depth).vertices.T
-    np.testing.assert_array_equal(z, [1, 2, 3, 4, 5, 8])
-    # Middles lie at ±0.5 and ±1.5 across and ±0.5 down, of 4 × 2 pixels.
-    np.testing.assert_allclose(x / z * 2, [-1.5, -0.5, 0.5, 1.5, -1.5, 1.5], rtol=1e-5)
-    np.testing.assert_allclose(y / z * 2, [-0.5] * 4 + [0.5] * 2, rtol=1e-5)
-
-
 @pytest.mark.parametrize(("size", "hfov"), [((640, 360), 63.3), ((60, 60), 49.6), ((3, 4), 49.6)])
 def test_assumed_camera_is_that_of_predict(size: tuple[int, int], hfov: float) -> None:
     """The largest crop of NYU's, so that NPY in between changes no mesh."""

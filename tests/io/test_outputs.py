@@ -54,11 +54,6 @@ def test_nothing_is_left_of_an_interrupted_output(
     assert (tmp_path / "a.png").read_bytes() == b"old"
 
 
-def test_outputs_stand_beside_their_input() -> None:
-    (plan,) = planned([Path("in/a.jpg")], None)
-    assert plan.outputs == {"png16": Path("in/a.depth.png")}
-
-
 def test_names_do_not_depend_on_the_order() -> None:
     sources = [Path("in/a.jpg"), Path("in/a.png"), Path("in/b.jpg"), Path("other/A.webp")]
     plans = {

@@ -5,11 +5,9 @@ import math
 import statistics
 import sys
 import threading
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,7 +18,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
 from depthcli.io.depth.metadata import denormalized, dequantized, normalized, quantized
 from depthcli.io.exr.file import read_exr_channels, silenced, write_exr
-from depthcli.io.exr.image import read_exr_image, read_exr_rate
+from depthcli.io.exr.image import read_exr_image
 from depthcli.io.formats.png16 import stretched
 from depthcli.io.formats.preview import PreviewWriter, nearness
 from depthcli.io.formats.sidecar import SidecarWriter
@@ -135,30 +133,6 @@ def test_light_is_shown_in_the_srgb_curve(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_exr_image(path).pixels[0], expected, atol=1e-6)
 
 
-def test_colours_are_those_of_the_layer_that_holds_the_picture(tmp_path: Path) -> None:
-    path = tmp_path / "a.exr"
-    one = np.ones((2, 3), F32)
-    emitted = {f"view.Emit.{c}": one * k for c, k in zip("RGB", (0, 0, 0), strict=True)}
-    combined = {f"view.Combined.{c}": one * k for c, k in zip("RGB", (0, 0.0031, 1), strict=True)}
-    write_exr(path, emitted | combined | {"R": one}, {})
-    picture = read_exr_image(path).pixels
-    np.testing.assert_allclose(picture[0, 0], [0, 0.0031 * 12.92, 1], atol=1e-6)
-    assert picture.shape == (2, 3, 3)
-    assert read_exr_image(path, max_pixels=6).pixels.shape == (2, 3, 3)
-    with pytest.raises(InputError):
-        read_exr_image(path, max_pixels=5)
-    write_exr(path, {"R": one, "G": one}, {})
-    with pytest.raises(InputError):
-        read_exr_image(path)
-
-
-@pytest.mark.parametrize("rate", [Fraction(24000, 1001), Fraction(25), None])
-def test_rate_of_an_exr(rate: Fraction | None, tmp_path: Path) -> None:
-    write_exr(tmp_path / "a.EXR", {"Y": np.ones((2, 2), F32)}, {}, rate)
-    assert read_exr_rate(tmp_path / "a.EXR") == rate
-    assert read_exr_rate(tmp_path / "none.png") is None
-
-
 @pytest.mark.parametrize("window", ["dataWindow", "displayWindow"])
 def test_an_exr_that_claims_too_much_is_not_decoded(window: str, tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
@@ -178,16 +152,6 @@ def test_an_exr_whose_pixels_are_damaged_is_told(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-30] + bytes(30))
     with pytest.raises(InputError):
         read_exr_channels(path)
-
-
-def test_names_of_channels_have_those_of_parts_only_where_there_are_several(tmp_path: Path) -> None:
-    path = tmp_path / "a.exr"
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    one = {c: np.ones((2, 2), F32) for c in "RGB"}
-    parts = [OpenEXR.Part({**header, "name": name}, dict(one)) for name in ("a", "b")]
-    for count, names in ((1, ["B", "G", "R"]), (2, ["a.B", "a.G", "a.R", "b.B", "b.G", "b.R"])):
-        OpenEXR.File(parts[:count]).write(str(path))
-        assert sorted(read_exr_channels(path)) == names
 
 
 def test_silence_is_of_one_thread(capsys: pytest.CaptureFixture[str]) -> None:
