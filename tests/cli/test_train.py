@@ -50,8 +50,10 @@ def test_trains_stops_continues_and_reports(folder: Path) -> None:
     assert 0 < lines[-1]["scores"]["rmse"] < 20
     names = sorted(p.name for p in (folder / "run").iterdir())
     assert names == ["best.ckpt", "last.ckpt", "metrics.jsonl", "samples"]
+    last = (folder / "run" / "last.ckpt").read_bytes()
     quiet = _train(folder, *settings, "--quiet")
     assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
+    assert (folder / "run" / "last.ckpt").read_bytes() == last
     other = _train(folder, *settings, "--set", "seed=1")
     assert other.returncode == 3
     assert "seed" in other.stderr

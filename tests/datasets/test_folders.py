@@ -16,7 +16,6 @@ from depthcli.datasets.base import SplitName, held_out_scenes, split_nyu
 from depthcli.datasets.folders import open_paired_folder, open_unpaired_folder
 from depthcli.errors import DatasetError
 from depthcli.evaluation.task import plan_nyu
-from depthcli.io.depth.read import DepthReadOptions
 
 
 def _write(path: Path, value: int, *, depth: bool, size: tuple[int, int] = (6, 8)) -> None:
@@ -50,11 +49,6 @@ def test_predicted_depth_belongs_to_its_picture(tmp_path: Path) -> None:
     _write(tmp_path / "depth" / "hall" / "a.png", 2000, depth=True)
     with pytest.raises(DatasetError):
         open_paired_folder(tmp_path)
-
-
-def test_other_unit(tmp_path: Path) -> None:
-    _pair(tmp_path, "a.jpg", 10, "a.png", 512)
-    assert open_paired_folder(tmp_path, DepthReadOptions(256)).depth_m(0)[0, 0] == 2.0
 
 
 def test_depth_that_cannot_be_millimetres(tmp_path: Path) -> None:
@@ -95,16 +89,6 @@ def test_image_that_is_turned_upright_needs_upright_depth(tmp_path: Path) -> Non
     _write(tmp_path / "depth" / "a.png", 2000, depth=True, size=(12, 16))
     with pytest.raises(DatasetError):
         open_paired_folder(tmp_path)
-
-
-def test_unpaired_lists_are_independent(tmp_path: Path) -> None:
-    for name in ("x", "y", "z"):
-        _write(tmp_path / "rgb" / f"{name}.jpg", 10, depth=False)
-    _write(tmp_path / "depth" / "other.png", 3000, depth=True, size=(4, 4))
-    dataset = open_unpaired_folder(tmp_path)
-    assert dataset.ids == ("x.jpg other.png", "y.jpg other.png", "z.jpg other.png")
-    assert dataset.image(2).shape == (6, 8, 3)
-    assert dataset.depth_m(0)[0, 0] == 3.0
 
 
 @pytest.mark.parametrize("depth", [None, np.uint16(3), np.uint8(9)])  # none, in metres, in 8 bits

@@ -167,14 +167,6 @@ def test_the_first_failure_beyond_the_budget_stops(tmp_path: Path) -> None:
     assert (last.tally.completed, last.tally.failures, last.stopped) == (5, [], None)
 
 
-@pytest.mark.parametrize("budget", [BAD, None])
-def test_batch_within_failure_budget_continues(tmp_path: Path, budget: int | None) -> None:
-    half_good(tmp_path)
-    batch = ended(tmp_path, budget)
-    assert batch.stopped is None
-    assert (batch.tally.completed, len(batch.tally.failures)) == (batch.tally.total, BAD)
-
-
 def test_nothing_is_stopped_by_the_last_input(tmp_path: Path) -> None:
     for name in GOOD:
         write_picture(tmp_path / "in" / f"{name}.png")

@@ -38,12 +38,6 @@ def depth_npy(tmp_path: Path) -> Path:
     return path
 
 
-def test_inspect_file_returns_the_facts_of_a_map(depth_npy: Path) -> None:
-    facts = inspect_file(str(depth_npy))
-    assert facts.items() >= {"kind": "metric", "unit": "m", "width": 4, "height": 1}.items()
-    assert facts.items() >= {"valid": 3, "min": VALUES_M[0, 0], "median": 2, "max": 70}.items()
-
-
 @pytest.mark.parametrize("name", ["d.npy", "d.exr"])
 def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Path) -> None:
     path, values_m = tmp_path / name, np.float32([[0, -1, np.inf, np.nan, 2, 3]])

@@ -14,7 +14,7 @@ from helpers.tiny import write_model, write_picture
 
 from depthcli.core.camera import Anchor
 from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import InputError, ModelError, OutputError, UsageError
+from depthcli.errors import InputError, ModelError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format, WriterOptions
@@ -111,11 +111,6 @@ def test_one_picture_loads_nothing_that_others_need(tmp_path: Path) -> None:
     of_others |= {"concurrent.futures", "importlib.metadata"}
     assert not loaded & (of_others | {"OpenEXR", "PIL", "numpy.ma", "multiprocessing", "ssl"})
     assert "depthcli.inference.tiles" not in loaded
-
-
-def test_outputs_are_named_before_anything_is_read(tmp_path: Path) -> None:
-    with pytest.raises(UsageError):
-        predict(predict_request(["a.png", "b.png"], tmp_path / "d.png"))
 
 
 def test_a_model_that_is_not_there_ends_it(tmp_path: Path) -> None:

@@ -127,15 +127,6 @@ def test_run_killed_between_checkpoints_repeats_from_the_last(tmp_path: Path) ->
     assert same(a.method, b.method)
 
 
-def test_complete_run_is_left_as_it_is(tmp_path: Path) -> None:
-    done = _train(EFFICIENT, tmp_path)
-    before = (tmp_path / CHECKPOINT).read_bytes()
-    notes = Notes()
-    assert _train(EFFICIENT, tmp_path, notes) == done
-    assert not notes.steps
-    assert (tmp_path / CHECKPOINT).read_bytes() == before
-
-
 def test_log_samples_and_checkpoint_of_a_run(tmp_path: Path) -> None:
     notes = Notes()
     done = _train(EFFICIENT, tmp_path, notes)
