@@ -289,8 +289,7 @@ def _models() -> list[bytes]:
 
 
 def _read_onnx(path: Path) -> None:
-    for read in (onnx_file.refuse_external_data, onnx_file.read_facts):
-        read(path.read_bytes(), "a.onnx")
+    onnx_file.read_facts(path.read_bytes(), "a.onnx")
 
 
 def _run_model(path: Path) -> None:
