@@ -28,7 +28,6 @@ from depthcli.io.manifest import (
     OutputFile,
     Shard,
     known_rows,
-    write_manifest,
 )
 from depthcli.jobs.batch.manifests import read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files
@@ -57,7 +56,8 @@ def row(number: int) -> ManifestRow:
 
 def write(folder: Path, rows: int) -> None:
     """The manifest."""
-    write_manifest(folder / WHOLE.manifest_name, map(row, range(rows)))
+    with (folder / WHOLE.manifest_name).open("wb") as file:
+        file.writelines(row(number).as_line() for number in range(rows))
 
 
 def resume(folder: Path, rows: int) -> None:

@@ -226,12 +226,6 @@ def damaged_lines(path: Path) -> list[int]:
         return [number for number, line in enumerate(file, 1) if parse_row(line) is None]
 
 
-def write_manifest(path: Path, rows: Iterable[ManifestRow]) -> None:
-    """Write a manifest atomically."""
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        file.writelines(row.as_line() for row in rows)
-
-
 def _rows_in(file: BinaryIO) -> Iterator[tuple[str, int]]:
     """Input and position of each row of an open file, in their order; no other lines."""
     position = file.seek(0)
@@ -436,7 +430,8 @@ class Journal(Rows):
         Names are those of the inputs in the manifest's order; None for all, in the order of their
         names. After a batch of a part of the files, failed inputs of earlier batches are kept.
         """
-        write_manifest(self.manifest, self._rows(names, keep_failed=keep_failed))
+        with atomic_path(self.manifest) as temporary, temporary.open("wb") as file:
+            file.writelines(row.as_line() for row in self._rows(names, keep_failed=keep_failed))
         with _write_errors(self._path), self._opened:
             self._path.unlink(missing_ok=True)  # before another batch can lock it
             for path in self._earlier:

@@ -89,23 +89,19 @@ def read_lenses(path: Path) -> dict[str, Intrinsics]:
         raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
     found: dict[str, Intrinsics] = {}
     for row in table:
-        _add(found, row)
+        focal_px, hfov_deg, cx, cy = (
+            row.number(column, rule) if row.cells.get(column) else None
+            for column, rule in _RULES.items()
+        )
+        if (cx is None) != (cy is None):
+            raise row.error("give cx and cy, or neither")
+        centre_px = None if cx is None or cy is None else (cx, cy)
+        lens = Intrinsics(focal_px, None if focal_px is not None else hfov_deg, centre_px)
+        if lens == UNKNOWN_CAMERA:
+            continue
+        name = row.cells[ID].removeprefix("./")
+        if not name:
+            raise row.error("the id is missing")
+        if found.setdefault(name, lens) != lens:
+            raise row.error(f"another row of {short_repr(name)} has another camera")
     return found
-
-
-def _add(found: dict[str, Intrinsics], row: CsvRow) -> None:
-    focal_px, hfov_deg, cx, cy = (
-        row.number(column, rule) if row.cells.get(column) else None
-        for column, rule in _RULES.items()
-    )
-    if (cx is None) != (cy is None):
-        raise row.error("give cx and cy, or neither")
-    centre_px = None if cx is None or cy is None else (cx, cy)
-    lens = Intrinsics(focal_px, None if focal_px is not None else hfov_deg, centre_px)
-    if lens == UNKNOWN_CAMERA:
-        return
-    name = row.cells[ID].removeprefix("./")
-    if not name:
-        raise row.error("the id is missing")
-    if found.setdefault(name, lens) != lens:
-        raise row.error(f"another row of {short_repr(name)} has another camera")

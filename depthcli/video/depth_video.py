@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.types import DepthMap, Frame, Window, Windows
+from depthcli.core.types import DepthKind, DepthMap, Frame, Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.depth import metadata, read
 from depthcli.io.formats.table import LABEL_PREFIX
@@ -63,7 +63,8 @@ class DepthVideo:
         stated = self.labels.get
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
         self.rate = frames.parse_rate(stated("frame_rate", "")) or frames.exact_rate(fps or 0)
-        self.kind = metadata.kind_named(stated("kind"))
+        kind = stated("kind")
+        self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
         self._stated = metadata.depth_scale(self.labels, scale)
         self.scale = self._stated and self._stated.units_per_metre
         self._source_rate = frames.parse_rate(stated("source_rate", ""))

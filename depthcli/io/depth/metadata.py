@@ -13,7 +13,7 @@ from depthcli.core.arrays import BoolArray, Float32Array, FloatArray, UInt16Arra
 from depthcli.core.camera import CameraSource, hfov_deg
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import AnchorsFit, Projection
-from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthKind, DepthMap, Provenance, has_depth
+from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthMap, Provenance, has_depth
 from depthcli.errors import Message, UsageError
 from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
 
@@ -174,11 +174,6 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance:
         projection=Projection(stated) if stated in tuple(Projection) else Projection.PINHOLE,
         is_cropped="camera_size_px" in metadata and not {"focal_px", "centre_px"} & set(metadata),
     )
-
-
-def kind_named(text: str | None) -> DepthKind:
-    """The kind that a file states; metric if it states none."""
-    return DepthKind(text) if text in set(DepthKind) else DepthKind.METRIC
 
 
 def positive_number(text: str | None) -> float | None:

@@ -321,7 +321,9 @@ def colour_channels(
     """
     coloured = _coloured_layers(names)
     if layer is not None:
-        return _channels_of(file, names, coloured, layer), None
+        grays = [n for n in names if last_part(n) == "Y" and not is_of_vectors(n, names)]
+        channels = {layer_of(gray): (gray,) for gray in grays} | coloured
+        return _of_layer(file, layer, channels, "R, G and B, or Y"), None
     if "Y" in names and "" not in coloured and not is_of_vectors("Y", names):
         return ("Y",), None
     if not coloured:
@@ -329,7 +331,12 @@ def colour_channels(
         raise InputError(f"{file} holds no image in R, G, B or Y", f"it has {shown}")
     ranks = {layer: _picture_rank(layer) for layer in coloured}
     likely = [layer for layer, rank in ranks.items() if rank == min(ranks.values())]
-    return coloured[likely[0]], _doubt(likely)
+    if len(likely) == 1:
+        return coloured[likely[0]], None
+    used, *others = (one_line(layer.removesuffix(".")) for layer in likely)
+    more = f" and {len(others) - _MAX_SHOWN} others" if len(others) > _MAX_SHOWN else ""
+    advice = f"if it is in {', '.join(others[:_MAX_SHOWN])}{more}, give {{layer}}"
+    return coloured[likely[0]], Message(f"its layer {used} is used", advice)
 
 
 def _coloured_layers(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
@@ -346,27 +353,9 @@ def _coloured_layers(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     return layers
 
 
-def _channels_of(
-    file: str, names: Sequence[str], coloured: Mapping[str, tuple[str, ...]], layer: str
-) -> tuple[str, ...]:
-    grays = [name for name in names if last_part(name) == "Y" and not is_of_vectors(name, names)]
-    channels = {**{layer_of(gray): (gray,) for gray in grays}, **coloured}
-    return _of_layer(file, layer, channels, "R, G and B, or Y")
-
-
 def _picture_rank(layer: str) -> int:
     """Rank of a layer by its name; 0 is the likeliest to hold the image."""
     name = last_part(layer.removesuffix(".")).lower()
     if name in _PICTURES:
         return _PICTURES.index(name)
     return len(_PICTURES) + bool(_DATA.fullmatch(name))
-
-
-def _doubt(likely: Sequence[str]) -> str | None:
-    """A warning about several layers that are as likely to hold the image; None for one."""
-    if len(likely) == 1:
-        return None
-    used, *others = (one_line(layer.removesuffix(".")) for layer in likely)
-    more = f" and {len(others) - _MAX_SHOWN} others" if len(others) > _MAX_SHOWN else ""
-    shown = ", ".join(others[:_MAX_SHOWN])
-    return Message(f"its layer {used} is used", f"if it is in {shown}{more}, give {{layer}}")

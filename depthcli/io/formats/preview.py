@@ -75,7 +75,8 @@ def with_legend(
     for share in _ticks(bar_height / (_TICK_HEIGHT * size), flat=near == far):
         y = top + round(share * (bar_height - 1))
         text = label(tick_value(1 - share, near, far, kind), kind)
-        _draw(panel, text, (margin + bar_width + round(7 * size), y + round(5 * size)), size)
+        at, thick = (margin + bar_width + round(7 * size), y + round(5 * size)), max(1, round(size))
+        cv2.putText(panel, text, at, _FONT, 0.45 * size, (235, 235, 235), thick, cv2.LINE_AA)
     return np.hstack([image, panel])
 
 
@@ -100,11 +101,6 @@ def label(value: float, kind: DepthKind) -> str:
     else:
         digits = f"{value:.0f}" if abs(value) < 100 * _THOUSAND else f"{value:.2g}"
     return f"{digits} m" if kind is DepthKind.METRIC else digits
-
-
-def _draw(panel: UInt8Array, text: str, origin: tuple[int, int], size: float) -> None:
-    thickness = max(1, round(size))
-    cv2.putText(panel, text, origin, _FONT, 0.45 * size, (235, 235, 235), thickness, cv2.LINE_AA)
 
 
 def contact_sheet(rows: Sequence[Sequence[UInt8Array]], titles: Sequence[str]) -> UInt8Array:

@@ -75,7 +75,9 @@ def with_sidecar(path: Path, own: Mapping[str, str], size_px: tuple[int, int]) -
         ignored = f"{sidecar} describes another map than {path.name} and is ignored"
         advice = Message(ignored, "remove it, or write it again with {sidecar}")
         return FileMetadata(own, (*warnings, advice))
-    texts = _shared_texts(fields, own)
+    texts = {name: _text(fields[name]) for name in _SHARED if fields.get(name) is not None}
+    if "software" in own:  # without a principal point, the file has that of its middle
+        texts.pop("centre_px", None)
     if path.suffix.lower() in {".png", ".pgm"} and "scale" not in own:
         texts |= _png_scale_texts(fields)
     return FileMetadata({**texts, **own}, warnings)
@@ -135,14 +137,6 @@ def _describes(
         return False
     width, height = size_px
     return (fields.get("width", width), fields.get("height", height)) == size_px
-
-
-def _shared_texts(fields: Mapping[str, object], own: Mapping[str, str]) -> dict[str, str]:
-    """Facts that a sidecar states for the files beside it, as texts."""
-    texts = {name: _text(fields[name]) for name in _SHARED if fields.get(name) is not None}
-    if "software" in own:  # without a principal point, the file has that of its middle
-        texts.pop("centre_px", None)
-    return texts
 
 
 def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:

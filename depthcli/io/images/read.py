@@ -108,9 +108,16 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
         raise InputError(f"{name} is empty")
     if data.startswith(TIFF_STARTS) and name.lower().endswith(CAMERA_RAW):
         raise InputError(f"{name} is a camera raw file", "convert it to JPEG, PNG or TIFF first")
-    container = _container_of(data)
-    if container is None:
-        raise _no_image(data, name)
+    for container in _CONTAINERS:
+        starts = container.starts
+        if data.startswith(starts) if starts else container.call("is_{}", data):
+            break
+    else:
+        advice = "'depthcli video' reads videos" if is_video(name) else ""
+        if data.startswith(EXR_MAGIC):  # here, where only other formats are decoded
+            raise InputError(f"{name} is an EXR", "end its name in .exr, or save it as PNG or TIFF")
+        formats = "JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM, EXR"
+        raise InputError(f"{name} is not an image ({formats})", advice)
     with reader_errors(name):
         header = container.call("{}_header", data)
     width, height = header.width, header.height
@@ -126,22 +133,6 @@ def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> AnyArray:
     Only TIFF, HEIC and what OpenImageIO reads are turned upright.
     """
     return check(data, name, max_pixels).decode().pixels
-
-
-def _container_of(data: bytes) -> _Container | None:
-    for one in _CONTAINERS:
-        if data.startswith(one.starts) if one.starts else one.call("is_{}", data):
-            return one
-    return None
-
-
-def _no_image(data: bytes, name: str) -> InputError:
-    if data.startswith(EXR_MAGIC):  # here, where only other formats are decoded
-        return InputError(f"{name} is an EXR", "end its name in .exr, or save it as PNG or TIFF")
-    advice = "'depthcli video' reads videos" if is_video(name) else ""
-    return InputError(
-        f"{name} is not an image (JPEG, PNG, TIFF, WebP, AVIF, HEIC, BMP, GIF, PNM, EXR)", advice
-    )
 
 
 @contextmanager

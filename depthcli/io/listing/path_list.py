@@ -185,11 +185,6 @@ def column_texts(path: Path, column: str | None) -> Iterator[str]:
         with open_parquet(one) as file:
             _text_column(file, column, one)
     for one in parts:
-        yield from _texts(one, column)
-
-
-def _texts(path: Path, column: str | None) -> Iterator[str]:
-    with open_parquet(path) as file:
-        wanted = _text_column(file, column, path)
-        for batch in file.iter_batches(columns=[wanted]):
-            yield from filter(None, batch.column(0).to_pylist())
+        with open_parquet(one) as file:
+            for batch in file.iter_batches(columns=[_text_column(file, column, one)]):
+                yield from filter(None, batch.column(0).to_pylist())
